@@ -1,45 +1,49 @@
-"""How exact perception is: pose errors and mix-ups of the embedded pipeline over seeded scenes, scored by the truth.
+"""How exact perception is, and how true what it states of itself: over seeded scenes, scored by the truth.
 
-    python benchmarks/perception.py --seeds 12
+    python benchmarks/perception.py --seeds 12 --rooms 24
 
-Every scene that ships is built with real contact physics, left to settle, and looked at three times by the cameras of
-sensors.yaml at each noise level. The error of every movable thing is that of its latest pose; turns that look the same
-count as the same. Two sequences follow: two like cubes 10 cm apart, of which one is moved past the other, and a cube
-behind a screen. A mix-up is a name that ends up on another thing. Nothing of the pipeline sees the truth.
+Every scene that ships and rooms of `benchmarks/unseen.py` are built with real contact physics, left to settle, and
+looked at three times by the cameras of sensors.yaml at each noise level. The error of every movable thing is that of
+its latest pose; turns that look the same count as the same. Each stated number is compared with its stated deviation:
+reliability is the share of truths within one and within two. In rooms one thing is left out of the inventory. Two
+sequences follow: two like cubes 10 cm apart, of which one is moved past the other, and a cube behind a screen. A mix-up
+is a name that ends up on another thing. Frozen pictures come with new stamps while the arm moves; without noise, a
+still scene gives equal pictures, too. Nothing of the pipeline sees the truth.
 """
 
 import argparse
 import sys
 import tempfile
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import msgspec
 import mujoco
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.perception_parts.reliability import Stated, compare
+from benchmarks.perception_parts.stage import Stage, World
+from benchmarks.perception_parts.table import render_table
+from benchmarks.unseen_parts.files import write_project
+from benchmarks.unseen_parts.goals import draw_case
+from benchmarks.unseen_parts.rooms import Thing
 from phyagentos.bench.report import Ask, Spread, format_outcome
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
-from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.settings.sensors import Sensors, read_sensors
-from phyagentos.protocol.world.environment import Entity, Environment, Status
-from phyagentos.protocol.world.scenes import read_scene
-from phyagentos.runtime.drivers.mujoco.physics import Physics
-from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
-from phyagentos.runtime.models.robot import read_profile
-from phyagentos.runtime.perception.inventory import Form, ObjectModel, build_inventory
-from phyagentos.runtime.perception.pipeline import Pipeline
-from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.protocol.world.environment import Entity, Status
+from phyagentos.runtime.perception.inventory import Form, ObjectModel
 from phyagentos.runtime.targets.wire import Frames
 
 ROOT = find_shipped_root()
 LOOKS = 3
-LOOK_S = 0.2  # between two looks
 MIXED_UP_M = 0.03  # a name this far from its thing, and nearer to another one of the kind, is on the other one
-LIFTED_M = 0.25
+LEVELS = ("none", "mild", "nominal", "harsh")
+MOVED_RAD = (0.0, 0.7, 0.0, 0.3, 0.0, 0.1, 0.0)  # of the arm, from over the table to just above it
+ROOMS_FROM = 70_000  # seeds of rooms that nothing else uses
+PLAIN = {"cube", "box", "slab", "bar"}  # kinds that are left out of an inventory: their sides are known
 ASKED = {
     "nominal_position_mm_median": Ask(5.0, at_least=False),
     "nominal_position_mm_p95": Ask(15.0, at_least=False),
@@ -47,19 +51,8 @@ ASKED = {
     "nominal_sequence_mix_ups": Ask(0, at_least=False),
     "scenes_looked_at": Ask(100, at_least=True),
 }
+RELIABLE = Ask(0.95, at_least=True)  # share of truths within two stated deviations, of every number at every level
 TWINS = """
-scene: bench/twins
-materials:
-  wood: {rgba: [0.86, 0.68, 0.48, 1]}
-  red: {rgba: [0.82, 0.16, 0.14, 1]}
-  blue: {rgba: [0.12, 0.33, 0.78, 1]}
-bodies:
-  table:
-    kind: table
-    fixed: true
-    material: wood
-    place: {position_m: [0.38, 0.05, -0.02]}
-    shapes: [{kind: box, size_m: [0.52, 0.65, 0.02]}]
   first: &cube
     kind: cube
     color: red
@@ -75,10 +68,6 @@ bodies:
     material: blue
     place: {position_m: [0.3, 0.35, 0.0805], jitter_m: [0.01, 0.01, 0.0]}
     shapes: [{kind: box, size_m: [0.01, 0.1, 0.08]}]
-cameras:
-  top: {position_m: [0.5, 0.05, 1.6], target_m: [0.501, 0.051, 0.0]}
-lights:
-  key: {position_m: [1.2, -1.2, 2.2], direction: [-0.4, 0.55, -1.0], diffuse: [0.65, 0.63, 0.6]}
 """
 
 
@@ -95,64 +84,26 @@ class Tally:
     missed: list[str] = field(default_factory=list)
     mixed_up: list[str] = field(default_factory=list)
     sequences: int = 0
+    sequences_told: int = 0
     sequence_mix_ups: list[str] = field(default_factory=list)
+    stated: list[Stated] = field(default_factory=list)
+    frozen: list[bool] = field(default_factory=list)
+    suspected: list[bool] = field(default_factory=list)
 
 
-class Stage:
-    """One scene in a compiled model, with cameras and a belief."""
-
-    def __init__(self, library: Library, scene: str, seed: int, sensors: Sensors, level: str) -> None:
-        profile, folder = read_profile(library.get_target("panda"))
-        spec = read_scene(library.get_scene(scene))
-        self.physics = Physics.alone(profile, folder, spec, seed)
-        self.physics.start(spec.settle_s)
-        self._cameras = open_cameras(self.physics.model, sensors, seed=seed, level=level)
-        noisy = sensors.get_noise(level).varies
-        self.pipeline = Pipeline(build_inventory(spec), RobotMask(profile, folder), profile.target, noisy=noisy)
-        self._scene = Scene(name=scene, seed=seed, episode="bench")
-        self._rng = np.random.default_rng(seed)
-        self.time_s, self.belief = 1.0, None
-        self.ms: list[float] = []
-        self.physics.look()
-        self._state = self.physics.read_target({})
-
-    def look(self, cameras: Sequence[str] = ()) -> Environment:
-        """One look, through all cameras or some."""
-        self.time_s += LOOK_S
-        data = pose_state(self.physics.model, self.physics.data.qpos)
-        frames = tuple(
-            self._cameras[name].capture(data, self.time_s, self._rng) for name in cameras or tuple(self._cameras)
-        )
-        began_s = time.perf_counter()
-        self.belief = self.pipeline.sense(Frames(frames), self._state, self._scene, self.time_s, self.belief)
-        self.ms.append(1e3 * (time.perf_counter() - began_s))
-        return self.belief
-
-    def find(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Position (3,) and rotation (3, 3) of a body, as they are."""
-        self.physics.look()
-        body = self.physics.model.body(name).id
-        return np.array(self.physics.seen.xpos[body]), np.array(self.physics.seen.xmat[body]).reshape(3, 3)
-
-    def put(self, name: str, x_m: float, y_m: float, yaw_rad: float = 0.0) -> None:
-        """Set a thing down somewhere."""
-        model, data = self.physics.model, self.physics.data
-        address = int(model.jnt_qposadr[model.body(name).jntadr[0]])
-        data.qpos[address : address + 2] = x_m, y_m
-        data.qpos[address + 3 : address + 7] = np.cos(yaw_rad / 2), 0.0, 0.0, np.sin(yaw_rad / 2)
-
-
-def score_scene(stage: Stage, name: str, tally: Tally) -> None:
-    """Look, and compare every thing with where it is."""
-    for _ in range(LOOKS):
+def score_scene(stage: Stage, name: str, tally: Tally, unnamed: dict[str, Thing]) -> None:
+    """Look, and compare every thing with where it is, and every number with its doubt, at first and at last."""
+    for number in range(LOOKS):
         belief = stage.look()
+        if number in (0, LOOKS - 1):
+            tally.stated += compare(stage, belief, unnamed)
     tally.ms += stage.ms
     things = stage.pipeline.inventory.things
     for thing in things.values():
         if thing.vessel is not None:
             continue  # the filling of a vessel is told as a whole
         entity = belief.entities.get(thing.name)
-        position, rotation = stage.find(thing.name)
+        position, rotation = stage.world.find(thing.name)
         is_found = entity is not None and entity.status is Status.SEEN
         if not thing.template.movable:
             if entity is not None:
@@ -184,10 +135,11 @@ def score_pose(entity: Entity, thing: ObjectModel, position: np.ndarray, rotatio
 def find_thief(
     entity: Entity, thing: ObjectModel, things: Iterator[ObjectModel] | Sequence[ObjectModel], stage: Stage
 ) -> bool:
-    """Whether a name is on another thing than its own."""
-    own_m = measure_distance(entity, stage.find(thing.name)[0])
-    others = [each.name for each in things if each.template.movable and each.name != thing.name and each.vessel is None]
-    return own_m > MIXED_UP_M and any(measure_distance(entity, stage.find(each)[0]) < own_m for each in others)
+    """Whether a name is on another thing than its own, and does not say that it may be."""
+    own_m = measure_distance(entity, stage.world.find(thing.name)[0])
+    told = {thing.name, *entity.alternatives}
+    others = [each.name for each in things if each.template.movable and each.name not in told and each.vessel is None]
+    return own_m > MIXED_UP_M and any(measure_distance(entity, stage.world.find(each)[0]) < own_m for each in others)
 
 
 def measure_distance(entity: Entity, position: np.ndarray) -> float:
@@ -195,31 +147,56 @@ def measure_distance(entity: Entity, position: np.ndarray) -> float:
     return float(np.linalg.norm(np.array(entity.pose.position_m) - position))
 
 
-def run_sequences(library: Library, seed: int, sensors: Sensors, level: str, tally: Tally) -> None:
+def run_sequences(world: World, sensors: Sensors, level: str, tally: Tally) -> None:
     """Two like cubes: one moved past the other in steps, then one hidden by a screen while the other moves."""
-    stage = Stage(library, "bench/twins", seed, sensors, level)
+    seed = world.seed
+    stage = open_stage(world, sensors, level)
     stage.look()
     real = match_names(stage)
-    x_m, y_m = stage.find(real["first"])[0][:2]
+    x_m, y_m = stage.world.find(real["first"])[0][:2]
     for step in range(1, 9):
-        stage.put(real["first"], x_m + 0.075, y_m + 0.02 * step * np.sign(-y_m), yaw_rad=0.1 * step)
+        stage.world.put(real["first"], x_m + 0.075, y_m + 0.02 * step * np.sign(-y_m), yaw_rad=0.1 * step)
         stage.look()
         count_names(stage, real, f"seed {seed}, passing by, step {step}", tally)
-    stage = Stage(library, "bench/twins", seed, sensors, level)
+    stage = open_stage(world, sensors, level)
     stage.look()
     real = match_names(stage)
-    hidden, moving = ("first", "second") if stage.find(real["first"])[0][1] > 0 else ("second", "first")
-    place = stage.find(real[hidden])[0]
-    stage.put("screen", *(place[:2] + 0.12 * np.array((0.6, -0.8))), yaw_rad=-0.93)
+    hidden, moving = ("first", "second") if stage.world.find(real["first"])[0][1] > 0 else ("second", "first")
+    place = stage.world.find(real[hidden])[0]
+    stage.world.put("screen", *(place[:2] + 0.12 * np.array((0.6, -0.8))), yaw_rad=-0.93)
     stage.look(("right",))
     for y_m in (-0.08, -0.12, -0.16):
-        stage.put(real[moving], 0.46, y_m)
+        stage.world.put(real[moving], 0.46, y_m)
         stage.look(("right",))
         count_names(stage, real, f"seed {seed}, behind a screen, {y_m}", tally)
-    stage.put("screen", 0.3, 0.35)
-    stage.put(real[hidden], place[0] - 0.03, place[1])
+    stage.world.put("screen", 0.3, 0.35)
+    stage.world.put(real[hidden], place[0] - 0.03, place[1])
     stage.look()
     count_names(stage, real, f"seed {seed}, shown again", tally)
+
+
+def open_stage(world: World, sensors: Sensors, level: str) -> Stage:
+    """A stage of a world as it settled."""
+    world.reset()
+    return Stage(world, sensors, level)
+
+
+def run_frozen(world: World, sensors: Sensors, level: str, tally: Tally) -> None:
+    """A still scene, the arm that moves in it, and the first pictures with new stamps after that."""
+    stage = open_stage(world, sensors, level)
+    for _ in range(LOOKS):
+        belief = stage.look()
+        tally.suspected += [each.status == "frozen" for each in belief.sensors.values()]
+    earlier, physics = stage.latest.frames, world.physics
+    physics.data.qpos[physics.q_address] += MOVED_RAD
+    physics.look()
+    stage.state = physics.read_target({})
+    now = {frame.camera: frame for frame in stage.take_frames().frames}
+    changes = {name: {"time_s": frame.time_s, "world_T_camera": frame.world_T_camera} for name, frame in now.items()}
+    frozen = Frames(tuple(msgspec.structs.replace(each, **changes[each.camera]) for each in earlier))
+    tally.frozen += [each.status == "frozen" for each in stage.sense(frozen).sensors.values()]
+    stage.belief = belief
+    tally.suspected += [each.status == "frozen" for each in stage.look().sensors.values()]
 
 
 def match_names(stage: Stage) -> dict[str, str]:
@@ -228,24 +205,27 @@ def match_names(stage: Stage) -> dict[str, str]:
     bodies = ("first", "second")
     if belief is None or any(name not in belief.entities for name in bodies):
         return dict(zip(bodies, bodies, strict=True))
-    straight = sum(measure_distance(belief.entities[name], stage.find(name)[0]) for name in bodies)
+    straight = sum(measure_distance(belief.entities[name], stage.world.find(name)[0]) for name in bodies)
     crossed = sum(
-        measure_distance(belief.entities[a], stage.find(b)[0]) for a, b in zip(bodies, bodies[::-1], strict=True)
+        measure_distance(belief.entities[a], stage.world.find(b)[0]) for a, b in zip(bodies, bodies[::-1], strict=True)
     )
     return dict(zip(bodies, bodies if straight <= crossed else bodies[::-1], strict=True))
 
 
 def count_names(stage: Stage, real: dict[str, str], what: str, tally: Tally) -> None:
-    """One association to be judged for each name."""
-    tally.sequences += 1
+    """One association to be judged for each name that claims to be seen, and to be of one thing."""
     for name, body in real.items():
         entity = stage.belief.entities.get(name) if stage.belief is not None else None
-        if entity is None or measure_distance(entity, stage.find(body)[0]) > MIXED_UP_M:
+        tally.sequences += 1
+        tally.sequences_told += entity is not None and bool(entity.alternatives)
+        if entity is None or entity.status is not Status.SEEN or entity.alternatives:
+            continue
+        if measure_distance(entity, stage.world.find(body)[0]) > MIXED_UP_M:
             tally.sequence_mix_ups.append(f"{what}: {name}")
 
 
 def show(console: Console, tallies: dict[str, Tally], scenes: int) -> None:
-    """The table, and what went wrong."""
+    """The tables, and what went wrong."""
     table = Table(title=f"the embedded pipeline on {scenes} scenes, median / 95th percentile")
     for column in ("", *tallies):
         table.add_column(column)
@@ -259,38 +239,86 @@ def show(console: Console, tallies: dict[str, Tally], scenes: int) -> None:
     for title, name in rows.items():
         spreads = [Spread.of(getattr(tally, name)) for tally in tallies.values()]
         table.add_row(title, *(f"{spread.median:.2f} / {spread.p95:.2f}  ({spread.count})" for spread in spreads))
-    table.add_row("movable things not found", *(f"{len(t.missed)} of {t.things}" for t in tallies.values()))
-    table.add_row("names on other things", *(f"{len(t.mixed_up)} of {t.things}" for t in tallies.values()))
-    table.add_row(
-        "the same, in sequences", *(f"{len(t.sequence_mix_ups)} of {2 * t.sequences}" for t in tallies.values())
-    )
+    counts = {
+        "movable things not found": ("missed", "things"),
+        "names on other things": ("mixed_up", "things"),
+        "the same, in sequences": ("sequence_mix_ups", "sequences"),
+    }
+    for title, (bad, of) in counts.items():
+        table.add_row(title, *(f"{len(getattr(t, bad))} of {getattr(t, of)}" for t in tallies.values()))
+    table.add_row("names told to be exchangeable there", *(str(t.sequences_told) for t in tallies.values()))
+    for title, name in {"frozen pictures told": "frozen", "honest ones suspected": "suspected"}.items():
+        table.add_row(title, *(f"{sum(getattr(t, name))} of {len(getattr(t, name))}" for t in tallies.values()))
     console.print(table)
+    console.print(tabulate_reliability(tallies))
     for level, tally in tallies.items():
         for text in (*tally.missed[:8], *tally.mixed_up[:8], *tally.sequence_mix_ups[:8]):
             console.print(f"{level}: {text}", style="dim")
+
+
+def tabulate_reliability(tallies: dict[str, Tally]) -> Table:
+    """Shares of truths within one and within two stated deviations."""
+    table = Table(title="reliability: share within 1 / within 2 stated deviations (count)")
+    for column in ("", *tallies):
+        table.add_column(column)
+    for number in list_numbers(tallies.values()):
+        cells = []
+        for tally in tallies.values():
+            own = [each for each in tally.stated if each.number == number]
+            one, two = (measure_share(own, deviations) for deviations in (1.0, 2.0))
+            cells.append(f"{one:.2f} / {two:.3f} ({len(own)})" if own else "")
+        table.add_row(number, *cells)
+    return table
+
+
+def list_numbers(tallies: Iterable[Tally]) -> list[str]:
+    """Kinds of stated numbers, in the order in which they came."""
+    return list(dict.fromkeys(each.number for tally in tallies for each in tally.stated))
+
+
+def measure_share(stated: Sequence[Stated], deviations: float) -> float:
+    """Of those whose truth is so near."""
+    return sum(each.is_within(deviations) for each in stated) / max(len(stated), 1)
+
+
+def run_worlds(library: Library, given: argparse.Namespace, tallies: dict[str, Tally]) -> int:
+    """All scenes and rooms at all levels; returns their number."""
+    sensors = read_sensors(ROOT / "protocol" / "sensors.yaml")
+    scenes = sorted(path.stem for path in (ROOT / "scenes" / "tabletop").glob("*.yaml"))
+    worlds: list[tuple[str, int, dict[str, Thing]]] = [
+        (f"tabletop/{name}", seed, {}) for seed in range(given.seeds) for name in scenes
+    ]
+    for case in map(draw_case, range(ROOMS_FROM, ROOMS_FROM + given.rooms)):
+        plain = [thing for thing in case.room.movable if thing.form.kind in PLAIN and thing.on == "table"]
+        worlds.append((f"unseen/{case.name}", case.seed, {thing.name: thing for thing in plain[-1:]}))
+    for scene, seed, unnamed in worlds:
+        world = World(library, scene, seed)
+        world.open_drawers(seed)
+        for level, tally in tallies.items():
+            score_scene(Stage(world, sensors, level, unnamed), f"{scene}, seed {seed}", tally, unnamed)
+    for seed in range(given.seeds):
+        world = World(library, "bench/twins", seed)
+        for level, tally in tallies.items():
+            run_sequences(world, sensors, level, tally)
+            run_frozen(world, sensors, level, tally)
+    return len(worlds)
 
 
 def main() -> int:
     """Run, show, and exit with whether every asked figure holds."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=12, help="of each scene")
-    parser.add_argument("--levels", nargs="+", default=["none", "nominal", "harsh"])
+    parser.add_argument("--rooms", type=int, default=24, help="drawn as for benchmarks/unseen.py")
+    parser.add_argument("--levels", nargs="+", default=list(LEVELS))
     given = parser.parse_args()
-    sensors = read_sensors(ROOT / "protocol" / "sensors.yaml")
-    scenes = sorted(path.stem for path in (ROOT / "scenes" / "tabletop").glob("*.yaml"))
     tallies = {level: Tally() for level in given.levels}
     with tempfile.TemporaryDirectory(prefix="perception-") as scratch:
+        write_project([draw_case(ROOMS_FROM + index) for index in range(given.rooms)], Path(scratch))
         (Path(scratch) / "scenes" / "bench").mkdir(parents=True)
-        (Path(scratch) / "scenes" / "bench" / "twins.yaml").write_text(TWINS)
-        library = Library.open(Path(scratch))
-        for level, tally in tallies.items():
-            for seed in range(given.seeds):
-                for name in scenes:
-                    stage = Stage(library, f"tabletop/{name}", seed, sensors, level)
-                    score_scene(stage, f"{name}, seed {seed}", tally)
-                run_sequences(library, seed, sensors, level, tally)
-    show(Console(), tallies, given.seeds * len(scenes))
-    figures = {"scenes_looked_at": float(given.seeds * len(scenes))}
+        (Path(scratch) / "scenes" / "bench" / "twins.yaml").write_text(render_table("bench/twins", TWINS))
+        scenes = run_worlds(Library.open(Path(scratch)), given, tallies)
+    show(Console(), tallies, scenes)
+    figures, asked = {"scenes_looked_at": float(scenes)}, dict(ASKED)
     for level, tally in tallies.items():
         spread, turns = Spread.of(tally.position_mm), Spread.of(tally.yaw_deg)
         figures |= {
@@ -302,8 +330,16 @@ def main() -> int:
             f"{level}_found": 1.0 - len(tally.missed) / max(tally.things, 1),
             f"{level}_mix_ups": float(len(tally.mixed_up)),
             f"{level}_sequence_mix_ups": float(len(tally.sequence_mix_ups)),
+            f"{level}_frozen_told": sum(tally.frozen) / max(len(tally.frozen), 1),
+            f"{level}_honest_suspected": float(sum(tally.suspected)),
         }
-    line, holds = format_outcome(figures, ASKED)
+        asked |= {f"{level}_frozen_told": RELIABLE, f"{level}_honest_suspected": Ask(0, at_least=False)}
+        for number in list_numbers([tally]):
+            own = [each for each in tally.stated if each.number == number]
+            key = f"{level}_{number.replace(' ', '_')}_within"
+            figures |= {f"{key}_1": measure_share(own, 1.0), f"{key}_2": measure_share(own, 2.0)}
+            asked[f"{key}_2"] = RELIABLE
+    line, holds = format_outcome(figures, asked)
     print(line)
     return 0 if holds else 1
 

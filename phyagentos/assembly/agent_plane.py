@@ -128,7 +128,7 @@ def run_agent(
 
 
 def _log(text: str) -> None:
-    print(text, file=sys.stderr)  # noqa: T201 - the agent's log
+    sys.stderr.write(f"{text}\n")
 
 
 def _cancel_on_signal(cancel: Callable[[], None]) -> None:

@@ -21,7 +21,10 @@ sessions:
     with: {object: red_cube, destination: red_tray}
     accept: ["insde(red_cube, red_tray)"]
 """
-RED, BLUE = "red: {rgba: [0.82, 0.16, 0.14, 1]", "blue: {rgba: [0.12, 0.33, 0.78, 1]"
+RED, BLUE = (
+    "red: {surface: plastic, rgba: [0.82, 0.16, 0.14, 1]",
+    "blue: {surface: plastic, rgba: [0.12, 0.33, 0.78, 1]",
+)
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ msgspec stops at the first problem, so the data is walked along the type first; 
 import inspect
 import re
 from collections.abc import Iterator
-from enum import Enum, EnumType
+from enum import Enum
 from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin
 
@@ -116,8 +116,8 @@ def _iter_leaf_problems(kind: Any, value: Any, located: Located, path: Address) 
     except msgspec.ValidationError as error:
         shown = repr(value) if isinstance(value, str | int | float | bool | None) else type(value).__name__
         expected, hint = str(error).removeprefix("Expected "), ""
-        if isinstance(kind, EnumType):
-            names = [str(member.value) for member in kind]  # type: ignore[var-annotated]  # any enum
+        if isinstance(kind, type) and issubclass(kind, Enum):
+            names = [str(member.value) for member in kind]
             expected, hint = format_names(names), format_hint(str(value), names)
         yield located.problem("INVALID_VALUE", path, shown, expected, hint)
 

@@ -166,7 +166,8 @@ def _check_box(located: Located, at: tuple[str, ...], limit: Limit) -> Iterator[
 
 def as_numbers(limit: Limit) -> tuple[float, ...]:
     """The numbers of a limit that is no box: one, or one per joint."""
-    return limit.value if isinstance(limit.value, tuple) else (limit.value,)  # type: ignore[return-value]
+    values = limit.value if isinstance(limit.value, tuple) else (limit.value,)
+    return tuple(value for value in values if not isinstance(value, tuple))
 
 
 def get_target_limits(safety: Safety, target: str, source: str) -> TargetLimits:

@@ -123,6 +123,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         looks: So many measurements its pose is the mean of; of a held thing, so many looks have shown it in the hand
             since it was lifted.
         position_std_m: Standard deviation of its position as the measurement states [m]; 0 when not stated.
+        size_std_m: The same of each side of the box that stands for a thing of unknown form [m].
         turn_std_rad: The same of its orientation [rad], among those that look alike the one that was chosen.
         tilt_std_rad: The same of the angle of its z axis to the vertical [rad], over all that look alike.
         lean_rad: (3,) turn in the world from the stated orientation to the one that pixels alone give [rad]; a thing is
@@ -156,6 +157,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     taken_at_m: tuple[float, float, float] | None = None
     looks: int = 0
     position_std_m: float = 0.0
+    size_std_m: float = 0.0
     turn_std_rad: float = 0.0
     tilt_std_rad: float = 0.0
     lean_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -239,6 +241,7 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
             read it).
         time_s: Stamp of its latest frame [s].
         digest: Hash of its latest whole frame.
+        shown_rad: (n_joints,) of the robot when it first gave that frame [rad]; empty where noise renews all frames.
         since_s: When it came to this status [s].
         detail: In words, or the target's own code.
         pose: `world_T_camera` that came with that frame, in OpenCV's convention.
@@ -251,6 +254,7 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     status: str = "live"
     time_s: float = 0.0
     digest: str = ""
+    shown_rad: tuple[float, ...] = ()
     since_s: float = 0.0
     detail: str = ""
     pose: Pose | None = None

@@ -21,10 +21,9 @@ EVERY = 4  # of so many rows and columns one is read
 NEAR_M = 0.08  # farther from the map points are of something else
 TILES = 4  # along each side of a picture
 TILE_POINTS = 15  # with fewer a tile is not read
-FAR_OFF_M = 0.010  # no calibration errs by so much
 REACH_M, POINTS_MIN = 0.05, 40  # of a thing, within which points of its colour are its own; with fewer none is told
 NOISE = 2.5  # median deviations of the points of a tile
-OFF_M, TIMES = 0.005, 2.5  # nor by so much where another camera errs so many times less
+OFF_M, TIMES = 0.005, 2.5  # no calibration errs by so much where that of another camera errs so many times less
 
 
 def find_displaced(
@@ -46,7 +45,7 @@ def find_displaced(
         if was is not None and was.status == DISPLACED and time_s - was.since_s < KEPT_S:
             after = note_displaced(after, camera, was.detail, was.since_s)
     for camera, each_m in off_m.items():
-        if each_m > FAR_OFF_M or (each_m > OFF_M and each_m > TIMES * least_m):
+        if each_m > max(OFF_M, TIMES * least_m):
             after = note_displaced(after, camera, "what it shows lies beside the map", time_s)
     return tuple(frame for frame in frames if after[frame.camera].status != DISPLACED), after
 

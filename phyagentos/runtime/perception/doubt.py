@@ -13,11 +13,13 @@ from phyagentos.runtime.perception.solid_distance import linearise
 from phyagentos.runtime.perception.solids import Array
 
 CORRELATED = 2.0  # neighbouring pixels share their errors: so many of them count as one
+SIGMA = 1.4826  # of a normal distribution, by its median distance
 RESIDUAL_M = 0.0005  # no residual is less: the model of a thing is as exact as this
 BIAS_M, BIAS_PER_M = 0.0003, 180.0  # of a position in every look: its least, and what it grows by with the variance
 BIAS_TURN = 0.7  # of the same shift between two ends of a thing
 OPEN_LEAST = 0.1  # of the common variance: a mean of more looks than it takes to come to this would not follow
 OUTLINE_M, OUTLINE_TURN = 0.004, 2.0  # where a face in sight ends fixes its thing this well, and a turn by its width
+MAP_STDS = np.array([0.001, 0.002])  # of what is known from the scene file and not measured: place [m] and turn [rad]
 UPRIGHT_STDS = 3.0  # a lean of less than this many deviations is none that the pixels show
 FREE = np.ones(6)
 
@@ -70,17 +72,19 @@ def compute_doubt(
         rotation: (3, 3) `world_T_thing`.
         axes: (3, k) turns that its surface shows, in its frame.
         width_m: Of the thing.
-        free: (6,) is 1 for each free motion of the fit; what is not free is known.
+        free: (6,) is 1 for each free motion of the fit; what is not free is known as well as the map is.
         huber_m: Distances beyond this are weighted down.
     """
     jacobian, weighted = linearise(distance_m, gradient, np.ascontiguousarray(arm_m), rotation, np.arange(6), huber_m)
     weight = huber_m / np.maximum(np.abs(distance_m), huber_m)
     variance = float(np.sum(weight * np.minimum(np.abs(distance_m), 3 * huber_m) ** 2) / max(np.sum(weight), 1.0))
-    variance = max(variance, RESIDUAL_M**2)
+    broad_m = SIGMA * float(np.median(np.abs(distance_m)))  # of noise broader than the weights let through
+    variance = max(variance, broad_m**2, RESIDUAL_M**2)
     motions = np.zeros((6, 3 + axes.shape[1]))
     motions[:3, :3], motions[3:, 3:] = np.eye(3), rotation @ axes
     motions *= free[:, None]
-    known = np.array([OUTLINE_M] * 3 + [OUTLINE_TURN * OUTLINE_M / max(width_m, 1e-3)] * axes.shape[1])
+    outline_m = max(OUTLINE_M, float(np.sqrt(variance)))  # an edge in sight wavers as depth does
+    known = np.array([outline_m] * 3 + [OUTLINE_TURN * outline_m / max(width_m, 1e-3)] * axes.shape[1])
     spread = CORRELATED * variance
     matrix = motions.T @ (weighted @ jacobian.T) @ motions / spread + np.diag(known**-2.0)
     covariance = motions @ np.linalg.inv(matrix) @ motions.T
@@ -89,4 +93,5 @@ def compute_doubt(
     bias_m = BIAS_M + BIAS_PER_M * variance
     bias_rad = BIAS_TURN * bias_m / max(width_m, 1e-3)
     common = np.array([bias_m, bias_rad if axes.shape[1] and np.any(free[3:]) else 0.0])
+    common = np.hypot(common, MAP_STDS * (free.reshape(2, 3).min(axis=1) == 0.0))
     return Doubt(np.sqrt(left + common**2), common)

@@ -28,7 +28,7 @@ COARSE_POINTS = 80  # enough to choose among starts
 TRACKED_M, TRACK_REACH_M = 0.0028, 0.02  # cost and distance of a thing that is where it was
 DOWN_M = 0.0012  # of a thing upside down, where that looks the same
 TURNED_M = 0.0004  # by which a turned pose must fit better before a tracked thing is believed to have turned so
-ALIKE_M = 0.0001  # two poses whose costs differ by less fit equally well
+ALIKE_M, ALIKE_STDS = 0.0001, 1.0  # two poses whose costs differ by less, or by less than their noise, fit equally well
 CONTRADICTION_M = 0.012  # cost of a surface that is seen through altogether
 UPRIGHT = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])
 DOWN = (1.0, -1.0, -1.0)
@@ -161,11 +161,18 @@ def fit(
         free = UPRIGHT if _is_standing(rotation) else FREE
         pose = refine(thing.solids, few, rotation, position, free, 3)
         ranked.append((_weigh(thing, few, views, *pose, obstacle)[0], *pose))
-    for _, turned, moved in sorted(ranked, key=lambda each: each[0])[:2]:
+    ranked.sort(key=lambda each: each[0])
+    for _, turned, moved in ranked[:2]:
         candidate = _finish(thing, patch, views, turned, moved, obstacle)
         if best is None or candidate.cost_m < best.cost_m - (TURNED_M if stays and best is kept else 0.0):
             best = candidate
-    return None if best is None else compare_lookalikes(thing, patch, views, best, obstacle, keep=prior is not None)
+    if best is None:
+        return None
+    limit_m = ranked[0][0] + _compute_alike(best.rms_m, len(few.points_m))
+    tilts = [_tilt(thing, turned) for cost_m, turned, _ in ranked if cost_m < limit_m]
+    other_tilt_rad = max(abs(each - _tilt(thing, best.rotation)) for each in tilts)
+    best = replace(best, other_tilt_rad=other_tilt_rad)
+    return compare_lookalikes(thing, patch, views, best, obstacle, keep=prior is not None)
 
 
 def track(thing: ObjectModel, seen: Cloud, views: tuple[CameraView, ...], prior: tuple[Array, Array]) -> Fit | None:
@@ -188,18 +195,24 @@ def compare_lookalikes(
     keep: bool,
 ) -> Fit:
     """The fit, or the least tilted one of those that are as good, with what these differ by; `keep` the given one."""
-    best, tilts = found, [_tilt(thing, found.rotation)]
+    best, tilts, alike_m = found, [_tilt(thing, found.rotation)], _compute_alike(found.rms_m, found.count)
     for turned, shift in thing.lookalikes:
         rotation = found.rotation @ turned
         position = found.position_m + rotation @ (turned.T @ shift)
         other = _finish(thing, patch, views, rotation, position, obstacle)
         is_better = other.cost_m < best.cost_m - (TURNED_M if keep and best is found else ALIKE_M)
-        if is_better or other.cost_m < best.cost_m + ALIKE_M:
+        if is_better or other.cost_m < best.cost_m + alike_m:
             tilts = [_tilt(thing, other.rotation)] if is_better else [*tilts, _tilt(thing, other.rotation)]
             if is_better or (not keep and _tilt(thing, other.rotation) < _tilt(thing, best.rotation)):
                 best = other
     own = _tilt(thing, best.rotation)
-    return replace(best, other_tilt_rad=max(abs(each - own) for each in tilts))
+    other_tilt_rad = max(abs(each - own) for each in tilts)
+    return replace(best, other_tilt_rad=max(other_tilt_rad, found.other_tilt_rad))
+
+
+def _compute_alike(rms_m: float, count: int) -> float:
+    """Difference of cost [m] that the noise of so many points makes."""
+    return max(ALIKE_M, ALIKE_STDS * rms_m / math.sqrt(count))
 
 
 def _tilt(thing: ObjectModel, rotation: Array) -> float:

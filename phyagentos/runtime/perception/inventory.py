@@ -4,8 +4,8 @@ Fixed bodies without jitter are part of the map. Of all others the scene file gi
 is measured.
 """
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import permutations, product
 
@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.geometry import compute_matrix, convert_euler
+from phyagentos.geometry import compute_matrix, compute_rotation, convert_euler
 from phyagentos.protocol.world.alike import find_alike, find_turned
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
@@ -105,6 +105,14 @@ class RegionPrior:
     turned: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class MapPart:
+    """Visible solids of one body of the map, in its own frame, and the palette indices of its colours."""
+
+    solids: Solids
+    colors: tuple[int, ...]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inventory:
     """The things of one scene.
@@ -112,7 +120,8 @@ class Inventory:
     Attributes:
         things: To be found, by name, in the file's order.
         articulated: Located by their handles, by name.
-        known: Parts of the map.
+        known: Bodies of the map.
+        map_parts: What they look like, by name.
         map: All solids of the map, in the world.
         map_colors: Palette indices of the map.
         like_map: Other palette indices that resemble these.
@@ -124,12 +133,20 @@ class Inventory:
     things: dict[str, ObjectModel]
     articulated: dict[str, Articulated]
     known: dict[str, Entity]
+    map_parts: dict[str, MapPart]
     map: Solids
     map_colors: frozenset[int]
     like_map: frozenset[int]
     palette: Array
     is_of_thing: NDArray[np.bool_]
     regions: tuple[RegionPrior, ...]
+
+    def place_map(self, entities: Mapping[str, Entity]) -> "Inventory":
+        """The same prior knowledge with the bodies of the map where these say that they are."""
+        known = {name: entities.get(name, nominal) for name, nominal in self.known.items()}
+        if all(known[name].pose == nominal.pose for name, nominal in self.known.items()):
+            return replace(self, known=known)
+        return replace(self, known=known, map=_join_map(known, self.map_parts))
 
     def find_unseen(self, entities: Collection[str]) -> tuple[str, ...]:
         """Movable things that are not among these, in order of their names."""
@@ -152,28 +169,26 @@ def build_inventory(spec: SceneSpec) -> Inventory:
     things: dict[str, ObjectModel] = {}
     articulated: dict[str, Articulated] = {}
     known: dict[str, Entity] = {}
-    solids: list[Solids] = []
+    parts: dict[str, MapPart] = {}
     map_colors: set[int] = set()
     for name, body in spec.bodies.items():
         indices = [register(solid, body) for solid in body.shapes]
         if _is_known(body):
             known[name] = _make_template(name, body, source="map")
-            solids.append(_pose_solids(known[name], body))
+            parts[name] = MapPart(Solids.of([_make_shape(solid) for solid in body.shapes]), tuple(indices))
             map_colors.update(indices)
         elif jointed := find_articulated(name, body, _make_template(name, body, source=""), spec):
             articulated[name] = jointed
         else:
             things[name] = _make_thing(name, body, tuple(dict.fromkeys(indices)), spec)
-    joined = Solids.of(())
-    for each in solids:
-        joined = joined.join(each)
     palette = np.array(list(colors), dtype=np.float64).reshape(-1, 3)
     return Inventory(
         scene=spec.scene,
         things=things,
         articulated=articulated,
         known=known,
-        map=joined,
+        map_parts=parts,
+        map=_join_map(known, parts),
         map_colors=frozenset(map_colors),
         like_map=_find_lookalikes(palette, map_colors),
         palette=palette,
@@ -226,11 +241,13 @@ def _make_shape(solid: Solid) -> Shape:
     return Shape(solid.kind, solid.size_m, Pose(solid.position_m, convert_euler(solid.euler_rad)))
 
 
-def _pose_solids(entity: Entity, body: Body) -> Solids:
-    own = Solids.of([_make_shape(solid) for solid in body.shapes])
-    w, _, _, z = entity.pose.quaternion_wxyz
-    c, s = w * w - z * z, 2 * w * z
-    return own.at(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array(entity.pose.position_m))
+def _join_map(known: Mapping[str, Entity], parts: Mapping[str, MapPart]) -> Solids:
+    """All solids of the map, in the world."""
+    joined = Solids.of(())
+    for name, part in parts.items():
+        pose = known[name].pose
+        joined = joined.join(part.solids.at(compute_rotation(pose.quaternion_wxyz), np.array(pose.position_m)))
+    return joined
 
 
 def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec) -> ObjectModel:

@@ -42,7 +42,7 @@ class PerceivedWorld(WorldModel):
     """Perceives with cameras (`sensing: perceived`), of which the robot carries the `moving` ones.
 
     Frames older than `max_age_s` are ignored. A detector labels pixels instead of their colours. Pictures of `noisy`
-    sensors never repeat.
+    sensors never repeat; those of others do while nothing moves.
     """
 
     def __init__(
@@ -132,8 +132,7 @@ class PerceivedWorld(WorldModel):
             window = self._plan_window(carried, *self._find_regions(carried, things))
             if window is None:
                 return None
-        regions = self._find_probe_regions(time_s, PROBE_PERIOD_S)
-        return Glance(things, window, Capture(cameras=tuple(regions), crops=regions) if regions else None)
+        return Glance(things, window, self._plan_probe(time_s, PROBE_PERIOD_S))
 
     @override
     def read_glance(self, glance: Glance, frames: Sequence[Frames]) -> Environment | None:
@@ -264,22 +263,30 @@ class PerceivedWorld(WorldModel):
 
     def _probe_cameras(self, time_s: float, period_s: float) -> None:
         """Mark frozen cameras in the belief; probes at most once in a period."""
-        if regions := self._find_probe_regions(time_s, period_s):
-            self._note_probe(self._capture(Capture(cameras=tuple(regions), crops=regions)), time_s)
+        if probe := self._plan_probe(time_s, period_s):
+            self._note_probe(self._capture(probe), time_s)
 
-    def _find_probe_regions(self, time_s: float, period_s: float) -> dict[str, Crop]:
-        """The windows of a probe; none where the latest one is no older than a period."""
+    def _plan_probe(self, time_s: float, period_s: float) -> Capture | None:
+        """The windows of a probe, or whole pictures of cameras without noise; None within a period of the latest."""
         belief = self._belief
-        if belief is None or not self._noisy:
-            return {}
-        regions = find_probe_regions(belief.sensors)
-        latest_s = max((belief.sensors[camera].probed_s for camera in regions), default=0.0)
-        return regions if time_s - latest_s > max(period_s - SAME_S, SAME_S) else {}
+        if belief is None or not (regions := find_probe_regions(belief.sensors)):
+            return None
+        each = [belief.sensors[camera] for camera in regions]
+        latest_s = max(health.probed_s if self._noisy else health.time_s for health in each)
+        if time_s - latest_s <= max(period_s - SAME_S, SAME_S):
+            return None
+        if self._noisy:
+            return Capture(cameras=tuple(regions), crops=regions)
+        return Capture(cameras=tuple(regions)) if period_s > 0.0 else None  # the look itself shows whole pictures
 
     def _note_probe(self, frames: Frames, time_s: float) -> None:
-        if self._belief is not None:
+        if self._belief is None:
+            return
+        if self._noisy:
             sensors = check_probes(frames, self._belief.sensors, time_s)
-            self._belief = msgspec.structs.replace(self._belief, sensors=sensors)
+        else:
+            _, sensors = self._get_pipeline().assess(frames, self._belief.sensors, time_s, self._find_state)
+        self._belief = msgspec.structs.replace(self._belief, sensors=sensors)
 
     def _take(self) -> Environment | None:
         """The belief, when it is of this episode."""

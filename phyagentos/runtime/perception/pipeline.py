@@ -3,26 +3,30 @@
 No learned weights: colour, form, geometry. Paper section 4.1.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.session import Scene
-from phyagentos.protocol.world.environment import Entity, Environment, Status, TargetState
+from phyagentos.protocol.world.environment import Entity, Environment, SensorHealth, Status, TargetState
 from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.belief import find_changes, follow_hand, lose_sight, read_regions, update_belief
 from phyagentos.runtime.perception.confirmation import confirm
 from phyagentos.runtime.perception.displacement import find_disagreeing, find_displaced, note_displaced
 from phyagentos.runtime.perception.grip import Hand
 from phyagentos.runtime.perception.inventory import Inventory
+from phyagentos.runtime.perception.motion_in_view import has_moved_in_view
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.segmentation import Palette, Segmenter
 from phyagentos.runtime.perception.sensor_health import assess
 from phyagentos.runtime.perception.strangers import find_strangers, is_stranger
-from phyagentos.runtime.perception.views import CameraView, look
-from phyagentos.runtime.targets.wire import Frames
+from phyagentos.runtime.perception.supports import measure_supports
+from phyagentos.runtime.perception.views import CameraView, find_cloud, make_view
+from phyagentos.runtime.targets.wire import Frame, Frames
 
 MAX_AGE_S = 0.3  # of a frame: its latency, and half a dozen lost ones
 
@@ -75,25 +79,31 @@ class Pipeline:
         known = before if before is not None and before.episode == scene.episode else None
         entities = dict(known.entities) if known is not None else {}
         earlier = known.sensors if known is not None and not focus else {}
-        believed, health = assess(frames, earlier, time_s, self._max_age_s, self._noisy)
+        find_state = find_state or (lambda _time_s: state)
+        believed, health = self.assess(frames, earlier, time_s, find_state)
         if not focus:
-            believed, health = find_displaced(believed, earlier, health, self.inventory.map, time_s)
+            believed, health = find_displaced(believed, earlier, health, self.inventory.place_map(entities).map, time_s)
         while True:
-            robots = tuple(self._robot.pose(find_state(each.time_s) if find_state else state) for each in believed)
+            robots = tuple(self._robot.pose(find_state(each.time_s)) for each in believed)
+            views = tuple(make_view(frame) for frame in believed)
+            labels: tuple[NDArray[np.uint8], ...] = ()
             try:
-                views, cloud = look(believed, self.inventory, self._segmenter, robots)
-                views = tuple(_place_crop(view, known) for view in views) if focus else views
+                labels = tuple(self._segmenter.label(frame.rgb) for frame in believed)
             except ExecutionError as error:  # of a detector: what is not segmented is not seen
                 blind = {"status": "unread", "detail": str(error)}
                 health = {name: msgspec.structs.replace(each, **blind) for name, each in health.items()}
                 believed = ()
             if not believed:
                 felt = follow_hand(self.inventory, entities, state, self._hand, time_s)
-                after = self.inventory.known | lose_sight(felt, focus)
+                after = self.inventory.place_map(felt).known | lose_sight(felt, focus)
                 break
             newest_s = max(frame.time_s for frame in believed)
+            supports = {} if focus else measure_supports(believed, views, labels, self.inventory, entities)
+            inventory = self.inventory.place_map(entities | supports)
+            cloud = find_cloud(believed, views, labels, inventory, robots)
+            views = tuple(_place_crop(view, known) for view in views) if focus else views
             after = update_belief(
-                self.inventory, entities, views, cloud, state, hand=self._hand, time_s=newest_s, focus=focus
+                inventory, entities, views, cloud, state, hand=self._hand, time_s=newest_s, focus=focus
             )
             if focus:
                 break
@@ -102,7 +112,7 @@ class Pipeline:
                 health = note_displaced(health, camera, "what it shows lies beside what others show", time_s)
                 continue  # what is believed without it
             named = {name: entity for name, entity in after.items() if not is_stranger(name)}
-            after = named | find_strangers(believed, views, robots, self.inventory.map, after)
+            after = named | find_strangers(believed, views, robots, inventory.map, after)
             break
         sensors = health if not focus else (known.sensors if known is not None else {})
         looked_at_s = time_s if not focus else (known.looked_at_s if known is not None else 0.0)
@@ -121,6 +131,22 @@ class Pipeline:
             never_seen=self.inventory.find_unseen(after),
         )
 
+    def assess(
+        self,
+        frames: Frames,
+        before: Mapping[str, SensorHealth],
+        time_s: float,
+        find_state: Callable[[float], TargetState],
+    ) -> tuple[tuple[Frame, ...], dict[str, SensorHealth]]:
+        """The frames of healthy cameras, and the health of every camera; `find_state` as of `sense`."""
+        if self._noisy:
+            return assess(frames, before, time_s, self._max_age_s)
+
+        def would_differ(frame: Frame, was: SensorHealth) -> bool:
+            return has_moved_in_view(frame, was, self._robot, find_state(frame.time_s))
+
+        return assess(frames, before, time_s, self._max_age_s, would_differ, lambda each: find_state(each).q_rad)
+
     def confirm(
         self, frames: Frames, state: TargetState, time_s: float, before: Environment, names: Collection[str]
     ) -> Environment | None:
@@ -128,7 +154,7 @@ class Pipeline:
 
         Frames are windows around them, thinned or not; `before` is the belief, carried on to now.
         """
-        believed, _ = assess(frames, {}, time_s, self._max_age_s, self._noisy)
+        believed, _ = assess(frames, {}, time_s, self._max_age_s)
         pictures = [(frame, self._segmenter.label(frame.rgb)) for frame in believed]
         seen: dict[str, Entity] = {}
         for name in names:

@@ -1,18 +1,22 @@
 """Health of a camera: its frames arrive, advance in time, and do not repeat the same picture.
 
-The noise of a real sensor never repeats: two pictures that are equal bit for bit are one. A sensor without declared
-noise may show a still scene twice, and only its stamps differ. Between whole pictures a small window of each camera
-is probed now and then, which detects a frozen camera before the next look.
+The noise of a real sensor never repeats: two pictures that are equal bit for bit are one. Between whole pictures a
+small window of each camera is probed now and then, which detects a frozen camera before the next look. A sensor without
+declared noise may show a still scene twice; it is frozen where its picture stays although the robot has moved in it
+(`motion_in_view`).
 """
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import msgspec
 import numpy as np
 
 from phyagentos.protocol.world.environment import SensorHealth
 from phyagentos.runtime.targets.wire import Crop, Frame, Frames
+
+Proof = Callable[[Frame, SensorHealth], bool]
+"""Whether a live camera would now show another picture than the one that this health remembers."""
 
 SAME_S = 1e-6  # stamps this near to each other are one
 AHEAD_S = 0.005  # no frame is from the future
@@ -21,22 +25,32 @@ REPEATED = "a new stamp on the same picture"
 
 
 def assess(
-    frames: Frames, before: Mapping[str, SensorHealth], now_s: float, max_age_s: float, noisy: bool = True
+    frames: Frames,
+    before: Mapping[str, SensorHealth],
+    now_s: float,
+    max_age_s: float,
+    would_differ: Proof = lambda _frame, _was: True,
+    joints_rad: Callable[[float], tuple[float, ...]] = lambda _time_s: (),
 ) -> tuple[tuple[Frame, ...], dict[str, SensorHealth]]:
-    """The frames of healthy cameras, at most `max_age_s` old, and the health of every camera."""
+    """The frames of healthy cameras, at most `max_age_s` old, and the health of every camera.
+
+    The robot's `joints_rad` at the time of a picture are remembered with it.
+    """
     health = dict(before)
     believed: list[Frame] = []
     for camera, code in frames.missing.items():
         health[camera] = _turn(before.get(camera), "missing", now_s, code)
     for frame in frames.frames:
         was, digest = before.get(frame.camera), compute_digest(frame)
-        status, detail = _judge(frame, digest, was, now_s, max_age_s, noisy)
+        status, detail = _judge(frame, digest, was, now_s, max_age_s, would_differ)
         turned = _turn(was, status, now_s, detail)
+        repeats = was is not None and was.digest == digest
         health[frame.camera] = msgspec.structs.replace(
             turned,
             time_s=frame.time_s,
             digest=digest,
-            pose=frame.world_T_camera,
+            shown_rad=turned.shown_rad if repeats else joints_rad(frame.time_s),
+            pose=turned.pose if repeats else frame.world_T_camera,
             focal_px=(frame.fx, frame.fy, frame.cx, frame.cy),
             size_px=(frame.width, frame.height),
         )
@@ -84,7 +98,7 @@ def compute_digest(frame: Frame) -> str:
 
 
 def _judge(
-    frame: Frame, digest: str, was: SensorHealth | None, now_s: float, max_age_s: float, noisy: bool
+    frame: Frame, digest: str, was: SensorHealth | None, now_s: float, max_age_s: float, would_differ: Proof
 ) -> tuple[str, str]:
     age_s = now_s - frame.time_s
     if not age_s <= max_age_s:  # also when its stamp is no number
@@ -93,11 +107,11 @@ def _judge(
         return "stale", f"its frame is dated {-age_s:.2f} s ahead"
     if not np.isfinite(frame.depth_m).any():
         return "dark", "no depth at all"
-    if was is None or not noisy:
+    if was is None:
         return "live", ""
     if was.status == "frozen" and (was.liveness_probe or was.digest == digest):
         return "frozen", REPEATED
-    if was.digest == digest and frame.time_s > was.time_s + SAME_S:
+    if was.digest == digest and frame.time_s > was.time_s + SAME_S and would_differ(frame, was):
         return "frozen", REPEATED
     return "live", ""
 

@@ -10,13 +10,15 @@ from itertools import count
 import cv2
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from phyagentos.geometry import as_pose, compute_rotation, turn
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Shape, ShapeKind, Status
 from phyagentos.runtime.perception.clusters import find_clusters
+from phyagentos.runtime.perception.doubt import SIGMA
 from phyagentos.runtime.perception.inventory import sample_surface
 from phyagentos.runtime.perception.solids import Array, Solids
-from phyagentos.runtime.perception.views import CameraView
+from phyagentos.runtime.perception.views import CameraView, measure_points
 from phyagentos.runtime.perception.visibility import measure_sight
 from phyagentos.runtime.targets.wire import Frame
 
@@ -28,7 +30,14 @@ LINK_M = 0.02
 POINTS_MIN, SIDE_MIN_M, SIDE_MAX_M = 12, 0.012, 0.5  # fewer points are noise, larger clusters the room
 SAME_M, STILL_M = 0.05, 0.015  # between the middles of one stranger in two looks, and of one that stays
 STANDS_M, STEP_M = 0.05, 0.002  # so far below its lowest seen point it is looked for what it stands on
-STD_M, STD_RAD = 0.005, 0.2
+SIDE_STD_M, SIDE_NOISE, PLACE = (
+    0.002,
+    1.3,
+    0.8,
+)  # doubt of a side: of its outline, per noise of depth, and of its middle
+CUT_PX, CUT_STD_M = 2, 0.03  # this near to the edge of a picture the rest may be outside of it, which adds this doubt
+BULGE = 1.5  # noises of depth by which the highest points are above the top
+STD_RAD = 0.2
 CONFIDENCE = 0.7  # of where it is: its points are its own
 REAL_S = 1.0  # a cluster seen in one place for so long is no noise
 GONE_FRACTION = 0.6  # of its surface seen through
@@ -48,14 +57,19 @@ def find_strangers(
     named = [entity for name, entity in entities.items() if not is_stranger(name)]
     before = {name: entity for name, entity in entities.items() if is_stranger(name)}
     parts = [_find_unexplained(*each, map_solids, named) for each in zip(frames, views, robots, strict=True)]
-    points = np.concatenate(parts) if parts else np.zeros((0, 3))
+    points = np.concatenate([part for part, _, _ in parts]) if parts else np.zeros((0, 3))
+    is_cut = np.concatenate([cut for _, cut, _ in parts]) if parts else np.zeros(0, np.bool_)
+    camera = np.repeat(np.arange(len(parts)), [len(part) for part, _, _ in parts])
+    noise_m = float(np.median([noise for _, _, noise in parts])) if parts else 0.0
     time_s = max((frame.time_s for frame in frames), default=0.0)
     found: dict[str, Entity] = {}
     for cluster in find_clusters(points, LINK_M):
-        box = _fit_box(points[cluster], map_solids, named) if len(cluster) >= POINTS_MIN else None
+        box = _fit_box(points[cluster], noise_m, map_solids, named) if len(cluster) >= POINTS_MIN else None
         if box is None:
             continue
         shape, rotation, position = box
+        cut_m = CUT_STD_M if _is_cut(is_cut[cluster], camera[cluster]) else 0.0
+        size_std_m = float(np.linalg.norm((SIDE_STD_M, SIDE_NOISE * noise_m, cut_m)))
         nearest = min(before, key=lambda name: _measure_apart(before[name], position), default="")
         if not nearest or _measure_apart(before[nearest], position) > SAME_M:
             nearest = next(name for name in map(f"{PREFIX}{{}}".format, count(1)) if name not in {*entities, *found})
@@ -71,12 +85,19 @@ def find_strangers(
             confidence=CONFIDENCE,
             source=SOURCE,
             looks=1 if was is None else was.looks + 1,
-            position_std_m=STD_M,
+            position_std_m=PLACE * size_std_m,
+            size_std_m=size_std_m,
             turn_std_rad=STD_RAD,
             tilt_std_rad=STD_RAD,
         )
     left = (_miss(entity, views) for entity in before.values() if not _is_named(entity, named))
     return found | {entity.name: entity for entity in left if entity is not None}
+
+
+def _is_cut(is_at_edge: NDArray[np.bool_], camera: NDArray[np.intp]) -> bool:
+    """Whether no camera shows the whole of a cluster, of whose points (n,) some are at the edge of a picture."""
+    seen = [is_at_edge[camera == index] for index in np.unique(camera)]
+    return not any(len(own) >= POINTS_MIN and not own.any() for own in seen)
 
 
 def is_stranger(name: str) -> bool:
@@ -86,38 +107,43 @@ def is_stranger(name: str) -> bool:
 
 def _find_unexplained(
     frame: Frame, view: CameraView, robot: Solids, map_solids: Solids, named: Sequence[Entity]
-) -> Array:
-    """(n, 3) measured points in the world that belong to nothing known."""
+) -> tuple[Array, NDArray[np.bool_], float]:
+    """Measured points (n, 3) that belong to nothing known, which (n,) are at the picture's edge, and the noise [m]."""
     rows, columns = np.nonzero(np.isfinite(frame.depth_m[:, ::EVERY]))
     columns *= EVERY
-    depth = frame.depth_m[rows, columns].astype(np.float64)
-    fx, fy, cx, cy = view.focal
-    rays = np.column_stack(((columns + 0.5 - cx) / fx * depth, (rows + 0.5 - cy) / fy * depth, depth))
-    points: Array = rays @ view.rotation.T + view.position_m
+    points = measure_points(frame, view, rows, columns)
     away = map_solids.measure(points)
     of_map = np.abs(away[np.abs(away) < NOISE_MAX_M])
-    noise_m = NOISE * float(np.median(of_map)) if len(of_map) else NOISE_MAX_M
-    points = points[away > max(MAP_M, noise_m)]
+    median_m = float(np.median(of_map)) if len(of_map) else NOISE_MAX_M / NOISE
+    keep = away > max(MAP_M, NOISE * median_m)
     for entity in named:
-        if entity.shapes and entity.status is not Status.GONE and len(points):
-            points = _leave_out(points, _pose(entity), max(THING_M, noise_m))
-    return _leave_out(points, robot, ROBOT_M)
+        if entity.shapes and entity.status is not Status.GONE and keep.any():
+            keep[keep] = _is_beyond(points[keep], _pose(entity), max(THING_M, NOISE * median_m))
+    keep[keep] = _is_beyond(points[keep], robot, ROBOT_M)
+    rows, columns = rows[keep], columns[keep]
+    is_cut = (np.minimum(rows, frame.height - 1 - rows) < CUT_PX) | (
+        np.minimum(columns, frame.width - 1 - columns) < CUT_PX
+    )
+    return points[keep], is_cut, SIGMA * median_m
 
 
-def _leave_out(points: Array, solids: Solids, margin_m: float) -> Array:
-    """The points (n, 3) that are farther than this from the solids."""
+def _is_beyond(points: Array, solids: Solids, margin_m: float) -> NDArray[np.bool_]:
+    """(n,) which of the points (n, 3) are farther than this from the solids."""
     near = np.flatnonzero(np.linalg.norm(points - solids.center_m, axis=1) < solids.radius_m + margin_m)
-    keep = np.ones(len(points), np.bool_)
+    beyond = np.ones(len(points), np.bool_)
     if len(near):
-        keep[near] = solids.measure(points[near]) > margin_m
-    return points[keep]
+        beyond[near] = solids.measure(points[near]) > margin_m
+    return beyond
 
 
-def _fit_box(points: Array, map_solids: Solids, named: Sequence[Entity]) -> tuple[Shape, Array, Array] | None:
+def _fit_box(
+    points: Array, noise_m: float, map_solids: Solids, named: Sequence[Entity]
+) -> tuple[Shape, Array, Array] | None:
     """An upright box around points (n, 3), with its pose; None where they are noise or the room."""
     _, _, degrees = cv2.minAreaRect(points[:, :2].astype(np.float32))
     rotation = turn(np.array([0.0, 0.0, float(np.radians(degrees))]))
     low, high = np.percentile(points @ rotation, (2, 98), axis=0)
+    high[2] = max(high[2] - BULGE * noise_m, low[2])
     foot = rotation @ np.array([*(low + high)[:2] / 2, low[2]])
     low[2] -= _measure_gap(foot, map_solids, named)
     size = high - low
@@ -144,7 +170,7 @@ def _is_named(stranger: Entity, named: Sequence[Entity]) -> bool:
     """Whether a known thing stands where the stranger was: it has a name now."""
     middle = np.array([stranger.pose.position_m])
     known = (each for each in named if each.movable and each.shapes and each.status in (Status.SEEN, Status.HELD))
-    return any(len(_leave_out(middle, _pose(each), THING_M)) == 0 for each in known)
+    return any(not _is_beyond(middle, _pose(each), THING_M).any() for each in known)
 
 
 def _pose(entity: Entity) -> Solids:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation
 from phyagentos.runtime.perception.inventory import Inventory
-from phyagentos.runtime.perception.segmentation import Segmenter, is_among
+from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
 from phyagentos.runtime.targets.wire import Frame
 
@@ -68,18 +68,19 @@ class Cloud:
         )
 
 
-def look(
-    frames: Sequence[Frame], inventory: Inventory, segmenter: Segmenter, robots: Sequence[Solids]
-) -> tuple[tuple[CameraView, ...], Cloud]:
-    """Every camera's view, and the points in all of them that are neither the map nor the robot.
+def find_cloud(
+    frames: Sequence[Frame],
+    views: Sequence[CameraView],
+    labels: Sequence[NDArray[np.uint8]],
+    inventory: Inventory,
+    robots: Sequence[Solids],
+) -> Cloud:
+    """The points in all pictures that are neither the map nor the robot; `labels` (h, w) are of their pixels.
 
     `robots` are its solids in the world at the time of each frame, grown by model and calibration errors.
     """
-    views = tuple(_make_view(frame) for frame in frames)
-    parts = [
-        _find_points(frame, view, index, inventory, segmenter, robot)
-        for index, (frame, view, robot) in enumerate(zip(frames, views, robots, strict=True))
-    ]
+    seen = zip(frames, views, labels, robots, strict=True)
+    parts = [_find_points(*each, index, inventory) for index, each in enumerate(seen)]
     empty = Cloud(
         points_m=np.zeros((0, 3)),
         colors=np.zeros(0, np.uint8),
@@ -87,7 +88,7 @@ def look(
         pixels=np.zeros((0, 2), np.intp),
     )
     parts = parts or [empty]
-    return views, Cloud(
+    return Cloud(
         points_m=np.concatenate([part.points_m for part in parts]),
         colors=np.concatenate([part.colors for part in parts]),
         view_index=np.concatenate([part.view_index for part in parts]),
@@ -95,7 +96,8 @@ def look(
     )
 
 
-def _make_view(frame: Frame) -> CameraView:
+def make_view(frame: Frame) -> CameraView:
+    """One frame, for visibility queries."""
     depth = frame.depth_m
     valid = np.isfinite(depth)
     kernel = np.ones((3, 3), np.uint8)
@@ -113,15 +115,10 @@ def _make_view(frame: Frame) -> CameraView:
 
 
 def _find_points(
-    frame: Frame, view: CameraView, index: int, inventory: Inventory, segmenter: Segmenter, robot: Solids
+    frame: Frame, view: CameraView, labels: NDArray[np.uint8], robot: Solids, index: int, inventory: Inventory
 ) -> Cloud:
-    labels = segmenter.label(frame.rgb)
     rows, columns = np.nonzero(np.isfinite(frame.depth_m) & inventory.is_of_thing[labels])
-    depth = frame.depth_m[rows, columns].astype(np.float64)
-    colors = labels[rows, columns]
-    fx, fy, cx, cy = view.focal
-    rays = np.column_stack(((columns + 0.5 - cx) / fx, (rows + 0.5 - cy) / fy, np.ones(len(rows))))
-    points = (rays * depth[:, None]) @ view.rotation.T + view.position_m
+    points, colors = measure_points(frame, view, rows, columns), labels[rows, columns]
     keep = ~_find_map(points, colors, inventory)
     if len(robot.kinds) and keep.any():
         near = keep & (measure_lengths(points - robot.center_m) < robot.radius_m)
@@ -134,6 +131,15 @@ def _find_points(
         view_index=np.full(len(points), index, np.intp),
         pixels=np.column_stack((columns, rows)),
     )
+
+
+def measure_points(frame: Frame, view: CameraView, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
+    """(n, 3) points of the world that these pixels show."""
+    depth = frame.depth_m[rows, columns].astype(np.float64)
+    fx, fy, cx, cy = view.focal
+    rays = np.column_stack(((columns + 0.5 - cx) / fx, (rows + 0.5 - cy) / fy, np.ones(len(rows))))
+    points: Array = (rays * depth[:, None]) @ view.rotation.T + view.position_m
+    return points
 
 
 def _find_map(points: Array, colors: NDArray[np.uint8], inventory: Inventory) -> NDArray[np.bool_]:

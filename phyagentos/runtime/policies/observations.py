@@ -72,7 +72,9 @@ class Observer:
         return source[0]
 
     def _believe(self, camera: str, frames: Frames, now_s: float, age_max_s: float) -> Frame:
-        believed, self.health = assess(frames, self.health, now_s, age_max_s, self.sensors.get_noise().varies)
+        believed, self.health = assess(
+            frames, self.health, now_s, age_max_s, lambda _frame, _was: self.sensors.get_noise().varies
+        )
         for frame in believed:
             if frame.camera == camera:
                 return frame

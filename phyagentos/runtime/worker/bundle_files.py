@@ -26,7 +26,7 @@ class BundleFiles:
         try:
             stamp = self._link(path, data) or _create(path, data)
         except FileExistsError:
-            os.unlink(path)  # noqa: PTH108 - a dozen files a session
+            Path(path).unlink()
             stamp = self._link(path, data) or _create(path, data)
         if len(data) < SHARED_BYTES:  # larger files are shared when the bundle is sealed
             self._written[data] = path, stamp

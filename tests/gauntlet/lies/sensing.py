@@ -186,11 +186,37 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.perception.sensor_health",
-                "if was is None or not noisy:",
-                "if True:",
+                'if was is None:\n        return "live", ""',
+                'if True:\n        return "live", ""',
             ),
         ),
         tests=(f"{BELIEF_TESTS}::test_a_frozen_picture_with_new_stamps_is_noticed_and_its_facts_age",),
+    ),
+    Sabotage(
+        name="still_picture_of_a_moving_arm_is_live",
+        lie="A camera without noise that shows the arm where it was is live.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.motion_in_view",
+                "return _count_absent(view, robot, state) > _count_absent(view, robot, then) + SAMPLES",
+                "return not view",
+            ),
+        ),
+        tests=(
+            "tests/runtime/perception/test_sensor_health.py::"
+            "test_without_noise_a_frozen_picture_is_told_by_the_motion_of_the_arm_and_a_still_scene_is_no_such",
+        ),
+    ),
+    Sabotage(
+        name="map_without_error",
+        lie="What things stand on is where the scene file has it, whatever depth shows.",
+        edits=(
+            Edit("phyagentos.runtime.perception.supports", "CONTRADICTED, AGREED = 4.0", "CONTRADICTED, AGREED = 1e9"),
+        ),
+        tests=(
+            "tests/runtime/perception/test_supports.py::"
+            "test_a_table_that_is_lower_or_leans_is_measured_and_so_is_what_stands_on_it[none--0.01-0.0]",
+        ),
     ),
     Sabotage(
         name="glance_confirms_blindly",
@@ -327,7 +353,7 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.perception.strangers",
-                "_fit_box(points[cluster], map_solids, named) if len(cluster) >= POINTS_MIN else None",
+                "_fit_box(points[cluster], noise_m, map_solids, named) if len(cluster) >= POINTS_MIN else None",
                 "None",
             ),
         ),
@@ -345,10 +371,7 @@ SABOTAGES = (
     Sabotage(
         name="cameras_never_move",
         lie="Every camera stands where it says.",
-        edits=(
-            Edit("phyagentos.runtime.perception.displacement", "OFF_M, TIMES = 0.005, 2.5", "OFF_M, TIMES = 1.0, 2.5"),
-            Edit("phyagentos.runtime.perception.displacement", "FAR_OFF_M = 0.010", "FAR_OFF_M = 1.0"),
-        ),
+        edits=(Edit("phyagentos.runtime.perception.displacement", "TIMES = 0.005, 2.5", "TIMES = 1.0, 2.5"),),
         tests=(
             "tests/runtime/perception/test_displacement.py::"
             "test_a_camera_that_is_shifted_is_displaced_and_things_are_where_the_others_see_them",

@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from benchmarks.perception_parts.table import TOP, render_table
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.settings.sensors import read_sensors
@@ -18,53 +19,38 @@ from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.world_model import WORLD, Need
 from phyagentos.runtime.targets.wire import Frames, Step
 
-SCENE = """
-scene: test/twins
-materials:
-  wood: {rgba: [0.86, 0.68, 0.48, 1]}
-  floor: {rgba: [0.82, 0.84, 0.87, 1]}
-  red: {rgba: [0.82, 0.16, 0.14, 1]}
-  blue: {rgba: [0.12, 0.33, 0.78, 1]}
-  green: {rgba: [0.15, 0.6, 0.27, 1]}
-bodies:
-  table:
-    kind: table
-    fixed: true
-    material: wood
-    place: {position_m: [0.38, 0.05, -0.02]}
-    shapes: [{kind: box, size_m: [0.52, 0.65, 0.02]}]
+FLOOR = """
   floor:
     kind: floor
     fixed: true
     material: floor
     place: {position_m: [0.4, 0.0, -0.77]}
     shapes: [{kind: box, size_m: [3.0, 3.0, 0.02]}]
+"""
+TWINS = f"""{FLOOR}
   first: &cube
     kind: cube
     color: red
     material: red
-    place: {position_m: [0.48, -0.05, 0.0205], jitter_m: [0.001, 0.001, 0.0]}
-    shapes: [{kind: box, size_m: [0.02, 0.02, 0.02]}]
+    place: {{position_m: [0.48, -0.05, 0.0205], jitter_m: [0.001, 0.001, 0.0]}}
+    shapes: [{{kind: box, size_m: [0.02, 0.02, 0.02]}}]
   second:
     <<: *cube
-    place: {position_m: [0.48, 0.05, 0.0205], jitter_m: [0.001, 0.001, 0.0]}
+    place: {{position_m: [0.48, 0.05, 0.0205], jitter_m: [0.001, 0.001, 0.0]}}
   can:
     kind: can
     color: green
     material: green
-    place: {position_m: [0.62, 0.0, 0.0405], jitter_m: [0.001, 0.001, 0.0]}
-    shapes: [{kind: cylinder, size_m: [0.026, 0.04]}]
+    place: {{position_m: [0.62, 0.0, 0.0405], jitter_m: [0.001, 0.001, 0.0]}}
+    shapes: [{{kind: cylinder, size_m: [0.026, 0.04]}}]
   screen:
     kind: screen
     color: blue
     material: blue
-    place: {position_m: [0.3, 0.3, 0.0805], jitter_m: [0.001, 0.001, 0.0]}
-    shapes: [{kind: box, size_m: [0.01, 0.1, 0.08]}]
-cameras:
-  top: {position_m: [0.5, 0.05, 1.6], target_m: [0.501, 0.051, 0.0], fovy_deg: 45}
-lights:
-  key: {position_m: [1.2, -1.2, 2.2], direction: [-0.4, 0.55, -1.0], diffuse: [0.65, 0.63, 0.6]}
+    place: {{position_m: [0.3, 0.3, 0.0805], jitter_m: [0.001, 0.001, 0.0]}}
+    shapes: [{{kind: box, size_m: [0.01, 0.1, 0.08]}}]
 """
+SCENE = render_table("test/twins", TWINS).replace("cameras: {}", TOP)
 STATE = TargetState(q_rad=(0.0,) * 7, qd_rad_s=(0.0,) * 7, gripper_width_m=0.08, tcp=Pose((0.3, 0.0, 0.5)))
 
 
@@ -82,7 +68,8 @@ class Stage:
         self.physics.start(spec.settle_s)
         sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
         self.cameras = open_cameras(self.physics.model, sensors, seed=seed, level=level)
-        self.pipeline = Pipeline(build_inventory(spec), RobotMask(profile, folder), "panda")
+        noisy = sensors.get_noise(level).varies
+        self.pipeline = Pipeline(build_inventory(spec), RobotMask(profile, folder), "panda", noisy=noisy)
         self.scene = Scene(name=scene, seed=seed, episode="one")
         self.time_s, self.belief, self.looks = 1.0, None, 0
         self.physics.look()
@@ -134,12 +121,18 @@ def redate(frames, time_s):
     return Frames(tuple(msgspec.structs.replace(frame, time_s=time_s) for frame in frames.frames))
 
 
+def open_library(root, *scenes):
+    """A project with these scene files."""
+    (root / "scenes" / "test").mkdir(parents=True)
+    for text in scenes:
+        name = text.split("scene: test/", 1)[1].split("\n", 1)[0]
+        (root / "scenes" / "test" / f"{name}.yaml").write_text(text)
+    return Library.open(root)
+
+
 @pytest.fixture(scope="module")
 def twins_library(tmp_path_factory):
-    root = tmp_path_factory.mktemp("project")
-    (root / "scenes" / "test").mkdir(parents=True)
-    (root / "scenes" / "test" / "twins.yaml").write_text(SCENE)
-    return Library.open(root)
+    return open_library(tmp_path_factory.mktemp("project"), SCENE)
 
 
 @pytest.fixture

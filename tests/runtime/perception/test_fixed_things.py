@@ -5,26 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks.perception_parts.table import render_table
 from phyagentos.geometry import compute_rotation
-from phyagentos.protocol.capabilities.library import Library
-from tests.runtime.perception.conftest import Stage
+from tests.runtime.perception.conftest import Stage, open_library
 
 pytestmark = pytest.mark.sim
-SCENE = """
-scene: test/furnished
-materials:
-  wood: {rgba: [0.86, 0.68, 0.48, 1]}
-  blue: {rgba: [0.12, 0.33, 0.78, 1]}
-  green: {rgba: [0.15, 0.6, 0.27, 1]}
-areas:
-  floor: {x_m: [0.40, 0.60], y_m: [-0.30, 0.05]}
-bodies:
-  table:
-    kind: table
-    fixed: true
-    material: wood
-    place: {position_m: [0.38, 0.05, -0.02]}
-    shapes: [{kind: box, size_m: [0.52, 0.65, 0.02]}]
+BODIES = """
   tray:
     kind: tray
     fixed: true
@@ -43,18 +29,12 @@ bodies:
     material: green
     place: {frame: table, position_m: [0.1, 0.2, 0.06], jitter_m: [0.02, 0.02, 0.0], yaw_rad: [0.2, 0.5]}
     shapes: [{kind: box, size_m: [0.05, 0.06, 0.04]}]
-cameras: {}
-lights:
-  key: {position_m: [1.2, -1.2, 2.2], direction: [-0.4, 0.55, -1.0], diffuse: [0.65, 0.63, 0.6]}
 """
 
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
-    root = tmp_path_factory.mktemp("furnished")
-    (root / "scenes" / "test").mkdir(parents=True)
-    (root / "scenes" / "test" / "furnished.yaml").write_text(SCENE)
-    return Library.open(root)
+    return open_library(tmp_path_factory.mktemp("furnished"), render_table("test/furnished", BODIES))
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

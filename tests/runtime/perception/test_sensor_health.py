@@ -14,7 +14,7 @@ from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.sensor_health import assess, check_probes, find_probe_regions
 from phyagentos.runtime.perception.world_model import HAND
 from phyagentos.runtime.targets.wire import Frame, Frames, Observation, Step
-from tests.runtime.perception.conftest import observe_now
+from tests.runtime.perception.conftest import Stage, observe_now, redate
 
 
 def expose(seed, time_s, crop=None):
@@ -43,10 +43,30 @@ def take(seed, time_s, before, crops=None, **given):
     return assess(frames, before, time_s, 0.3, **given)[1]
 
 
-@pytest.mark.parametrize(("noisy", "status"), [(False, "live"), (True, "frozen")])
-def test_a_still_scene_that_repeats_its_picture_is_no_frozen_camera_where_no_noise_is_declared(noisy, status):
-    health = take(None, 1.0, {}, noisy=noisy)
-    assert take(None, 2.0, health, noisy=noisy)["top"].status == status
+@pytest.mark.parametrize(("moved", "status"), [(False, "live"), (True, "frozen")])
+def test_a_picture_that_repeats_is_frozen_where_it_would_have_changed(moved, status):
+    health = take(None, 1.0, {})
+    assert take(None, 2.0, health, would_differ=lambda _frame, _was: moved)["top"].status == status
+
+
+@pytest.mark.sim
+def test_without_noise_a_frozen_picture_is_told_by_the_motion_of_the_arm_and_a_still_scene_is_no_such(twins_library):
+    stage = Stage(twins_library, "test/twins", level="none")
+    old = stage.take_frames()
+    for _ in range(3):
+        stage.look(redate(stage.take_frames(), stage.time_s + 0.5))
+    assert {each.status for each in stage.belief.sensors.values()} == {"live"}
+    stage.physics.data.qpos[stage.physics.q_address] += [0.0, 0.7, 0.0, 0.3, 0.0, 0.1, 0.0]  # down over the table
+    stage.physics.look()
+    stage.state = stage.physics.read_target({})
+    claimed = {frame.camera: frame.world_T_camera for frame in stage.take_frames().frames}
+    frozen = Frames(tuple(msgspec.structs.replace(each, world_T_camera=claimed[each.camera]) for each in old.frames))
+    honest = stage.belief
+    stage.look(redate(frozen, stage.time_s + 0.5))
+    assert {each.status for each in stage.belief.sensors.values()} == {"frozen"}
+    stage.belief = honest
+    stage.look(redate(stage.take_frames(), stage.time_s + 0.5))
+    assert {each.status for each in stage.belief.sensors.values()} == {"live"}
 
 
 def test_a_camera_that_froze_between_two_whole_looks_is_known_by_its_pulse():

@@ -5,14 +5,13 @@ import math
 import msgspec
 import pytest
 
-from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.environment import Status
 from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pipeline import Pipeline
-from tests.runtime.perception.conftest import SCENE, Stage
+from tests.runtime.perception.conftest import SCENE, Stage, open_library
 
 pytestmark = pytest.mark.sim
 HALF_M = (0.031, 0.02, 0.0155)
@@ -26,14 +25,13 @@ STRANGER = f"""  stranger:
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
-    root = tmp_path_factory.mktemp("strangers")
-    (root / "scenes" / "test").mkdir(parents=True)
-    for material in ("floor", "wood"):
-        text = SCENE.replace("test/twins", f"test/{material}").replace(
+    scenes = [
+        SCENE.replace("test/twins", f"test/{material}").replace(
             "cameras:", f"{STRANGER.format(material=material)}cameras:"
         )
-        (root / "scenes" / "test" / f"{material}.yaml").write_text(text)
-    return Library.open(root)
+        for material in ("floor", "wood")
+    ]
+    return open_library(tmp_path_factory.mktemp("strangers"), *scenes)
 
 
 def open_stage(library, name):

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.perception_parts.table import render_table
 from phyagentos.geometry import compute_rotation, compute_tilt
-from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception.fitting import Fit, compare_lookalikes
 from phyagentos.runtime.perception.inventory import build_inventory
-from tests.runtime.perception.conftest import Stage
+from tests.runtime.perception.conftest import Stage, open_library
 
 pytestmark = pytest.mark.sim
 LOOKS = 8
@@ -22,20 +22,7 @@ MUG = ",\n      ".join(
     WALL.format(x=round(0.03 * math.cos(turn), 5), y=round(0.03 * math.sin(turn), 5), turn=round(turn, 5))
     for turn in np.arange(10) * math.pi / 5
 )
-SCENE = f"""
-scene: test/leaning
-materials:
-  wood: {{rgba: [0.86, 0.68, 0.48, 1]}}
-  red: {{rgba: [0.82, 0.16, 0.14, 1]}}
-  green: {{rgba: [0.15, 0.6, 0.27, 1]}}
-  blue: {{rgba: [0.12, 0.33, 0.78, 1]}}
-bodies:
-  table:
-    kind: table
-    fixed: true
-    material: wood
-    place: {{position_m: [0.38, 0.05, -0.02]}}
-    shapes: [{{kind: box, size_m: [0.52, 0.65, 0.02]}}]
+BODIES = f"""
   cube:
     kind: cube
     material: red
@@ -54,18 +41,12 @@ bodies:
       {{kind: cylinder, size_m: [0.03, 0.002], position_m: [0.0, 0.0, -0.035]}},
       {MUG},
       {{kind: box, size_m: [0.01, 0.005, 0.02], position_m: [0.042, 0.0, 0.0]}}]
-cameras: {{}}
-lights:
-  key: {{position_m: [1.2, -1.2, 2.2], direction: [-0.4, 0.55, -1.0], diffuse: [0.65, 0.63, 0.6]}}
 """
 
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
-    root = tmp_path_factory.mktemp("leaning")
-    (root / "scenes" / "test").mkdir(parents=True)
-    (root / "scenes" / "test" / "leaning.yaml").write_text(SCENE)
-    return Library.open(root)
+    return open_library(tmp_path_factory.mktemp("leaning"), render_table("test/leaning", BODIES))
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 7.6, 12.0, 19.0])

@@ -1,0 +1,105 @@
+"""A scene in a compiled model with cameras that look at it: what is there, and what is believed of it."""
+
+import time
+from collections.abc import Collection, Sequence
+
+import mujoco
+import numpy as np
+
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.settings.sensors import Sensors
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
+from phyagentos.runtime.models.robot import read_profile
+from phyagentos.runtime.perception.inventory import build_inventory
+from phyagentos.runtime.perception.pipeline import Pipeline
+from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.targets.wire import Frames
+
+LOOK_S = 0.2  # between two looks
+Array = np.ndarray
+
+
+class World:
+    """One scene, built with real contact physics and left to settle."""
+
+    def __init__(self, library: Library, scene: str, seed: int) -> None:
+        self.profile, self.folder = read_profile(library.get_target("panda"))
+        self.name, self.seed = scene, seed
+        self.spec = read_scene(library.get_scene(scene))
+        self.physics = Physics.alone(self.profile, self.folder, self.spec, seed)
+        self.physics.start(self.spec.settle_s)
+        self.mask = RobotMask(self.profile, self.folder)
+        self._settled = np.array(self.physics.data.qpos)
+
+    def reset(self) -> None:
+        """Everything where it settled."""
+        self.physics.data.qpos[:] = self._settled
+
+    def find(self, name: str) -> tuple[Array, Array]:
+        """Position (3,) and rotation (3, 3) of a body, as they are."""
+        self.physics.look()
+        body = self.physics.model.body(name).id
+        return np.array(self.physics.seen.xpos[body]), np.array(self.physics.seen.xmat[body]).reshape(3, 3)
+
+    def find_opening(self, name: str) -> float:
+        """Opening of a body with a joint, as the joint says [m] or [rad]."""
+        model = self.physics.model
+        return float(self.physics.data.qpos[model.jnt_qposadr[model.body(name).jntadr[0]]])
+
+    def put(self, name: str, x_m: float, y_m: float, yaw_rad: float = 0.0) -> None:
+        """Set a thing down somewhere."""
+        model, data = self.physics.model, self.physics.data
+        address = int(model.jnt_qposadr[model.body(name).jntadr[0]])
+        data.qpos[address : address + 2] = x_m, y_m
+        data.qpos[address + 3 : address + 7] = np.cos(yaw_rad / 2), 0.0, 0.0, np.sin(yaw_rad / 2)
+
+    def open_drawers(self, seed: int) -> None:
+        """Slide every body with a joint of its own out by a part of its travel."""
+        model, rng = self.physics.model, np.random.default_rng(seed)
+        for name, body in self.spec.bodies.items():
+            if body.joint is not None:
+                address = model.jnt_qposadr[model.body(name).jntadr[0]]
+                self.physics.data.qpos[address] = rng.uniform(0.0, body.joint.travel)
+
+
+class Stage:
+    """A world at one noise level, with a belief; bodies of `unnamed` are not in the inventory."""
+
+    def __init__(self, world: World, sensors: Sensors, level: str, unnamed: Collection[str] = ()) -> None:
+        self.world = world
+        self.noisy = sensors.get_noise(level).varies
+        self.cameras = open_cameras(world.physics.model, sensors, seed=world.seed, level=level)
+        bodies = {name: body for name, body in world.spec.bodies.items() if name not in unnamed}
+        inventory = build_inventory(world.spec.model_copy(update={"bodies": bodies}))
+        self.pipeline = Pipeline(inventory, world.mask, world.profile.target, noisy=self.noisy)
+        self._scene = Scene(name=world.name, seed=world.seed, episode="bench")
+        self._rng = np.random.default_rng(world.seed)
+        self.time_s: float = 1.0
+        self.belief: Environment | None = None
+        self.latest = Frames(())
+        self.ms: list[float] = []
+        world.physics.look()
+        self.state = world.physics.read_target({})
+
+    def take_frames(self, cameras: Sequence[str] = ()) -> Frames:
+        """What the cameras show, a while after the pictures before."""
+        self.time_s += LOOK_S
+        model: mujoco.MjModel = self.world.physics.model
+        data = pose_state(model, self.world.physics.data.qpos)
+        names = cameras or tuple(self.cameras)
+        return Frames(tuple(self.cameras[name].capture(data, self.time_s, self._rng) for name in names))
+
+    def look(self, cameras: Sequence[str] = ()) -> Environment:
+        """One look, through all cameras or some."""
+        return self.sense(self.take_frames(cameras))
+
+    def sense(self, frames: Frames) -> Environment:
+        """The belief after these frames."""
+        self.latest, began_s = frames, time.perf_counter()
+        self.belief = self.pipeline.sense(frames, self.state, self._scene, self.time_s, self.belief)
+        self.ms.append(1e3 * (time.perf_counter() - began_s))
+        return self.belief

@@ -1,0 +1,143 @@
+"""Measures what things stand on: level faces of the map, from depth, with a doubt. The map is a prior with an error.
+
+Points of a body's colour near its level faces give its height and its tilt, by a plane that outliers do not pull (J. W.
+Tukey's biweight; P. W. Holland, R. E. Welsch, "Robust regression using iteratively reweighted least-squares", 1977).
+Each camera gives a plane of its own: what these differ by shows their calibration. The map stands while the planes do
+not contradict it; then its doubt contains what they differ from it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.geometry import as_pose, compute_matrix, compute_rotation, turn
+from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
+from phyagentos.runtime.perception.doubt import CORRELATED, MAP_STDS
+from phyagentos.runtime.perception.inventory import Inventory
+from phyagentos.runtime.perception.solids import Array
+from phyagentos.runtime.perception.views import CameraView, measure_points
+from phyagentos.runtime.targets.wire import Frame
+
+SOURCE = "rgbd support"
+EVERY = 3  # of so many rows and columns one is read
+REACH_M, EDGE_M = 0.04, 0.012  # of a face: so far above and below it is looked for, and not so near to its edges
+POINTS_MIN, ROUNDS = 60, 6
+BIWEIGHT, SCALE_MIN_M = 4.7, 0.0005
+PRIOR_M, PRIOR_RAD = 0.02, 0.02  # how wrong a map may be before a face is looked for elsewhere
+CALIBRATION, CALIBRATION_SHARE = 0.0005, 0.3  # of one camera, in height [m] and slope, and what grows with its noise
+CALIBRATIONS = 2.0  # cameras that this counts as, when they are compared
+LEVEL = 0.996  # least cosine of a face that things stand on
+CONTRADICTED, AGREED = 4.0, 2.0  # deviations at which a map falls, and at which it stands again
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """Height over the map [m], and slopes along x and y, at the origin of a body; with their deviations (3,)."""
+
+    values: Array
+    stds: Array
+
+
+def measure_supports(
+    frames: Sequence[Frame],
+    views: Sequence[CameraView],
+    labels: Sequence[NDArray[np.uint8]],
+    inventory: Inventory,
+    before: Mapping[str, Entity],
+) -> dict[str, Entity]:
+    """The bodies of the map where depth shows them; those without enough of a level face in sight as believed.
+
+    `labels` (h, w) are palette indices of the pixels of each frame; `before` is the belief.
+    """
+    seen = [_take_points(*each) for each in zip(frames, views, labels, strict=True)]
+    found = {}
+    for name, nominal in inventory.known.items():
+        own = (points[np.isin(labels, inventory.map_parts[name].colors)] for points, labels in seen)
+        planes = [plane for points in own if (plane := _fit_plane(nominal, points)) is not None]
+        was = before.get(name, nominal)
+        found[name] = _place(nominal, was, _combine(planes)) if planes else was
+    return found
+
+
+def _take_points(frame: Frame, view: CameraView, labels: NDArray[np.uint8]) -> tuple[Array, NDArray[np.uint8]]:
+    """(n, 3) measured points in the world, and their labels."""
+    rows, columns = np.nonzero(np.isfinite(frame.depth_m[::EVERY, ::EVERY]))
+    rows, columns = rows * EVERY, columns * EVERY
+    return measure_points(frame, view, rows, columns), labels[rows, columns]
+
+
+def _fit_plane(nominal: Entity, points: Array) -> Plane | None:
+    """By one camera; None without enough points."""
+    body = compute_matrix(nominal.pose)
+    parts = [_find_over(body @ compute_matrix(shape.pose), shape, points) for shape in nominal.shapes]
+    if not parts:
+        return None
+    over = np.concatenate(parts)  # (n, 3): x, y from the body's origin, height over the face
+    over[:, :2] -= body[:2, 3]
+    if len(over) < POINTS_MIN:
+        return None
+    counts, edges = np.histogram(over[:, 2], bins=40, range=(-REACH_M, REACH_M))
+    start = edges[np.convolve(counts, np.ones(5), "same").argmax()] + REACH_M / 40
+    design = np.column_stack((np.ones(len(over)), over[:, :2]))
+    plane, prior = np.array([start, 0.0, 0.0]), np.array([PRIOR_M, PRIOR_RAD, PRIOR_RAD]) ** -2.0
+    for _ in range(ROUNDS):
+        residual = over[:, 2] - design @ plane
+        near = residual[np.abs(residual) < REACH_M / 2]
+        scale = max(1.4826 * float(np.median(np.abs(near))) if len(near) else 0.0, SCALE_MIN_M)
+        weight = np.maximum(1.0 - (residual / (BIWEIGHT * scale)) ** 2, 0.0) ** 2 / scale**2
+        matrix = (design * weight[:, None]).T @ design + np.diag(prior)
+        plane = np.linalg.solve(matrix, design.T @ (weight * over[:, 2]))
+    if int((weight > 0.0).sum()) < POINTS_MIN:
+        return None
+    calibration = np.hypot(CALIBRATION, CALIBRATION_SHARE * scale)
+    return Plane(plane, np.sqrt(CORRELATED * np.diag(np.linalg.inv(matrix)) + calibration**2))
+
+
+def _find_over(pose: Array, shape: Shape, points: Array) -> Array:
+    """(n, 3) x and y of the points over the upper face of a posed solid, and their heights over it."""
+    if shape.kind not in (ShapeKind.BOX, ShapeKind.CYLINDER):
+        return np.zeros((0, 3))
+    upright = int(np.abs(pose[2, :3]).argmax())
+    if abs(pose[2, upright]) < LEVEL or (shape.kind is ShapeKind.CYLINDER and upright != 2):
+        return np.zeros((0, 3))
+    local = (points - pose[:3, 3]) @ pose[:3, :3]
+    if shape.kind is ShapeKind.CYLINDER:
+        half_m, inside = shape.size_m[1], np.hypot(local[:, 0], local[:, 1]) < shape.size_m[0] - EDGE_M
+    else:
+        half_m = shape.size_m[upright]
+        others = [axis for axis in range(3) if axis != upright]
+        inside = np.all(np.abs(local[:, others]) < np.array(shape.size_m)[others] - EDGE_M, axis=1)
+    height_m = local[:, upright] * np.sign(pose[2, upright]) - half_m
+    over = inside & (np.abs(height_m) < REACH_M)
+    return np.column_stack((points[over, :2], height_m[over]))
+
+
+def _combine(planes: Sequence[Plane]) -> Plane:
+    """The mean of the planes of the cameras; what they differ by shows their calibration."""
+    values = np.array([each.values for each in planes])
+    mean, count = values.mean(axis=0), len(planes)
+    expected = CALIBRATIONS * np.mean([each.stds**2 for each in planes], axis=0)
+    variance = (expected + np.sum((values - mean) ** 2, axis=0)) / (CALIBRATIONS + count - 1)
+    return Plane(mean, np.sqrt(variance / count))
+
+
+def _place(nominal: Entity, was: Entity, plane: Plane) -> Entity:
+    """The body where the map has it, or where it is measured if that contradicts the map."""
+    prior = np.array([MAP_STDS[0], MAP_STDS[1], MAP_STDS[1]])
+    limit = AGREED if was.source == SOURCE else CONTRADICTED
+    is_contradicted = bool(np.any(np.abs(plane.values) > limit * np.hypot(plane.stds, prior)))
+    off = np.zeros(3) if is_contradicted else plane.values
+    stated = {
+        "position_std_m": float(np.hypot(max(plane.stds[0], MAP_STDS[0]), off[0])),
+        "turn_std_rad": float(np.hypot(max(plane.stds[1:].max(), MAP_STDS[1]), np.abs(off[1:]).max())),
+    }
+    stated["tilt_std_rad"] = stated["turn_std_rad"]
+    if not is_contradicted:
+        return msgspec.structs.replace(nominal, **stated)
+    height_m, along_x, along_y = plane.values.tolist()
+    rotation = turn(np.array([along_y, -along_x, 0.0])) @ compute_rotation(nominal.pose.quaternion_wxyz)
+    position = np.array(nominal.pose.position_m) + np.array([0.0, 0.0, height_m])
+    return msgspec.structs.replace(nominal, pose=as_pose(rotation, position), source=SOURCE, **stated)
