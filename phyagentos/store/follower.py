@@ -277,7 +277,7 @@ class Follower:
         except FileNotFoundError:
             self._file = str(self.path)  # it was archived
             try:
-                status = os.stat(self._file)  # noqa: PTH116
+                status = os.stat(self._file)  # noqa: PTH116 - in every commit
             except FileNotFoundError:
                 raise describe_move(self.path) from None
         if (status.st_dev, status.st_ino) != self._inode:

@@ -225,7 +225,7 @@ def _iter_files(folder: Path) -> Iterator["os.DirEntry[str]"]:
 
 def _read_bytes(path: str) -> bytes:
     """A whole file, unbuffered: every bundle has ten of them."""
-    with open(path, "rb", buffering=0) as file:  # noqa: PTH123
+    with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - for each file of each bundle
         return file.read()
 
 

@@ -35,7 +35,7 @@ class BundleFiles:
         """Link the file of these bytes if it is still as it was written; None when it is not, or there is none."""
         known, stamp = self._before.get(data, ("", (0, 0, 0)))
         try:
-            if not known or _read_stamp(os.stat(known)) != stamp:  # noqa: PTH116
+            if not known or _read_stamp(os.stat(known)) != stamp:  # noqa: PTH116 - for each file of each bundle
                 return None
             os.link(known, path)
         except FileExistsError:
