@@ -45,7 +45,7 @@ def edit(
 
 
 def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path()) -> int:
-    """Judge the sessions by hand that have run: those that serve no goal, which no agent looks at."""
+    """Judge the executed sessions without a goal, which no agent looks at."""
     from phyagentos.agent.judging.review import judge_goalless_sessions
     from phyagentos.assembly.verification import build_verifier
 

@@ -15,8 +15,9 @@ What the runtime saw after a session had ended. Poses are in the frame `world`: 
 
 - **Written by** the worker of the target whose session ended last, from its own observation; of sessions that end
   within a fifth of a second the latest.
-- **An edit is lost** with the next observation: nothing reads this file back. The snapshots that verdicts rest on are
-  in the evidence bundles (`environment_before.json`, `environment_after.json`).
+- **An edit is lost** with the next observation. The agent reads this file only where preflight refused a session before
+  any was executed. The snapshots that verdicts rest on are in the evidence bundles (`environment_before.json`,
+  `environment_after.json`).
 - **Old facts are not facts.** Each thing carries the time it was observed at; a predicate over a stale or missing fact
   is *unknown*, which is never success.
 
