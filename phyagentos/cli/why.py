@@ -14,6 +14,7 @@ from phyagentos.protocol.sessions.evidence_manifest import read_manifest
 from phyagentos.protocol.sessions.session import Execution, SessionId, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.idealisations import format_idealisations
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.ledger import Ledger
 
@@ -64,6 +65,8 @@ def _explain_attempt(attempt: Attempt, bundle: Bundle) -> Iterator[str]:
     kind = "review " if attempt.is_review else "verdict"
     by = f"by {attempt.verifier}, mode {attempt.mode.value}"
     yield f"  {kind}     {attempt.verdict.value}, sensing {attempt.sensing}, {by}"
+    if attempt.idealisations:
+        yield f"  idealised   {format_idealisations(attempt.idealisations)}"
     for criterion in attempt.criteria:
         because = criterion.because or _show(criterion.measured)
         at = f" at {criterion.at_s:.2f} s" if criterion.at_s is not None else ""

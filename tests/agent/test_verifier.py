@@ -19,6 +19,7 @@ from phyagentos.protocol.sessions.session import Ended, Execution, Session
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.trace import Role, TraceEvent, find_label
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
+from phyagentos.protocol.world.idealisations import Aspect, Idealisation
 from phyagentos.protocol.world.truth import Truth
 from tests.contracts import make_contract
 
@@ -300,3 +301,10 @@ def test_alike_things_end_a_session_at_once_with_their_names():
     attempt = SessionVerifier().judge(make_bundle(after, session=agreed), BUDGET)
     assert attempt.verdict is Verdict.SUCCESS
     assert "by agreement" in attempt.criteria[0].because
+
+
+def test_a_verdict_names_what_was_idealised_in_its_evidence():
+    idealised = (Idealisation(Aspect.FRICTION, "coin"),)
+    bundle = make_bundle(put(make_world(), "red_cube", IN_TRAY), execution={"idealisations": idealised})
+
+    assert SessionVerifier().judge(bundle, BUDGET).idealisations == idealised

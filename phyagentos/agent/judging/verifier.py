@@ -131,6 +131,7 @@ class SessionVerifier:
             evidence=_refer(bundle, criteria),
             kind=diagnosis.kind.value if diagnosis else "",
             support=diagnosis.support if diagnosis else (),
+            idealisations=bundle.execution.idealisations,
         )
 
     def _explain_decision(self, diagnosis: Diagnosis, history: History, missing: Sequence[str]) -> str:

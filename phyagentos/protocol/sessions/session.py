@@ -17,6 +17,7 @@ from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Attempt
 from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.idealisations import Idealisation
 from phyagentos.protocol.world.predicates.library import View
 
 SessionId = NewType("SessionId", str)
@@ -230,6 +231,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         ticks: Control periods commanded.
         open_criteria: What the acceptance speaks of and the last look did not show; the target waits for the verdict.
         driver: What moved the target, as it described itself; empty in records of before, and when nothing was moved.
+        idealisations: What of the target and its world was simpler than reality, as it described itself.
     """
 
     ended: Ended
@@ -243,6 +245,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     ticks: int = 0
     open_criteria: tuple[str, ...] = msgspec.field(default=(), name="undecided")
     driver: str = ""
+    idealisations: tuple[Idealisation, ...] = ()
 
     @property
     def is_idle(self) -> bool:

@@ -5,6 +5,7 @@ from enum import StrEnum
 import msgspec
 
 from phyagentos.protocol.settings.verification_mode import VerificationMode
+from phyagentos.protocol.world.idealisations import Idealisation
 from phyagentos.protocol.world.truth import Truth
 
 
@@ -98,6 +99,7 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         evidence: The files that were read.
         kind: Class of the cause (`grasp`, `external disturbance`), empty on success.
         support: The facts that the cause rests on.
+        idealisations: What of the target and its world was simpler than reality.
         is_review: Whether it was added to a session that had its verdict, and changed nothing.
     """
 
@@ -115,6 +117,7 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     is_review: bool = False
     kind: str = ""
     support: tuple[Support, ...] = ()
+    idealisations: tuple[Idealisation, ...] = ()
 
     def __post_init__(self) -> None:
         """A miss has a cause; records of before may hold none."""

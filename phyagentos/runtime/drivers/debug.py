@@ -11,6 +11,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
 from phyagentos.protocol.world.environment import Entity, Pose, Region, Shape, TargetState
+from phyagentos.protocol.world.idealisations import Aspect, Idealisation
 from phyagentos.protocol.world.scenes import Body, read_scene
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
@@ -73,6 +74,7 @@ class DebugDriver(TargetDriver):
             joints=profile.arm.joints,
             version=wire.WIRE_VERSION,
             driver="debug",
+            idealisations=(Idealisation(Aspect.PHYSICS),),
             ground_truth=True,
             end_effector=profile.end_effector,
         )

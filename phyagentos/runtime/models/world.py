@@ -21,7 +21,7 @@ from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.models.allowed_collisions import compute_collision_matrix, exclude_pairs
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.models.scene import add_scene, draw_bodies, read_regions
-from phyagentos.runtime.models.surfaces import add_pairs
+from phyagentos.runtime.models.surfaces import add_pairs, find_idealised
 
 Robot = tuple[TargetProfile, Path]
 
@@ -37,6 +37,7 @@ class CompiledScene:
     regions: tuple[Region, ...]
     model_sha256: str
     seed: int
+    idealised: tuple[str, ...] = ()  # bodies whose friction is not by pairs of surfaces
     _files: dict[str, bytes] = field(default_factory=dict)
 
     def export(self) -> dict[str, bytes]:
@@ -79,6 +80,7 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
         regions=read_regions(spec, placed),
         model_sha256=hashlib.sha256(_read_bytes(model)).hexdigest(),
         seed=seed,
+        idealised=tuple(find_idealised(spec)),
     )
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.world.environment import Entity, Pose, Region, TargetState
+from phyagentos.protocol.world.idealisations import Idealisation
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.targets import handshake
@@ -204,6 +205,7 @@ class Description(msgspec.Struct, frozen=True, tag=True):
         driver: Its name in the registry; a relay prepends its own (`remote/mujoco`).
         shares_time: Whether other targets move in the same simulated time, so that a motion may wait for theirs.
         end_effector: `opening`, `suction` or `none`.
+        idealisations: What of the target and its present world is simpler than reality.
     """
 
     target: str
@@ -226,6 +228,7 @@ class Description(msgspec.Struct, frozen=True, tag=True):
     ground_truth: bool = False
     shares_time: bool = False
     end_effector: str = "opening"
+    idealisations: tuple[Idealisation, ...] = ()
 
     def offers_tool(self, name: str) -> bool:
         """Whether there is a tool of this name."""

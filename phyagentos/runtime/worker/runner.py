@@ -128,9 +128,14 @@ class SessionRunner:
         outputs = run.skill.read_outputs()
         run.skill.close()
         report = _report(outcome, evidence, run, outputs, began_sim_s)
-        driver = self._handle.describe().driver
+        live = self._handle.describe()
         return recorder.write_execution(
-            msgspec.structs.replace(report, open_criteria=self._open_criteria, driver=driver)
+            msgspec.structs.replace(
+                report,
+                open_criteria=self._open_criteria,
+                driver=live.driver,
+                idealisations=live.idealisations,
+            )
         )
 
     def observe_only(self, order: Reconcile, epoch: int) -> Execution:

@@ -17,6 +17,7 @@ from phyagentos.protocol.documents.markdown import escape_label, render_front, r
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState, render_mermaid
 from phyagentos.protocol.sessions.session import Ended, SessionId, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.protocol.world.idealisations import format_idealisations
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.views.criteria import render_criteria
 
@@ -159,7 +160,9 @@ def _format(status: SessionStatus) -> str:
 
 
 def _render_attempt(number: int, attempt: Attempt, folder: str) -> str:
-    verdict = " ".join(f"{describe_attempt(attempt)} Sensing: {attempt.sensing}.".split())
+    idealised = format_idealisations(attempt.idealisations)
+    told = f"Sensing: {attempt.sensing}." + (f" Idealised: {idealised}." if idealised else "")
+    verdict = " ".join(f"{describe_attempt(attempt)} {told}".split())
     return f"**Verdict {number}:** {verdict}\n\n" + render_criteria(attempt.criteria, folder)
 
 

@@ -281,6 +281,30 @@ SABOTAGES = (
         ),
     ),
     Sabotage(
+        name="a_force_without_error",
+        lie="A contact force is exact: what is measured at the bound decides.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.world.predicates.builtins",
+                'doubt = view.metrics.get(f"{name}_error", 0.0)',
+                "doubt = 0.0",
+            ),
+        ),
+        tests=("tests/protocol/test_predicate_doubt.py::test_a_metric_with_an_error_is_unknown_near_its_bound",),
+    ),
+    Sabotage(
+        name="an_ideal_world_is_not_told",
+        lie="A verdict does not say what of its world was simpler than reality.",
+        edits=(
+            Edit(
+                "phyagentos.agent.judging.verifier",
+                "            idealisations=bundle.execution.idealisations,\n",
+                "",
+            ),
+        ),
+        tests=("tests/agent/test_verifier.py::test_a_verdict_names_what_was_idealised_in_its_evidence",),
+    ),
+    Sabotage(
         name="furniture_where_it_is_drawn",
         lie="A fixed body of an area stands in the middle of it.",
         edits=(

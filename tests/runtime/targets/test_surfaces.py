@@ -5,12 +5,16 @@ import numpy as np
 import pytest
 
 from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.protocol.world.friction import FRICTION, PAIRS
+from phyagentos.protocol.world.idealisations import format_idealisations
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.models.surfaces import find_idealised
 from phyagentos.runtime.models.world import compile_scene
+from phyagentos.runtime.targets import wire
 
 PANDA = read_profile(find_shipped_root() / "robots" / "panda" / "target.yaml")
 
@@ -131,3 +135,21 @@ def test_pads_that_slip_hold_nothing_whatever_decides_the_grip(material):
     assert max(find_frictions()) == pytest.approx(0.01)
     physics.set_pad_friction(None)
     assert max(find_frictions()) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("scene", "level", "changes", "named"),
+    [
+        ("tabletop/cubes_and_trays", "nominal", {}, ""),
+        ("tabletop/waiter", "nominal", {}, "friction (coin)"),
+        ("tabletop/cubes_and_trays", "none", {}, "cameras (noise level none)"),
+        ("tabletop/cubes_and_trays", "nominal", {"force_bias_n": 0.0}, "contact_force"),
+    ],
+)
+def test_a_target_names_what_is_idealised(library, panda, scene, level, changes, named):
+    profile, folder = panda
+    sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml").model_copy(update={"noise_level": level})
+    driver = MujocoDriver(SimulatedWorld(library, sensors=sensors), profile.model_copy(update=changes), folder)
+    driver.load(wire.LoadScene(scene=scene, seed=1, episode="e"))
+
+    assert format_idealisations(driver.describe().idealisations) == named

@@ -3,7 +3,7 @@
 Time moves only by commands, halts and holding; state is written only when a scene is loaded.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,7 @@ from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
 from phyagentos.protocol.world.environment import TargetState
+from phyagentos.protocol.world.idealisations import Aspect, Idealisation
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.drivers.mujoco.cameras import CameraRig
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
@@ -223,7 +224,26 @@ class MujocoDriver(TargetDriver):
             ground_truth=True,
             shares_time=len(self.world.robots) > 1,
             end_effector=profile.end_effector,
+            idealisations=tuple(self._list_idealisations()),
         )
+
+    def _list_idealisations(self) -> Iterator[Idealisation]:
+        arm, gripper, sensors = self.profile.arm, self.profile.gripper, self.world.sensors
+        if self._present is not None and (bodies := self._present.physics.scene.idealised):
+            yield Idealisation(Aspect.FRICTION, ", ".join(bodies))
+        if gripper.pads and gripper.pad_surface is None:
+            yield Idealisation(Aspect.FRICTION, ", ".join(gripper.pads))
+        if gripper.pads and not gripper.mass_kg:
+            yield Idealisation(Aspect.HAND_MASS)
+        if not (arm.position_noise_rad and arm.velocity_noise_rad_s and arm.state_delay_s):
+            yield Idealisation(Aspect.JOINT_SENSORS)
+        if not (self.profile.force_bias_n and self.profile.force_noise_n):
+            yield Idealisation(Aspect.CONTACT_FORCE)
+        noise = sensors.get_noise()
+        if not (noise.varies and noise.glass_dropout and noise.black_dropout and noise.exposure_s):
+            yield Idealisation(Aspect.CAMERAS, f"noise level {sensors.noise_level}")
+        elif sensors.backend == "render":
+            yield Idealisation(Aspect.CAMERAS, "glass and black surfaces have depth")
 
     @override
     def load(self, request: wire.LoadScene) -> wire.Loaded:
