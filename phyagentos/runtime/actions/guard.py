@@ -11,13 +11,22 @@ import msgspec
 import numpy as np
 
 from phyagentos.protocol.settings.safety import Reaction, TargetLimits
+from phyagentos.runtime.actions.guard_kernels import (
+    BEND,
+    CHANGE,
+    DISAGREEMENT,
+    JERK,
+    POSITION,
+    STEP,
+    VELOCITY,
+    measure_rows,
+)
 from phyagentos.runtime.actions.guard_limits import ROUNDING, Box, GuardLimits
 from phyagentos.runtime.actions.set_points import Array
 from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.actions.violations import Intervention, Violation, ViolationCode
 from phyagentos.runtime.targets.wire import Command, Description, Step
 
-POSITION, VELOCITY, DISAGREEMENT, STEP, CHANGE, BEND, JERK = range(7)  # what is measured of every row
 _FLOAT64 = np.dtype(np.float64)
 CLAMPED = {ViolationCode.JOINT_POSITION: "CLAMPED_JOINT", ViolationCode.GRIPPER_WIDTH: "CLAMPED_GRIPPER"}
 
@@ -148,19 +157,11 @@ class SafetyGuard:
         """One comparison for all bounds of all rows; the broken one is searched only when it fails."""
         points, slopes, found = self._points, self._slopes, self._measures
         points[0, 1:], points[1, 1:] = command.q_rad, command.qd_rad_s
-        with np.errstate(invalid="ignore", over="ignore"):
-            np.subtract(points[:, 1:], points[:, :-1], out=slopes[:, 1:])
-            np.subtract(points[0, 1:], self._middle, out=found[POSITION])
-            found[VELOCITY] = command.qd_rad_s
-            mean_step = (0.5 * self._limits.dt) * (points[1, 1:] + points[1, :-1])
-            np.subtract(slopes[0, 1:], mean_step, out=found[DISAGREEMENT])
-            found[STEP:BEND] = slopes[:, 1:]
-            np.subtract(slopes[:, 1:], slopes[:, :-1], out=found[BEND:])
-            np.abs(found, out=found)
-            is_within = found[:JERK] <= self._bounds
-            if np.count_nonzero(is_within) != is_within.size:
-                return self._find_broken_bound(command)
-            jerk = found[JERK].sum(axis=0)
+        measure_rows(points, slopes, self._middle, 0.5 * self._limits.dt, found)
+        is_within = found[:JERK] <= self._bounds
+        if np.count_nonzero(is_within) != is_within.size:
+            return self._find_broken_bound(command)
+        jerk = found[JERK].sum(axis=0)
         if not (jerk <= self._limits.jerk_sum_max).all():
             joint = int((jerk / self._limits.jerk_sum_max).argmax())
             scale = 1.0 / (self._limits.dt**2 * self._limits.shape[0])

@@ -140,7 +140,9 @@ class JointController:
         self._width_m = float(widths[-1])
         for row in controls:
             physics.data.ctrl[physics.inputs] = row
-            yield from self._step()
+            self._prepare()
+            yield
+            self._sense()
             if self._force_n > max(self._profile.contact_force_n, STANDING_SHARE * self._standing_n):
                 yield from self.halt()
                 return "COLLISION_STOP"
@@ -208,10 +210,17 @@ class JointController:
         yield from self._step()
 
     def _step(self) -> Generator[None, None, None]:
-        """Limit the servo inputs and let faults act; after the physics step, record force and state."""
+        self._prepare()
+        yield
+        self._sense()
+
+    def _prepare(self) -> None:
+        """Before a physics step: limit the servo inputs and let faults act."""
         self._limits.restrain()
         self.activations += self._faults.act(self._physics)
-        yield
+
+    def _sense(self) -> None:
+        """After it: record force and state."""
         self._feel()
         self._steps += 1
         if self._steps % self._n_steps == 0:

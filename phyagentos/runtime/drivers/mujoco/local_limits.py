@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.runtime.drivers.mujoco.local_limits_kernels import measure_rows, needs_restraint
 from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
+from phyagentos.runtime.drivers.mujoco.step_kernels import measure_rows, needs_restraint
 from phyagentos.runtime.targets.wire import Command, Refused
 
 SET_POINT_SHARE = 0.94  # of the velocity limit, for set-points; skills use 0.9

@@ -18,6 +18,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, Pose, TargetState
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.joint_sensors import JointSensors
+from phyagentos.runtime.drivers.mujoco.step_kernels import find_firm
 from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, name_actuator
 from phyagentos.runtime.models.world import CompiledScene, compile_scene
 
@@ -319,12 +320,9 @@ class Physics:
 
     def _find_firm_contacts(self, data: mujoco.MjData) -> set[tuple[int, int]]:
         """Pairs of bodies: a moving part of the robot, and the robot itself, another robot or something fixed."""
-        first, second = self._kinds[data.contact.geom[: data.ncon]].T
-        either, both = first | second, first & second
-        firm = ((either & (_ROBOT | _LOOSE)) == _ROBOT) & (both < _FINGER)  # closed fingers touch each other
-        if not np.count_nonzero(firm):
-            return set()
-        return {(int(a), int(b)) for a, b in self.model.geom_bodyid[data.contact.geom[: data.ncon][firm]]}
+        geoms = data.contact.geom[: data.ncon]
+        firm = find_firm(geoms, self._kinds, _ROBOT, _LOOSE, _FINGER)
+        return {(int(a), int(b)) for a, b in self.model.geom_bodyid[geoms[firm]]} if len(firm) else set()
 
     def find_hardest_contact(self) -> tuple[float, str]:
         """The greatest force [N] between the robot and one other body, or two parts of it, in the latest physics step.

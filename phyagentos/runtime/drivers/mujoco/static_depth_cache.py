@@ -136,8 +136,8 @@ class MovingSolids:
 
     def sign_fixed(self, data: mujoco.MjData) -> bytes:
         """Poses of the fixed solids and the lamps: equal for two states as long as nothing fixed is moved."""
-        parts = (data.geom_xpos[self._fixed], data.geom_xmat[self._fixed], data.light_xpos, data.light_xdir)
-        return b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
+        solids = (part.take(self._fixed, axis=0) for part in (data.geom_xpos, data.geom_xmat))
+        return b"".join(part.tobytes() for part in (*solids, data.light_xpos, data.light_xdir))
 
     def send_away(self, data: mujoco.MjData) -> mujoco.MjData:
         """The same state without movable solids."""
@@ -171,12 +171,16 @@ def _find_near(wanted, width, rays, lens, view, solids):  # type: ignore[no-unty
     (shown, radii, boxes, places, rotations), (eye, frame) = solids, view
     fx, fy, cx, cy, height = lens
     rows, columns, found = wanted // width, wanted % width, np.zeros(len(wanted), np.bool_)
+    if not len(wanted):
+        return np.flatnonzero(found)
+    within = columns.min(), columns.max(), rows.min(), rows.max()
     for k, geom in enumerate(shown):
         towards = places[geom] - eye
         x, y, z = towards[0] * frame[0] + towards[1] * frame[1] + towards[2] * frame[2]
         left, right = _find_span(x, z, radii[k], fx, cx, width)
         top, bottom = _find_span(y, z, radii[k], fy, cy, height)
-        if left < right and top < bottom:
+        is_across = left < right and left <= within[1] and right > within[0]
+        if is_across and top < bottom and top <= within[3] and bottom > within[2]:
             for i in range(len(wanted)):
                 if not found[i] and left <= columns[i] < right and top <= rows[i] < bottom:
                     found[i] = radii[k] == inf or _meets(rays[wanted[i]], boxes[k], towards, rotations[geom])

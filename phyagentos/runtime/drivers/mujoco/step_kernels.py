@@ -1,5 +1,6 @@
-"""What a target measures of every command and before every physics step, compiled by numba."""
+"""What a target asks of every command and around every physics step, compiled by numba."""
 
+import numpy as np
 from numba import njit
 
 
@@ -28,3 +29,22 @@ def needs_restraint(q, wanted, middle, step, room):  # type: ignore[no-untyped-d
     for k in range(len(q)):
         found |= abs(wanted[k] - q[k]) > step[k] or abs(q[k] - middle[k]) > room[k]
     return found
+
+
+@njit(cache=True)
+def is_any_beyond(values, bound):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Whether the magnitude of one of some numbers (n,) is greater than a bound."""
+    found = False
+    for value in values:
+        found |= abs(value) > bound
+    return found
+
+
+@njit(cache=True)
+def find_firm(geoms, kinds, ours, loose, finger):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Which of some contacts (n, 2) of geoms are of what is `ours`, and neither `loose` nor of two fingers."""
+    firm = np.zeros(len(geoms), np.bool_)
+    for k in range(len(geoms)):
+        first, second = kinds[geoms[k, 0]], kinds[geoms[k, 1]]
+        firm[k] = (first | second) & (ours | loose) == ours and first & second < finger  # closed fingers touch
+    return np.flatnonzero(firm)
