@@ -6,6 +6,7 @@ bits, however often frames are read.
 """
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import msgspec
@@ -47,7 +48,7 @@ class CameraRig:
     def __init__(self, model: mujoco.MjModel, sensors: Sensors, seed: int, episode: str, prefix: str = "") -> None:
         self._model, self._sensors, self._seed, self._episode = model, sensors, seed, episode
         self._cameras = open_cameras(model, sensors, seed=seed, prefix=prefix)
-        self._state, self._begin = mujoco.MjData(model), mujoco.MjData(model)  # those that are shown
+        self._states: dict[str, tuple[mujoco.MjData, mujoco.MjData]] = {}  # those that each camera shows: end and begin
         self._lost: dict[tuple[str, int], bool] = {}  # which exposures were lost, as drawn
 
     @property
@@ -74,7 +75,7 @@ class CameraRig:
                     "UNKNOWN_CAMERA", f"no camera {name!r} in this world; there are {format_names(self._cameras)}"
                 )
         latest_s = now_s - max((self._cameras[name].settings.latency_s for name in names), default=0.0)
-        frames: list[Frame] = []
+        exposures: dict[str, tuple[Exposure, tuple[FaultActivation, ...]]] = {}
         missing: dict[str, str] = {}
         for name in names:
             camera = self._cameras[name]
@@ -86,13 +87,23 @@ class CameraRig:
             elif any(each.kind == "blackout" and each.mode == "silent" for each in corruptions):
                 missing[name] = "CAMERA_SILENT"
             else:
-                try:
-                    frames.append(self._expose(camera, exposure, request.crops.get(name), request.every, corruptions))
-                except ExecutionError as error:
-                    if error.code != "NO_GRAPHICS":
-                        raise
-                    missing[name] = error.code
-        return Frames(tuple(frames), missing)
+                exposures[name] = exposure, corruptions
+
+        def expose(name: str) -> Frame | None:
+            try:
+                return self._expose(self._cameras[name], *exposures[name], request.crops.get(name), request.every)
+            except ExecutionError as error:
+                if error.code != "NO_GRAPHICS":
+                    raise
+                missing[name] = error.code
+                return None
+
+        if len(exposures) > 1 and not request.crops and self._sensors.backend == "ray":  # whole pictures, side by side
+            with ThreadPoolExecutor(len(exposures), "camera") as pool:
+                frames = list(pool.map(expose, exposures))
+        else:
+            frames = [expose(name) for name in exposures]
+        return Frames(tuple(frame for frame in frames if frame is not None), missing)
 
     def _find_exposure(self, camera: SimulatedCamera, limit_s: float, history: StateHistory) -> Exposure | None:
         """The latest exposure up to a moment whose frame was not lost; None after `MAX_LOST` lost ones."""
@@ -124,9 +135,9 @@ class CameraRig:
         self,
         camera: SimulatedCamera,
         exposure: Exposure,
+        corruptions: tuple[FaultActivation, ...],
         crop: Crop | None,
         every: int,
-        corruptions: tuple[FaultActivation, ...],
     ) -> Frame:
         claimed = shown = exposure
         pose: Viewpoint | None = None
@@ -141,8 +152,9 @@ class CameraRig:
                 pose = (pose or self._find_place(camera, claimed)).then(error)
         if claimed is not shown:
             pose = pose or self._find_place(camera, claimed)
-        data = pose_state(self._model, shown.qpos, self._state)
-        begin = None if shown.begin is None else pose_state(self._model, shown.begin, self._begin)
+        end, start = self._get_states(camera)
+        data = pose_state(self._model, shown.qpos, end)
+        begin = None if shown.begin is None else pose_state(self._model, shown.begin, start)
         rng = self._draw(camera.name, "frame", shown.number)
         frame = camera.capture(data, claimed.time_s, rng, crop, pose, every, begin)
         for each in corruptions:
@@ -151,7 +163,12 @@ class CameraRig:
 
     def _find_place(self, camera: SimulatedCamera, exposure: Exposure) -> Viewpoint:
         """Nominal pose of a camera in a state."""
-        return camera.mounting.find(pose_state(self._model, exposure.qpos, self._state))
+        return camera.mounting.find(pose_state(self._model, exposure.qpos, self._get_states(camera)[0]))
+
+    def _get_states(self, camera: SimulatedCamera) -> tuple[mujoco.MjData, mujoco.MjData]:
+        if camera.name not in self._states:
+            self._states[camera.name] = mujoco.MjData(self._model), mujoco.MjData(self._model)
+        return self._states[camera.name]
 
 
 def _alter(frame: Frame, corruption: FaultActivation) -> Frame:
