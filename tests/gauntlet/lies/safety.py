@@ -23,7 +23,7 @@ SABOTAGES = (
     Sabotage(
         name="velocity_not_checked",
         lie="The guard measures every joint as standing still.",
-        edits=(Edit(GUARD, "found[VELOCITY] = command.qd_rad_s", "found[VELOCITY] = 0.0"),),
+        edits=(Edit(GUARD, "is_within = found[:JERK] <=", "found[VELOCITY] = 0.0; is_within = found[:JERK] <="),),
         tests=("tests/runtime/actions/test_guard.py::test_any_velocity_above_its_limit_is_refused",),
     ),
     Sabotage(
