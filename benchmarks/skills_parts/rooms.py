@@ -197,8 +197,31 @@ def draw_hinged(seed: int, rng: Rng, *, opens: bool) -> Instance:
     )
 
 
+def draw_press(seed: int, rng: Rng) -> Instance:
+    """One of two buttons on a panel; the other one must stay as it is."""
+    x, y, yaw = rng.uniform(0.42, 0.58), rng.uniform(-0.25, 0.25), rng.uniform(-1.5, 1.5)
+    tall, apart = rng.uniform(0.015, 0.04), rng.uniform(0.055, 0.07)
+    bodies: dict[str, dict[str, Any]] = {"panel": fix("panel", "slate", (x, y, tall), [box((0.05, 0.12, tall))], yaw)}
+    for name, color, side in (("start", "green", 1), ("stop", "red", -1)):
+        travel = float(rng.uniform(0.036, 0.045))
+        joint = {"kind": "slide", "axis": [0, 0, 1], "travel": travel, "opening": [1.0, 1.0], "damping": 10.0}
+        joint |= {"friction": float(rng.uniform(4.0, 8.0)), "spring": float(rng.uniform(20.0, 100.0))}
+        at = (x - side * apart * np.sin(yaw), y + side * apart * np.cos(yaw), 2 * tall + 0.004)
+        stem = [{"kind": "cylinder", "size_m": [0.01, 0.003]}]
+        stem.append({"kind": "cylinder", "size_m": [0.008, 0.02], "position_m": [0.0, 0.0, -0.018], "decor": True})
+        bodies[name] = loose("button", "slate", at, stem, 0, 0.03) | {"joint": joint}
+        cap = {"kind": "cylinder", "size_m": [float(rng.uniform(0.022, 0.03)), 0.006]}
+        bodies[f"{name}_cap"] = loose("cap", color, (0, 0, 0.01), [cap], 0, 0.03) | {"part_of": name}
+    wanted, other = ("start", "stop") if rng.random() < 0.5 else ("stop", "start")
+    accept = (f"closed({wanted})", f"open({other})")
+    truth = (("closed", wanted), ("open", other))
+    arguments = {"button": wanted, "cap": f"{wanted}_cap"}
+    return Instance(skill="press", seed=seed, bodies=bodies, arguments=arguments, accept=accept, truth=truth)
+
+
 DRAWERS: Mapping[str, Callable[[int, Rng], Instance]] = {
     "unstack": draw_unstack,
+    "press": draw_press,
     "open_hinged": lambda seed, rng: draw_hinged(seed, rng, opens=True),
     "close_hinged": lambda seed, rng: draw_hinged(seed, rng, opens=False),
 }

@@ -28,6 +28,7 @@ _GEOMS = {
     "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
     "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
 }
+STICTION = (0.999, 0.9999, 0.001, 0.5, 2.0)  # MuJoCo's own (0.9, 0.95, ...) lets what hangs on a slide creep by 10 mm/s
 _BUILTIN = {
     "flat": mujoco.mjtBuiltin.mjBUILTIN_FLAT,
     "gradient": mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
@@ -299,6 +300,7 @@ def _add_joint(body: mujoco.MjsBody, name: str, joint: Joint, opening: float) ->
         limited=mujoco.mjtLimited.mjLIMITED_TRUE,
         damping=joint.damping,
         frictionloss=joint.friction,
+        solimp_friction=STICTION,
     )
 
 

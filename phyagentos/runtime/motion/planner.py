@@ -28,6 +28,7 @@ from phyagentos.runtime.motion.requests import (
     FindLine,
     FindPlacements,
     FindPush,
+    FindTouch,
     Load,
     Motion,
     MotionAnswer,
@@ -44,6 +45,9 @@ from phyagentos.runtime.motion.requests import (
 from phyagentos.runtime.motion.robot_model import build_robot_model
 from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, time_path
+from phyagentos.runtime.motion.touches import find_touch
+
+_Placed = FindGrasps | FindPlacements | FindLine | FindPush | FindTouch | PlanMove | CheckPosture
 
 
 class MotionPlanner:
@@ -96,6 +100,8 @@ class MotionPlanner:
             case FindPush():
                 pushed = _get_entity(request.world, request.object)
                 return find_push(request, pushed, self._kinematics, self._get_scene(request, job), job)
+            case FindTouch():
+                return find_touch(request, self._kinematics, self._get_scene(request, job), job)
             case FindLine():
                 return find_line(request, self._kinematics, self._get_scene(request, job), job)
             case PlanMove():
@@ -132,16 +138,14 @@ class MotionPlanner:
             escapes = not pairs or find_escape(q_rad, pairs, scene, request.seed) is not None
         return Stance(contacts=tuple(map(name_pair, pairs)), escapes=escapes, timing=job.timing)
 
-    def _get_scene(
-        self, request: FindGrasps | FindPlacements | FindLine | FindPush | PlanMove | CheckPosture, job: Job
-    ) -> PlanningScene:
-        payload = None if isinstance(request, FindGrasps | FindPush | CheckPosture) else request.payload
-        ignore = request.ignore if isinstance(request, FindLine | FindPush | PlanMove | CheckPosture) else ()
-        if isinstance(request, FindPush):
+    def _get_scene(self, request: _Placed, job: Job) -> PlanningScene:
+        payload = None if isinstance(request, FindGrasps | FindPush | FindTouch | CheckPosture) else request.payload
+        ignore = () if isinstance(request, FindGrasps | FindPlacements) else request.ignore
+        if isinstance(request, FindPush | FindTouch):
             ignore = (request.object, *ignore)
         with job.stage("model"):
             scene = self._scenes.get_scene(request.world, payload, ignore)
-            width_m = request.width_m if isinstance(request, FindLine | FindPush | PlanMove) else None
+            width_m = request.width_m if isinstance(request, FindLine | FindPush | FindTouch | PlanMove) else None
             if payload is None and width_m is not None:
                 scene.spread_fingers(width_m, width_m)
             return scene
@@ -153,7 +157,7 @@ class MotionPlanner:
         solid = [entity.name for entity in request.world.entities if entity.shapes]
         places = [*solid, *(region.name for region in request.world.regions)]
         wanted: list[tuple[str, list[str]]] = []
-        if isinstance(request, FindGrasps | FindPush):
+        if isinstance(request, FindGrasps | FindPush | FindTouch):
             wanted.append((request.object, solid))
         else:
             wanted += [(request.payload.entity, solid)] if request.payload else []

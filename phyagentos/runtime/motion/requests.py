@@ -163,6 +163,26 @@ class FindPush(msgspec.Struct, frozen=True, tag=True):
     count: int = 4
 
 
+class FindTouch(msgspec.Struct, frozen=True, tag=True):
+    """Straight ways down of the fingers, `width_m` [m] apart, until their tips are at a point. Answer: `Approaches`.
+
+    Attributes:
+        object: What is touched, or pressed: no obstacle.
+        at_m: (3,) where the tips shall be, in the world.
+        ignore: Entities that move with it.
+    """
+
+    world: World
+    object: str
+    at_m: tuple[float, float, float]
+    q_rad: Array
+    seed: int
+    ignore: tuple[str, ...] = ()
+    hover_m: float = 0.06
+    width_m: float = 0.0
+    count: int = 4
+
+
 class PlanMove(msgspec.Struct, frozen=True, tag=True):
     """A collision-free timed motion to any of several postures. Answer: `Motion`.
 
@@ -355,5 +375,7 @@ class NoPlan(msgspec.Struct, frozen=True, tag=True):
     stages: Stages = Stages()
 
 
-MotionRequest = FindGrasps | FindPlacements | FindLine | FindPush | PlanMove | TimeLine | ShapeTransport | CheckPosture
+MotionRequest = (
+    FindGrasps | FindPlacements | FindLine | FindPush | FindTouch | PlanMove | TimeLine | ShapeTransport | CheckPosture
+)
 MotionAnswer = Approaches | Motion | Stance | NoPlan

@@ -3,7 +3,7 @@
 It is compiled apart from the simulated robot: two MuJoCo calls on it cost half of those on the full model.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,17 +53,27 @@ class RobotModel:
 
 def measure_fingers(robot: RobotModel) -> Array:
     """(2,) half extents of the closed fingers along the tool's x axis and its closing axis [m]."""
+    high_m = np.max([np.abs(bounds).max(axis=0) for bounds in _iter_finger_bounds(robot)], axis=0)
+    return np.array((high_m[0], high_m[1] - 0.5 * robot.profile.gripper.max_width_m))
+
+
+def measure_tips(robot: RobotModel) -> float:
+    """How far the fingertips are beyond the tool centre point, along the approach [m]."""
+    return float(max(bounds[1, 2] for bounds in _iter_finger_bounds(robot)))
+
+
+def _iter_finger_bounds(robot: RobotModel) -> Iterator[Array]:
+    """(2, 3) least and greatest coordinates of each solid of the open fingers, in the frame of the tool [m]."""
     model, data = robot.model, mujoco.MjData(robot.model)
     mujoco.mj_kinematics(model, data)
     site = model.site(robot.profile.tcp).id
-    R, reach = data.site_xmat[site].reshape(3, 3), np.zeros(2)
+    R = data.site_xmat[site].reshape(3, 3)
     for geom in range(model.ngeom):
         if model.body(int(model.geom_bodyid[geom])).name in robot.fingers:
             G = R.T @ data.geom_xmat[geom].reshape(3, 3)
             center = R.T @ (data.geom_xpos[geom] - data.site_xpos[site]) + G @ model.geom_aabb[geom, :3]
-            reach = np.maximum(reach, (np.abs(center) + np.abs(G) @ model.geom_aabb[geom, 3:])[:2])
-    reach[1] -= 0.5 * robot.profile.gripper.max_width_m
-    return reach
+            half = np.abs(G) @ model.geom_aabb[geom, 3:]
+            yield np.array((center - half, center + half))
 
 
 def build_robot_model(profile: TargetProfile, folder: Path) -> RobotModel:

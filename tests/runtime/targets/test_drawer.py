@@ -124,6 +124,20 @@ def test_a_hinge_starts_as_wide_as_the_file_says_whatever_its_axis(panda, level)
     np.testing.assert_allclose(lid.mechanism.closed.position_m, [0.6, 0.4, 0.1], atol=1e-6)
 
 
+@pytest.mark.parametrize(("spring", "least", "most"), [(60.0, 0.0, 0.01), (400.0, 0.5, 1.0)])
+def test_a_pressed_button_stays_where_friction_holds_its_spring_and_comes_out_where_it_does_not(
+    panda, spring, least, most
+):
+    """It crept by ten millimetres a second under its own weight."""
+    joint = {"kind": "slide", "axis": [0, 0, 1], "travel": 0.04, "friction": 6.0, "spring": spring}
+    shapes = [{"kind": "cylinder", "size_m": [0.03, 0.006]}]
+    button = {"kind": "button", "mass_kg": 0.06, "place": {"position_m": [0.6, 0.4, 0.1]}, "shapes": shapes}
+    cameras = {"top": {"position_m": [0, 0, 1], "target_m": [0.1, 0, 0]}}
+    scene = {"scene": "x", "settle_s": 1.0, "bodies": {"button": button | {"joint": joint}}, "cameras": cameras}
+
+    assert least <= read(start(panda, 1, SceneSpec.model_validate(scene)), "button").joint <= most
+
+
 @pytest.mark.parametrize(
     ("body", "says"),
     [

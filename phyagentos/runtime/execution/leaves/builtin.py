@@ -18,6 +18,7 @@ from phyagentos.runtime.execution.leaves.plan_line import PlanLine
 from phyagentos.runtime.execution.leaves.plan_place import PlanPlace
 from phyagentos.runtime.execution.leaves.plan_push import PlanPush
 from phyagentos.runtime.execution.leaves.plan_retreat import PlanRetreat
+from phyagentos.runtime.execution.leaves.plan_touch import PlanTouch
 from phyagentos.runtime.execution.leaves.verify_grasp import VerifyGrasp
 from phyagentos.runtime.execution.leaves.wait import Wait
 
@@ -42,5 +43,6 @@ def register_builtin(registry: LeafRegistry) -> None:
     registry.register("plan_place", PlanPlace)
     registry.register("plan_push", PlanPush)
     registry.register("plan_retreat", PlanRetreat)
+    registry.register("plan_touch", PlanTouch)
     registry.register("verify_grasp", VerifyGrasp)
     registry.register("wait", Wait)

@@ -1,0 +1,36 @@
+"""Ask for a straight way of the closed fingers down onto an object."""
+
+from phyagentos.protocol.world.predicates.geometry import compute_reach
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
+from phyagentos.runtime.motion.requests import Approaches, FindTouch, MotionRequest
+from phyagentos.runtime.perception.world_model import BELIEF
+
+
+class PlanTouch(ApproachPlanningLeaf):
+    """Ways down until the fingertips are on top of the object, where its middle shall be then."""
+
+    ROLE = Role.PLAN
+    INPUT_PORTS = {
+        "object": PortInformation(data_type=str, description="Name of the entity to touch."),
+        "to": PortInformation(data_type=tuple, description="Where its middle shall be, world frame [m]."),
+        "hover_m": PortInformation(data_type=float, default_value=0.06, description="Length of the way [m]."),
+    }
+    OUTPUT_PORTS = {"approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first.")}
+
+    def compose(self) -> MotionRequest | Status:
+        """One request, with the fingers as they stand."""
+        name, (x, y, z) = self.read("object"), self.read("to")
+        entity = self.context.world.observe(BELIEF).entities.get(name)
+        if entity is None:
+            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
+        return FindTouch(
+            world=self.world(),
+            object=name,
+            at_m=(x, y, z + compute_reach(entity, (0.0, 0.0, 1.0))),
+            q_rad=self.context.commands.q_rad,
+            seed=self.context.draw_seed(self.path),
+            ignore=(entity.part_of,) if entity.part_of else (),
+            hover_m=self.read("hover_m"),
+            width_m=self.context.step.target.gripper_width_m,
+        )

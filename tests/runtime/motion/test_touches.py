@@ -1,0 +1,40 @@
+"""Fingertips that come straight down onto a point: of what is touched and what it is part of, nothing is in the way."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from phyagentos.protocol.world.environment import Shape, ShapeKind
+from phyagentos.runtime.motion.requests import Approaches, FindTouch, World
+
+pytestmark = pytest.mark.motion
+TIPS_M = 0.0085  # of the shipped hand beyond its tool centre point
+
+
+@pytest.fixture
+def world(build):
+    cap = msgspec.structs.replace(build.cube("cap", 0.5, 0.1), shapes=(Shape(ShapeKind.CYLINDER, (0.025, 0.006)),))
+    panel = build.fixed("panel", (0.5, 0.1, 0.0), build.box((0, 0, 0), (0.1, 0.1, 0.02)))
+    return World((panel, cap, build.cube("button", 0.5, 0.1, half=0.005, z=0.025)))
+
+
+def test_fingertips_end_at_the_point_on_a_straight_way_down(planner, home, world):
+    at_m = (0.5, 0.1, 0.026)
+    answer = planner.answer(
+        FindTouch(world=world, object="cap", at_m=at_m, q_rad=home, seed=1, ignore=("button",), hover_m=0.05)
+    )
+
+    assert isinstance(answer, Approaches), answer
+    for approach in answer.approaches:
+        points = planner._chain.compute_tcp_path(approach.line_rad)[:, :3, 3]
+        np.testing.assert_allclose(points[-1], (0.5, 0.1, 0.026 + TIPS_M), atol=1e-3)
+        np.testing.assert_allclose(points[:, :2], [(0.5, 0.1)] * len(points), atol=1e-3)
+        assert points[0, 2] - points[-1, 2] == pytest.approx(0.05, abs=1e-3)
+
+
+def test_a_point_below_what_stands_fixed_is_refused_with_the_pair_that_would_touch(planner, home, world):
+    request = FindTouch(world=world, object="cap", at_m=(0.5, 0.1, 0.01), q_rad=home, seed=1, ignore=("button",))
+    answer = planner.answer(request)
+
+    assert (answer.code, "onto cap" in answer.message) == ("NO_IK", True)
+    assert any(pair.endswith("|panel") for pair in answer.rejected)
