@@ -22,6 +22,7 @@ from phyagentos.runtime.motion.requests import (
     Approach,
     Approaches,
     CheckPosture,
+    Destination,
     FindGrasps,
     FindPlacements,
     NoPlan,
@@ -107,7 +108,8 @@ def test_the_first_motions_of_a_tree_are_found_through_its_subtrees():
 
     motions = list(find_motions("pick_and_place", arguments, Library.open(), REGISTRY))
 
-    assert motions == [Grasp("cube"), Place("tray", "inside", (0.4, 0.1, 0.0))]
+    then = Destination("tray", "inside", (0.4, 0.1, 0.0))
+    assert motions == [Grasp("cube", then), Place("tray", "inside", (0.4, 0.1, 0.0))]
     assert list(find_motions("stack", {"object": "a", "support": "b"}, Library.open(), REGISTRY))[1].relation == "on"
     assert list(find_motions("home", {}, Library.open(), REGISTRY)) == [Home()]
     assert list(find_motions("nowhere", {}, Library.open(), REGISTRY)) == []

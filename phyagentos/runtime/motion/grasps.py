@@ -6,20 +6,22 @@ grasp fits, the hand tilts about its closing axis; then it closes on opposite ed
 alone, as on the wall of a bowl or on the handle of a mug.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, ShapeKind
+from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import PlanningScene
 from phyagentos.runtime.motion.poses import point_tool_down, tilt_tool
-from phyagentos.runtime.motion.requests import Approaches, Array, FindGrasps, NoPlan
+from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindGrasps, NoPlan, Payload
 from phyagentos.runtime.motion.shapes import compute_entity_box, compute_shape_boxes, is_round, settle
 
 WIDTH_CLEARANCE_M = 0.006  # room for an error of the believed pose, both sides together
@@ -29,6 +31,7 @@ TILTS_DEG = (20, -20, 40, -40)  # about the closing axis; the smaller ones first
 SIDE_DEG = (65, -65)  # from the side, where nothing else is free
 SHIFTS = (0.5, -0.5, 1.0, -1.0)  # along a thing, as shares of the longest way
 SHIFT_MAX_M = 0.025  # from the middle: its weight turns it between the pads
+DEAD_ENDS_MAX = 6  # groups of grasps after which the thing cannot be put down, until the first is taken
 SHIFT_PAD_M = 0.012  # of the thing that is left beside the middle of the pads
 STRADDLE_M = 0.05  # over this last part of the way the fingers are beside the object
 RIM_DEPTH_M = 0.006  # of the tool centre point under the edge of a single solid; its pads reach a centimetre further
@@ -41,9 +44,14 @@ LEVEL_SINE, DOWN_COS = 0.6, 0.7  # of the closing axis, and of the way down to a
 
 
 def find_grasps(
-    request: FindGrasps, entity: Entity, kinematics: Kinematics, scene: PlanningScene, job: Job
+    request: FindGrasps,
+    entity: Entity,
+    kinematics: Kinematics,
+    scene: PlanningScene,
+    job: Job,
+    place: Callable[[Approach], Approaches | NoPlan | None] = lambda _: None,
 ) -> Approaches | NoPlan:
-    """Approaches to grasps of `entity`, the nearest first."""
+    """Approaches to grasps of `entity`, the nearest first; if any, those from which `place` finds a way on."""
     profile, fingers = scene.robot.profile, scene.robot.fingers
     entity = settle(entity, request.world.entities)
     ways = compute_grasp_ways(entity, profile, fingers, request.hover_m)
@@ -53,20 +61,48 @@ def find_grasps(
         return job.fail("TOO_WIDE", f"{entity.name} is wider than the gripper opens ({profile.gripper.max_width_m} m).")
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     tried: set[str] = set()
+    dead, dead_ends = set[str](), list[list[Approach]]()
     for batch in _iter_batches(ways, corners, solids, entity):
-        wanted = [way for way in batch if way.label not in request.avoid and _closes_along(way, request.along)]
+        wanted = [
+            way for way in batch if way.label not in {*request.avoid, *dead} and _closes_along(way, request.along)
+        ]
         tried.update(way.label for way in wanted)
         found = find_approaches(
             wanted, q_rad=request.q_rad, seeds=seeds, kinematics=kinematics, scene=scene, job=job, count=request.count
         )
         if found:
-            return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)
+            leading = _drop_dead_ends(found, place)
+            if leading or len(dead_ends) == DEAD_ENDS_MAX:
+                return Approaches(approaches=tuple(leading or dead_ends[0]), timing=job.timing, stages=job.stages)
+            dead_ends.append(found)
+            dead.update(approach.label for approach in found)
+    if dead_ends:
+        return Approaches(approaches=tuple(dead_ends[0]), timing=job.timing, stages=job.stages)
     avoided = f"; {', '.join(request.avoid)} avoided" if request.avoid else ""
     return job.fail("NO_IK", f"None of {len(tried)} ways to grasp {entity.name} works{avoided}.")
 
 
 def _closes_along(way: Way, along: tuple[float, float, float] | None) -> bool:
     return along is None or abs(float(way.end[:3, 1] @ np.array(along))) > ALONG_COS
+
+
+def _drop_dead_ends(found: list[Approach], place: Callable[[Approach], Approaches | NoPlan | None]) -> list[Approach]:
+    """The approaches from the first one on after which the thing can be put down; all where no grasp changes that."""
+    for index, approach in enumerate(found):
+        if index and approach.label == found[index - 1].label:
+            continue
+        answer = place(approach)
+        if not isinstance(answer, NoPlan) or answer.code != "NO_IK":
+            return found[index:]
+    return []
+
+
+def foresee_payload(entity: Entity, approach: Approach) -> Payload:
+    """The entity as it will sit in the hand at the end of an approach."""
+    in_hand = compute_inverse(compute_matrix(approach.tcp_end)) @ compute_matrix(entity.pose)
+    low_m, high_m = compute_extent(entity, tuple(in_hand[1, :3].tolist()))
+    width_m = high_m - low_m if approach.release_m is None else min(high_m - low_m, approach.release_m)
+    return Payload(entity.name, compute_pose(in_hand), width_m)
 
 
 def _iter_batches(ways: list[Way], corners: list[Way], solids: list[Way], entity: Entity) -> Iterator[list[Way]]:

@@ -1,9 +1,9 @@
 """Tool poses that put a held entity onto a free site.
 
-The entity keeps the attitude in which it is held. Eight yaws, counted from the destination, are tried at each site, and
-those that lay its faces along the walls. The fingers open as far as they can; where a wall is in their way, a little
-further than around the entity. Where the hand does not go down between the walls of a container, the entity is let go
-as little above its floor as is possible, if the walls keep what falls.
+The entity keeps the attitude in which it is held, and the hand its tilt. Eight yaws, counted from the destination, are
+tried at each site, and those that lay its faces along the walls. The fingers open as far as they can; where a wall is
+in their way, a little further than around the entity. Where the hand does not go down between the walls of a
+container, the entity is let go as little above its floor as is possible, if the walls keep what falls.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -20,7 +20,7 @@ from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approache
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
-from phyagentos.runtime.motion.poses import point_tool_down
+from phyagentos.runtime.motion.poses import measure_tilt, point_tool_down
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPlacements, NoPlan
 from phyagentos.runtime.motion.shapes import compute_bounds
 from phyagentos.runtime.motion.sites import Footprint, Site, Sites, Space, find_sites, find_space, measure_footprint
@@ -29,6 +29,7 @@ from phyagentos.runtime.motion.standing import find_standing_sites, fit_tight
 DROP_M = 0.004  # released this far above the support, so that errors do not press
 PART_M = 0.015  # by which a thing is wider than the fingers that hold a part of it only, as its rim
 RELEASE_M = 0.02  # further open than around the thing, where there is no room for more
+LEAST_RELEASE_M = 0.008  # the same where there is least
 TOUCH_DOWN_M = 0.02  # contact of the payload with its support is intended over this last part of the way
 FALL_STEP_M = 0.015  # between the heights from which a thing may be dropped
 FALL_MAX_M = 0.13  # a longer fall has not been measured
@@ -50,19 +51,20 @@ def find_placements(
         space = find_space(request, held)
         if space is None:
             return job.fail("NO_SPACE", f"{request.destination} has no interior to put things into.")
-        attitudes = _list_attitudes(tcp_T_entity[:3, :3])
+        tilt = measure_tilt(world_T_tcp)
+        attitudes = _list_attitudes(tilt @ tcp_T_entity[:3, :3])
         groups = find_sites(request, space, held, attitudes, footprint, world_T_tcp[:3, 3], job)
         fitted = (fit_tight(request, space, held, attitudes, group, job) for group in groups)
         groups = [group for group in fitted if group]
     open_m, held_m = scene.robot.profile.gripper.max_width_m, request.payload.width_m
     low_m, high_m = compute_extent(held, tuple(tcp_T_entity[1, :3].tolist()))
     is_part = 0.0 < held_m < high_m - low_m - PART_M
-    releases_m = (open_m, min(open_m, held_m + RELEASE_M))[is_part:]
-    search = _Search(request, held, space, footprint, releases_m, kinematics, scene, job)
+    releases_m = (open_m, min(open_m, held_m + RELEASE_M), min(open_m, held_m + LEAST_RELEASE_M))[is_part:]
+    search = _Search(request, held, space, footprint, tilt, releases_m, kinematics, scene, job)
     found = search.run(groups, attitudes)
     if (not found and set(job.rejected) - OUT_OF_REACH) or not groups:
         with job.stage("sites"):
-            finer = _list_attitudes(tcp_T_entity[:3, :3], FINE_DEG)
+            finer = _list_attitudes(tilt @ tcp_T_entity[:3, :3], FINE_DEG)
             standing = find_standing_sites(request, space, held, finer, footprint, world_T_tcp[:3, 3], job)
         groups = [*groups, standing]
         found = search.run([standing], finer)
@@ -95,12 +97,16 @@ def _fits_alone(
 
 @dataclass(frozen=True, slots=True)
 class _Search:
-    """Looks for postures over sites; `releases_m` are openings at which the thing is let go, the better first."""
+    """Looks for postures over sites of a hand with a `tilt` (3, 3).
+
+    `releases_m` are openings at which the thing is let go, the better first.
+    """
 
     request: FindPlacements
     held: Entity
     space: Space
     footprint: Footprint
+    tilt: Array
     releases_m: tuple[float, ...]
     kinematics: Kinematics
     scene: PlanningScene
@@ -117,7 +123,7 @@ class _Search:
                 yaws = attitudes if site.yaws is None else site.yaws
                 ways = [
                     way
-                    for way in _ways_to(site, yaws, self.space, request, self.held, release_m, fall_m)
+                    for way in _ways_to(site, yaws, self.space, request, self.held, self.tilt, release_m, fall_m)
                     if not {way.label, site.name} & set(request.avoid)
                 ]
                 found += find_approaches(
@@ -160,6 +166,7 @@ def _ways_to(
     space: Space,
     request: FindPlacements,
     held: Entity,
+    tilt: Array,
     release_m: float,
     fall_m: float,
 ) -> Iterator[Way]:
@@ -167,6 +174,7 @@ def _ways_to(
     entity_T_tcp, tolerate = compute_inverse(tcp_T_entity), frozenset((PAYLOAD, name) for name in space.supports)
     for degrees in yaws:
         tool = point_tool_down(space.yaw_rad + np.radians(degrees), np.zeros(3))
+        tool[:3, :3] = tool[:3, :3] @ tilt
         entity = tool @ tcp_T_entity
         entity[:2, 3] = site.point_m[:2] - (entity[:3, :3] @ center_m)[:2]
         entity[2, 3] = site.point_m[2] + compute_extent(held, tuple((-entity[2, :3]).tolist()))[1]

@@ -14,7 +14,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.chain import build_chain
-from phyagentos.runtime.motion.grasps import find_grasps
+from phyagentos.runtime.motion.grasps import find_grasps, foresee_payload
 from phyagentos.runtime.motion.job import Cancelled, Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.lines import find_line
@@ -23,6 +23,8 @@ from phyagentos.runtime.motion.placements import find_placements
 from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes, name_pair
 from phyagentos.runtime.motion.pushes import find_push
 from phyagentos.runtime.motion.requests import (
+    Approach,
+    Approaches,
     CheckPosture,
     FindGrasps,
     FindLine,
@@ -93,7 +95,10 @@ class MotionPlanner:
         match request:
             case FindGrasps():
                 entity = _get_entity(request.world, request.object)
-                return find_grasps(request, entity, self._kinematics, self._get_scene(request, job), job)
+                scene = self._get_scene(request, job)
+                return find_grasps(
+                    request, entity, self._kinematics, scene, job, lambda way: self._place(request, entity, way, job)
+                )
             case FindPlacements():
                 held = _get_entity(request.world, request.payload.entity)
                 return find_placements(request, held, self._kinematics, self._get_scene(request, job), job)
@@ -129,6 +134,26 @@ class MotionPlanner:
         from phyagentos.runtime.motion.transport import Care, time_carry  # casadi: only where it is used
 
         return lambda rows: time_carry(rows, limits, self._chain, Care(load), spares=spares)
+
+    def _place(self, request: FindGrasps, entity: Entity, approach: Approach, job: Job) -> Approaches | NoPlan | None:
+        """A way to put down what is grasped so; None where it is not known where to."""
+        if request.then is None:
+            return None
+        placing = FindPlacements(
+            world=request.world,
+            payload=foresee_payload(entity, approach),
+            destination=request.then.name,
+            relation=request.then.relation,
+            near=request.then.near,
+            q_rad=approach.line_rad[0],
+            seed=request.seed,
+            count=1,
+        )
+        own = Job(clock=self._clock, should_cancel=job.should_cancel)
+        if self._find_unknown(placing, own):
+            return None
+        with job.stage("place"):
+            return find_placements(placing, entity, self._kinematics, self._get_scene(placing, own), own)
 
     def _check_posture(self, request: CheckPosture, job: Job) -> Stance:
         scene = self._get_scene(request, job)

@@ -5,6 +5,8 @@ import numpy as np
 from phyagentos.geometry import compute_rotation_vector, turn
 from phyagentos.runtime.motion.requests import Array
 
+SLIGHT_RAD = 0.05  # less is the error of a posture
+
 
 def point_tool_down(yaw_rad: float, position_m: Array) -> Array:
     """(4, 4) `world_T_tcp` of a tool that points straight down, at `position_m` (3,).
@@ -25,6 +27,13 @@ def tilt_tool(T: Array, tilt_rad: float) -> Array:
     out = T.copy()
     out[:3, :3] = T[:3, :3] @ turn((0.0, tilt_rad, 0.0))
     return out
+
+
+def measure_tilt(T: Array) -> Array:
+    """(3, 3) rotation of a tool (4, 4) beyond pointing straight down at a yaw; the identity where it is slight."""
+    yaw_rad = float(np.arctan2(T[0, 1], -T[1, 1]))
+    tilt: Array = point_tool_down(yaw_rad, T[:3, 3])[:3, :3].T @ T[:3, :3]
+    return tilt if np.abs(tilt - np.eye(3)).max() > SLIGHT_RAD else np.eye(3)
 
 
 def raise_pose(T: Array, height_m: float) -> Array:

@@ -84,11 +84,20 @@ class Trajectory(msgspec.Struct, frozen=True):
         return len(self.q_rad) * self.step_s
 
 
+class Destination(msgspec.Struct, frozen=True):
+    """Where a thing is put after it was grasped; as in `FindPlacements`."""
+
+    name: str
+    relation: str = "inside"
+    near: tuple[float, float, float] | None = None
+
+
 class FindGrasps(msgspec.Struct, frozen=True, tag=True):
     """Grasps of an object from above. Answer: `Approaches`.
 
     Attributes:
         q_rad: (n_joints,) present posture.
+        then: Where the object goes; grasps from which it can be put there come first.
         avoid: Labels of unwanted approaches.
         hover_m: Length of the straight approach [m].
         count: Largest number of approaches, nearest first.
@@ -103,6 +112,7 @@ class FindGrasps(msgspec.Struct, frozen=True, tag=True):
     hover_m: float = 0.08
     count: int = 4
     along: tuple[float, float, float] | None = None
+    then: Destination | None = None
 
 
 class FindPlacements(msgspec.Struct, frozen=True, tag=True):

@@ -12,19 +12,21 @@ import numpy as np
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, to_parent
+from phyagentos.geometry import to_parent
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, find_mismatch
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, read_tree
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import STILL, Role
 from phyagentos.protocol.world.environment import Entity, Environment
-from phyagentos.protocol.world.predicates.geometry import compute_extent, find_tops_below
+from phyagentos.protocol.world.predicates.geometry import find_tops_below
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
+from phyagentos.runtime.motion.grasps import foresee_payload
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.motion.requests import (
     Approaches,
     CheckPosture,
+    Destination,
     FindGrasps,
     FindPlacements,
     MotionAnswer,
@@ -100,9 +102,10 @@ class Home:
 
 @dataclass(frozen=True, slots=True)
 class Grasp:
-    """The tree grasps an object, before anything has moved."""
+    """The tree grasps an object, before anything has moved; `then` is where it says that it puts it."""
 
     object: str
+    then: Destination | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,10 +180,7 @@ class DryRun:
                     )
                     answer, ms = self._ask(request)
                     trials.append(_judge(f"path to {motion.object}", answer, ms, proves=False))
-                inverse = compute_inverse(compute_matrix(way.tcp_end))
-                in_hand = inverse @ compute_matrix(entity.pose)
-                low_m, high_m = compute_extent(entity, tuple(in_hand[1, :3].tolist()))
-                grasped = Payload(motion.object, compute_pose(in_hand), high_m - low_m)
+                grasped = foresee_payload(entity, way)
                 q_rad = way.line_rad[-1]
             elif grasped is not None:
                 trials.append(self._try_place(session, motion, grasped, now, world, q_rad))
@@ -212,7 +212,13 @@ class DryRun:
             return Trial(motion=name, outcome="impossible", code="OUT_OF_REACH", message=message), None
         avoid = session.strategy.avoid_grasps
         request = FindGrasps(
-            world=world, object=motion.object, q_rad=q_rad, seed=session.seed, avoid=avoid, count=CANDIDATES
+            world=world,
+            object=motion.object,
+            q_rad=q_rad,
+            seed=session.seed,
+            avoid=avoid,
+            count=CANDIDATES,
+            then=motion.then,
         )
         answer, ms = self._ask(request)
         return _judge(name, answer, ms), answer
@@ -307,7 +313,8 @@ def _find_in(
         if role is Role.HOME:
             yield Home()
         elif role is Role.PLAN_GRASP and isinstance(object := wired.get("object"), str):
-            yield Grasp(object)
+            place = _make_place(wired)
+            yield Grasp(object, Destination(place.destination, place.relation, place.near) if place else None)
         elif role is Role.PLAN_SITE and (place := _make_place(wired)) is not None:
             yield place
             return False

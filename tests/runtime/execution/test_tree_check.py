@@ -85,7 +85,8 @@ def test_an_unknown_subtree_is_named(check):
 def test_ports_of_a_subtree_are_checked_like_those_of_a_leaf(check):
     problems = check(["subtree: {tree: pick, with: {objekt: $object}}"])
 
-    assert any("mine.yaml:7:38: UNKNOWN_PORT: found 'objekt'; expected approach, object" in p for p in problems)
+    ports = "approach, destination, near, object, relation"
+    assert any(f"mine.yaml:7:38: UNKNOWN_PORT: found 'objekt'; expected {ports}" in p for p in problems)
     assert any("MISSING_PORT: found pick without 'object'" in p for p in problems)
 
 

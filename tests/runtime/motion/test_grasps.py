@@ -4,10 +4,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from phyagentos.clock import SystemClock
 from phyagentos.protocol.world.environment import Pose, Shape, ShapeKind
+from phyagentos.runtime.motion.grasps import find_grasps
+from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.process import _ANSWERS
-from phyagentos.runtime.motion.requests import Approaches, FindGrasps, FindPush, World
+from phyagentos.runtime.motion.requests import Approaches, Destination, FindGrasps, FindPush, NoPlan, Timing, World
 
 pytestmark = pytest.mark.motion
 
@@ -153,6 +156,23 @@ def test_a_bar_is_taken_beside_its_middle_where_the_hand_has_no_room_over_it(pla
     for approach in answer.approaches:
         assert ".by" in approach.label
         assert 0.01 < approach.tcp_end.position_m[0] - 0.5 < 0.03
+
+
+def test_a_grasp_is_chosen_from_which_the_thing_can_be_put_where_it_goes(planner, build, table, home):
+    """The nearest grasp was taken; a hand beside a tall box then found no place, NO_IK."""
+    request = FindGrasps(world=World((table, build.cube("cube0", 0.5, 0.0))), object="cube0", q_rad=home, seed=1)
+    scene, timing = PlanningScenes(planner.robot).get_scene(request.world), Timing(ms={})
+
+    def find(answer):
+        job = Job(clock=SystemClock(), should_cancel=lambda: False)
+        return find_grasps(request, request.world.entities[1], planner._kinematics, scene, job, answer).approaches
+
+    tilted = find(lambda way: None if "tilt-20" in way.label else NoPlan(code="NO_IK", message="", timing=timing))
+    assert {each.label.partition(".")[2] for each in tilted} == {"tilt-20"}
+    full = find(lambda way: NoPlan(code="NO_FREE_SITE", message="", timing=timing))  # however it is grasped
+    assert [each.label for each in full] == [each.label for each in planner.answer(request).approaches]
+    there = Destination("table", "on", (0.5, 0.3, 0.0))
+    assert isinstance(planner.answer(msgspec.structs.replace(request, then=there)), Approaches)
 
 
 def test_what_is_nearly_as_wide_as_the_hand_opens_is_taken_all_the_same(planner, build, table, home):

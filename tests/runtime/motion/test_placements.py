@@ -4,7 +4,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Interior, Pose, Shape, ShapeKind
+from phyagentos.runtime.motion.poses import point_tool_down, tilt_tool
 from phyagentos.runtime.motion.requests import Approaches, FindPlacements, Payload, World
 
 pytestmark = pytest.mark.motion
@@ -81,6 +83,20 @@ def test_a_mug_goes_where_its_handle_is_over_the_wall(planner, build, deep, home
         )
         assert np.all(np.abs(local) < np.array((0.007, 0.01)) - 0.002), approach.label
     assert place_into(planner, build.replace(deep(0.05, x=0.037, y=0.04), mug), home, 0.06).code == "NO_SPACE"
+
+
+def test_a_thing_that_was_grasped_with_a_tilted_hand_is_put_down_upright(planner, deep, home):
+    """The hand was turned upright over its place, and the thing by as much."""
+    tilted = tilt_tool(point_tool_down(0.3, np.array((0.4, -0.2, 0.2))), np.radians(20.0))
+    q = planner._chain.solve(tilted, home)
+    thing = np.eye(4)
+    thing[:3, 3] = tilted[:3, 3]
+    held = Payload("cube0", compute_pose(compute_inverse(tilted) @ thing), width_m=0.03)
+    answer = planner.answer(FindPlacements(world=deep(0.02), payload=held, destination="bin", q_rad=q, seed=1))
+    assert isinstance(answer, Approaches), answer
+    for approach in answer.approaches:
+        assert compute_matrix(approach.site)[2, 2] == pytest.approx(1.0, abs=1e-4)
+        assert compute_matrix(approach.tcp_end)[2, 2] == pytest.approx(-np.cos(np.radians(20.0)), abs=1e-3)
 
 
 def test_what_is_too_large_is_told_from_what_finds_the_destination_full(planner, build, deep, home):

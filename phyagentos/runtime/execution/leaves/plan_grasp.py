@@ -3,14 +3,17 @@
 from phyagentos.protocol.world.mechanisms import find_hinge
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
-from phyagentos.runtime.motion.requests import Approaches, FindGrasps, MotionRequest
+from phyagentos.runtime.motion.requests import Approaches, Destination, FindGrasps, MotionRequest
 from phyagentos.runtime.perception.world_model import BELIEF
 
 LEVEL_SINE = 0.1  # of a hinge with the horizontal
 
 
 class PlanGrasp(ApproachPlanningLeaf):
-    """Approaches from above onto the object; those named in the strategy's `avoid_grasps` are left out."""
+    """Approaches onto the object, if any those from which it can be put where it goes then.
+
+    Those named in the strategy's `avoid_grasps` are left out.
+    """
 
     ROLE = Role.PLAN_GRASP
     INPUT_PORTS = {
@@ -20,6 +23,13 @@ class PlanGrasp(ApproachPlanningLeaf):
             required=False,
             description="What the handle belongs to: a level hinge turns in the fingers.",
         ),
+        "destination": PortInformation(
+            data_type=str, required=False, description="Entity or region where it goes then; as at `plan_place`."
+        ),
+        "relation": PortInformation(data_type=str, default_value="inside", description="`inside` or `on`."),
+        "near": PortInformation(
+            data_type=tuple, required=False, description="Point to stay close to, world frame [m]."
+        ),
         "hover_m": PortInformation(data_type=float, default_value=0.08, description="Length of the approach [m]."),
     }
     OUTPUT_PORTS = {"approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first.")}
@@ -28,6 +38,8 @@ class PlanGrasp(ApproachPlanningLeaf):
         """One request."""
         whole = self.context.world.observe(BELIEF).entities.get(self.find("hinged") or "")
         axis = find_hinge(whole) if whole is not None else None
+        destination, near = self.find("destination"), self.find("near")
+        point = None if near is None else (float(near[0]), float(near[1]), float(near[2]))
         return FindGrasps(
             world=self.world(),
             object=self.read("object"),
@@ -36,4 +48,5 @@ class PlanGrasp(ApproachPlanningLeaf):
             avoid=self.context.session.strategy.avoid_grasps,
             hover_m=self.read("hover_m"),
             along=(axis[0], axis[1], axis[2]) if axis is not None and abs(axis[2]) < LEVEL_SINE else None,
+            then=None if destination is None else Destination(destination, self.read("relation"), point),
         )
