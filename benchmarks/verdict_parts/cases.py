@@ -34,6 +34,8 @@ class Lie(StrEnum):
     """They show a world without the thing, and always did: it is under a cover."""
     MOVING = "moving"
     """They show one moment of a motion; there is no time for another look."""
+    EARLIER = "earlier"
+    """They showed nothing in the session before this one, and it happened then; its condition is carried on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,7 @@ class Kind:
 def put_right(world: World, rng: Rng) -> None:
     """What the session should have brought about, somewhere else within what is allowed."""
     match world.recorded.job.name:
-        case "home" | "inspect" | "survey":
+        case "home" | "inspect" | "survey" | "strangers":
             _nudge_all(world, rng, 0.006)
         case "stand":
             spot = np.array([*world.find_spot(rng), world.find_half_height("blue_block") + ON_TOP_M])
@@ -72,7 +74,7 @@ def put_right(world: World, rng: Rng) -> None:
             _drop_into(world, offset, float(rng.uniform(-np.pi, np.pi)))
         case "push":
             _place_near(world, rng, 0.0, 0.04)
-        case "stack" | "stack_round":
+        case "stack" | "stack_round" | "stack_frame":
             _drop_on(world, world.destination, rng.uniform(-0.014, 0.014, 2), float(rng.uniform(-np.pi, np.pi)))
         case "carry_level":
             _open(world)
@@ -136,8 +138,8 @@ def leave_on_rim(world: World, rng: Rng) -> None:
     """It was let go over an edge of where it should be."""
     _open(world)
     side = world.find_half_height(world.object)
-    if world.recorded.job.name in {"stack", "carry_level"}:
-        reach = 0.025 if world.recorded.job.name == "stack" else 0.05
+    if world.recorded.job.name in {"stack", "stack_frame", "carry_level"}:
+        reach = 0.05 if world.recorded.job.name == "carry_level" else 0.025
         along = float(rng.uniform(-0.5, 0.5)) * reach
         edge = (reach + float(rng.uniform(-0.004, 0.02))) * rng.choice([-1.0, 1.0])
         _drop_on(world, world.destination, np.array([edge, along])[:: int(rng.choice([-1, 1]))])
@@ -281,6 +283,7 @@ FAILURES: Mapping[str, tuple[Kind, ...]] = {
     "survey": (Kind("under a cover", hide_in_tray, Lie.COVERED), Kind("in the tray", hide_in_tray)),
     "pick_and_place": (
         _AIR, _SLIP, _WRONG, _SWAPPED, _RIM, _TOP, _BACK, _HIDDEN, _STALE, _FROZEN, _ELSE, _SILENT, _SLIDING,
+        Kind("moved before the replan", disturb, Lie.EARLIER),
     ),
     "twins": (Kind("twin taken", take_wrong), Kind("twins exchanged", exchange)),
     "place": (_SLIP, _WRONG, _SWAPPED, _TOP, _BACK, _HIDDEN, _STALE, _FROZEN, _SILENT, _SLIDING),
@@ -291,6 +294,8 @@ FAILURES: Mapping[str, tuple[Kind, ...]] = {
     "stack_round": (
         Kind("beside a round support", leave_beside_round), Kind("through a plate", put_on_plate), _SILENT, _SLIDING,
     ),
+    "stack_frame": (Kind("beside a step placed in a frame", leave_on_rim), _SLIP, _BACK, _SILENT, _SLIDING),
+    "strangers": (Kind("unnamed in the tray", hide_in_tray),),
     "carry_level": (
         _AIR, _SLIP, Kind("right place but fallen", topple), _RIM, _BACK, _HIDDEN, _STALE, _FROZEN,
     ),

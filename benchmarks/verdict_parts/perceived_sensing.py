@@ -13,7 +13,6 @@ from benchmarks.recorded import Robot
 from benchmarks.verdict_parts.cases import Lie
 from benchmarks.verdict_parts.truth_sensing import AGE_S, SILENT_S
 from benchmarks.verdict_parts.worlds import OFF_TABLE_M, World
-from phyagentos.agent.judging.verifier import History
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.sessions.evidence import TRAJECTORY
 from phyagentos.protocol.sessions.verdicts import Attempt
@@ -51,7 +50,9 @@ class PerceivedSensing:
         self._cameras = open_cameras(self._model, sensors, seed=self._scene.seed, level=level)
         spec = read_scene(robot.library.get_scene(self._scene.name))
         mask, noisy = RobotMask(robot.profile, robot.folder), sensors.get_noise(level).varies
-        self._pipeline = Pipeline(build_inventory(spec), mask, robot.profile.target, noisy=noisy)
+        named = {name: body for name, body in spec.bodies.items() if name not in world.recorded.job.unlisted}
+        inventory = build_inventory(spec.model_copy(update={"bodies": named}))
+        self._pipeline = Pipeline(inventory, mask, robot.profile.target, noisy=noisy)
         self._before = self._begin(np.random.default_rng(self._scene.seed))
 
     def judge(self, right: np.ndarray, now: np.ndarray, lie: Lie, rng: np.random.Generator) -> Attempt:
@@ -65,7 +66,7 @@ class PerceivedSensing:
         frames: tuple[Frame, ...] | None = None
         if lie is Lie.COVERED:
             self._take_away(world.object)
-        elif lie not in {Lie.NONE, Lie.MOVING, Lie.BLIND}:
+        elif lie not in {Lie.NONE, Lie.MOVING, Lie.BLIND, Lie.EARLIER}:
             world.restore(right)
             last_s = end_s - float(rng.uniform(*(SILENT_S if lie is Lie.SILENT else AGE_S)))
             frames = self._expose(last_s - LATENCY_S, rng)
@@ -83,27 +84,26 @@ class PerceivedSensing:
             case _:
                 shown = self._expose(end_s - LATENCY_S, rng)
         after = self._sense(shown, end_s, belief)
-        attempt = self._ask(before, after)
+        attempt = self._ask(before, after, lie)
         for number in range(1, (0 if lie is Lie.MOVING else LOOKS_AGAIN) + 1):
             if not attempt.missing_evidence:
                 break
             time_s = end_s + number * AGAIN_S
-            if lie in {Lie.NONE, Lie.HIDDEN, Lie.COVERED}:
+            if lie in {Lie.NONE, Lie.HIDDEN, Lie.COVERED, Lie.EARLIER}:
                 shown = self._expose(time_s - LATENCY_S, rng)
             elif lie is Lie.FROZEN:
                 shown = tuple(msgspec.structs.replace(each, time_s=time_s - LATENCY_S) for each in shown)
             after = self._sense(shown, time_s, after)
-            attempt = self._ask(before, after)
+            attempt = self._ask(before, after, lie)
         return attempt
 
     def _take_away(self, thing: str) -> None:
         self._world.put(thing, np.array(OFF_TABLE_M))
 
-    def _ask(self, before: Environment, after: Environment) -> Attempt:
-        from benchmarks.verdict_parts.sensing import VERIFIER
+    def _ask(self, before: Environment, after: Environment, lie: Lie) -> Attempt:
+        from benchmarks.verdict_parts.sensing import judge_bundle
 
-        bundle = msgspec.structs.replace(self._world.recorded.bundle, before=before, after=after)
-        return VERIFIER.judge(bundle, History(max_replans=1))
+        return judge_bundle(self._world, before, after, lie)
 
     def _begin(self, rng: np.random.Generator, covered: str = "") -> Environment:
         """What is believed when the session begins; a covered thing was never seen."""

@@ -56,6 +56,7 @@ class Job:
         accept: Beside what the skill guarantees.
         hold: Beside what the skill holds.
         fault: What strikes, as in a fault file; empty for nothing.
+        unlisted: Things that the inventory does not know; only cameras show them, without their names.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Job:
     accept: tuple[str, ...] = ()
     hold: tuple[str, ...] = ()
     fault: tuple[dict[str, Any], ...] = ()
+    unlisted: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,6 +96,14 @@ def list_jobs(number: int) -> tuple[Job, ...]:
     return (
         Job(name="home", scene=CUBES, skill="home", given={}, accept=still),
         Job(name="survey", scene=CUBES, skill="home", given={}, accept=(f"not inside(*, {other}_tray)",)),
+        Job(
+            name="strangers",
+            scene=CUBES,
+            skill="home",
+            given={"object": cube},
+            accept=(f"not inside(*, {other}_tray)",),
+            unlisted=(cube,),
+        ),
         Job(name="stand", scene=COASTERS, skill="home", given={}, accept=("tilt(blue_block) <= 0.1",)),
         Job(name="inspect", scene=CUBES, skill="inspect", given={"object": cube}, accept=still),
         Job(name="pick", scene=CUBES, skill="pick", given={"object": cube}),
@@ -130,6 +140,13 @@ def list_jobs(number: int) -> tuple[Job, ...]:
             scene=COASTERS,
             skill="stack",
             given={"object": "blue_block", "support": "coaster"},
+            accept=("not moved(red_block)",),
+        ),
+        Job(
+            name="stack_frame",
+            scene=COASTERS,
+            skill="stack",
+            given={"object": "blue_block", "support": "step"},
             accept=("not moved(red_block)",),
         ),
         Job(

@@ -10,11 +10,13 @@ from benchmarks.recorded import Robot
 from benchmarks.verdict_parts import truth_sensing
 from benchmarks.verdict_parts.cases import Lie
 from benchmarks.verdict_parts.worlds import World
+from phyagentos.agent.judging.goal_judgement import judge_carried
 from phyagentos.agent.judging.verifier import History
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.verdicts import Attempt
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import Environment
 
 TRUTH = "truth"
 SHIPPED = Workspace(Path(__file__).resolve().parents[2] / "protocol")
@@ -22,6 +24,18 @@ VERIFIER = build_verifier(SHIPPED, SystemClock())
 """As an agent has it in a workspace with the shipped settings."""
 
 LEVELS = (TRUTH, "none", "nominal", "harsh")
+
+
+def judge_bundle(world: World, before: Environment, after: Environment, lie: Lie) -> Attempt:
+    """The verdict on the recorded session with these snapshots; of a replan, where it happened earlier."""
+    bundle = msgspec.structs.replace(world.recorded.bundle, before=before, after=after)
+    if lie is not Lie.EARLIER:
+        return VERIFIER.judge(bundle, History(max_replans=1))
+    moved = {name: after.entities[name] for name in world.others if name in after.entities}
+    later = msgspec.structs.replace(before, entities={**before.entities, **moved})
+    begun = {text: before for text in bundle.session.accept if text.startswith("not moved(")}
+    carried = judge_carried(bundle.session, after, begun)
+    return VERIFIER.judge(msgspec.structs.replace(bundle, before=later), History(max_replans=1, carried=carried))
 
 
 class Sensing(Protocol):
@@ -56,8 +70,7 @@ class TruthSensing:
         world.restore(now)
         after = truth_sensing.lie_about(truth_sensing.look(world), seen_right, world.object, lie, rng)
         before = truth_sensing.cover(self._before, world.object) if lie is Lie.COVERED else self._before
-        bundle = msgspec.structs.replace(world.recorded.bundle, before=before, after=after)
-        return VERIFIER.judge(bundle, History(max_replans=1))
+        return judge_bundle(world, before, after, lie)
 
 
 def make_sensing(level: str, robot: Robot, world: World) -> Sensing:

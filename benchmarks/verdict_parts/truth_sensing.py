@@ -36,7 +36,7 @@ def lie_about(now: Environment, right: Environment, thing: str, lie: Lie, rng: n
 
     The arm's own sensors never lie here. A frozen picture cannot be had of a simulator's state; its stamps are old.
     """
-    if lie in {Lie.NONE, Lie.MOVING}:
+    if lie in {Lie.NONE, Lie.MOVING, Lie.EARLIER}:
         return now
     if lie is Lie.COVERED:
         return cover(now, thing)
