@@ -53,7 +53,11 @@ def verify(
     if from_frames:
         return _verify_from_frames(place, status, verifier, as_json=as_json)
     with closing(Journal(place.root, side=Side.AGENT, by="paos verify", clock=clock)) as journal:
-        attempt = review_session(place, journal, status, verifier)
+        own = status.contract
+        lineage = [
+            each for each in sessions.values() if (each.contract.goal, each.contract.node) == (own.goal, own.node)
+        ]
+        attempt = review_session(place, journal, status, verifier, lineage)
     if as_json:
         print_result(msgspec.json.encode(attempt).decode())
     else:

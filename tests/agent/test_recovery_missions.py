@@ -1,5 +1,6 @@
 """Whole missions in which a session misses: preparation, another look, budgets, refusals, and an agent that dies."""
 
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,14 +8,20 @@ import msgspec
 import pytest
 
 from benchmarks.recovery_parts.baselines import BlindRetry, FullRestart, NoRetry, recovering_by
+from phyagentos.agent.judging.review import review_session
+from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.memory.advice import Advice
+from phyagentos.cli.history import read_ledger
+from phyagentos.clock import ManualClock
 from phyagentos.errors import Problem
+from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.truth import Truth
+from phyagentos.store.journal import Journal
 
 from .conftest import Play, add_skills, hold, make_world, put, remove, succeed
 
@@ -190,11 +197,17 @@ def test_what_a_session_could_not_see_of_its_hold_condition_is_asked_of_its_repl
 
     after = "after: [green]"
     graph = write_graph(GRAPH.replace("BUDGET", "").replace(after, f'{after}\n        hold: ["{held}"]'))
-    report = make_stage({"red": push_unseen}).pursue(graph)
+    stage = make_stage({"red": push_unseen})
+    report = stage.pursue(graph)
     assert report.verdict == verdict
     child = next(session for session in report.sessions if session.id == "two-7.red.r1")
     carried = [(each.text, each.truth) for each in child.criteria if each.kind == "constraint"]
     assert carried == [(held, "false" if pushed_m else "true")]
+    sessions = read_ledger(stage.workspace.root).sessions
+    with closing(Journal(stage.workspace.root, side=Side.AGENT, by="review", clock=ManualClock(9.0))) as journal:
+        lineage = [sessions["two-7.red"]]
+        again = review_session(stage.workspace, journal, sessions[child.id], SessionVerifier(), lineage)
+    assert [(each.text, each.truth) for each in again.criteria if each.kind == "constraint"] == carried
 
 
 def achieve_and_hide_green(world, session):
@@ -210,6 +223,23 @@ def test_what_the_goal_asks_and_the_last_look_does_not_show_is_looked_at_before_
     assert (look.id, look.skill, look.purpose, look.parent) == ("two-7.green.r1", "inspect", "inspect", "two-7.green")
     assert [session.state for session in report.sessions] == ["succeeded", "succeeded", "succeeded"]
     assert report.replans == 0
+
+
+@pytest.mark.parametrize("is_known", [True, False], ids=["hidden", "never_seen"])
+def test_what_preflight_does_not_see_is_looked_at_and_then_tried_again(make_stage, two, is_known):
+    start = hide(make_world(), "red_cube")
+    begin = start if is_known else msgspec.structs.replace(remove(start, "red_cube"), never_seen=("red_cube",))
+
+    def find(world, session):
+        entities = {**world.entities, "red_cube": start.entities["red_cube"]}
+        return Play(world=show(msgspec.structs.replace(world, entities=entities, never_seen=()), "red_cube"))
+
+    stage = make_stage({"red.r1": find}, world=begin)
+    assert stage.pursue(two).verdict == "success"
+    assert [(s.id, s.purpose) for s in stage.runtime.ran if s.node == "red"] == [
+        ("two-7.red.r1", "inspect"),
+        ("two-7.red.r2", ""),
+    ]
 
 
 def test_what_the_goal_asks_and_two_looks_do_not_show_ends_it_with_the_cause(make_stage, two):

@@ -15,7 +15,7 @@ from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
 from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose, Region
-from phyagentos.runtime.preflight.arguments import iter_contradictions
+from phyagentos.runtime.preflight.arguments import iter_contradictions, iter_name_problems
 from phyagentos.runtime.preflight.compatibility import Preflight
 from phyagentos.runtime.preflight.findings import describe_problem
 from phyagentos.runtime.preflight.settings import Settings
@@ -177,6 +177,16 @@ def test_names_and_preconditions_are_judged_on_the_live_world():
     assert codes(problems) == ["ENTITY_UNKNOWN", "PRECONDITION_UNMET"]
     assert "Did you mean 'cube'?" in problems[0].hint
     assert codes(make_preflight().find_contract_problems(session)) == ["PREDICATE_SYNTAX"]
+
+
+@pytest.mark.parametrize(
+    ("promises", "found"),
+    [(("visible(${object})",), []), (("holding(target, ${object})",), ["ENTITY_UNKNOWN"]), ((), ["ENTITY_UNKNOWN"])],
+)
+def test_only_a_skill_that_looks_may_name_what_the_inventory_knows_and_no_look_has_shown(promises, found):
+    skill, session = SKILL.model_copy(update={"guarantees": promises}), make_session(parameters={"object": "ghost"})
+    now = msgspec.structs.replace(NOW, never_seen=("ghost",))
+    assert codes(list(iter_name_problems(session, skill, now, is_fresh=False))) == found
 
 
 def test_a_rejection_tells_who_asked_for_what_and_what_would_help():

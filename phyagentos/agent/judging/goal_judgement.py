@@ -7,7 +7,7 @@ disagree, the truth is unknown.
 """
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from phyagentos.agent.judging.judges.predicates import evaluate_on
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions.evidence import AFTER, Bundle, read_bundle
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
-from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.world.environment import ENVIRONMENT, Environment, read_environment
 from phyagentos.protocol.world.predicates.library import ArgumentKind
@@ -118,6 +118,43 @@ class Evidence:
                 trace=(),
                 events=(),
             )
+
+
+def carry_conditions(
+    session: Session, now: Environment | None, lineage: Iterable[SessionStatus], evidence: Evidence
+) -> tuple[Criterion, ...]:
+    """Hold conditions that earlier sessions of its node could not see, judged against the worlds before those.
+
+    As of a goal's constraints: what was not seen all through must be seen true in the end.
+    """
+    if now is None:
+        return ()
+    begun = {
+        text: before
+        for text, status in find_unseen_holds(session, lineage).items()
+        if (before := evidence.read(status, with_course=False).before) is not None
+    }
+    return judge_carried(session, now, begun)
+
+
+def judge_carried(session: Session, now: Environment, begun: Mapping[str, Environment]) -> tuple[Criterion, ...]:
+    """Conditions in the world `now`, each against the world in which it began to count."""
+    return tuple(
+        evaluate_on(text, "constraint", session.make_view(now, before), AFTER) for text, before in begun.items()
+    )
+
+
+def find_unseen_holds(session: Session, lineage: Iterable[SessionStatus]) -> dict[str, SessionStatus]:
+    """Hold conditions on the world that an earlier session of the node left unknown -> the first that did."""
+    found: dict[str, SessionStatus] = {}
+    for status in sorted(lineage, key=lambda each: each.contract.attempt):
+        if status.contract.attempt >= session.attempt:
+            break
+        criteria = status.decision.criteria if status.decision is not None and not status.contract.purpose else ()
+        for each in criteria:
+            if each.kind == "hold" and each.truth is Truth.UNKNOWN and not has_metric(each.text):
+                found.setdefault(each.text, status)
+    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,9 +3,11 @@
 A session without a goal has no node and so no budget: it succeeds or fails, and another attempt is a new session.
 """
 
+from collections.abc import Sequence
+
 import msgspec
 
-from phyagentos.agent.judging.goal_judgement import Evidence
+from phyagentos.agent.judging.goal_judgement import Evidence, carry_conditions
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.sessions.lifecycle import REVIEW, IllegalTransition, SessionState, list_triggers
@@ -54,8 +56,16 @@ def judge_goalless_sessions(
     return judged
 
 
-def review_session(workspace: Workspace, journal: Journal, status: SessionStatus, verifier: SessionVerifier) -> Attempt:
+def review_session(
+    workspace: Workspace,
+    journal: Journal,
+    status: SessionStatus,
+    verifier: SessionVerifier,
+    lineage: Sequence[SessionStatus] = (),
+) -> Attempt:
     """Judge a session once more and record it; earlier judgements and the session's state stay.
+
+    Of the `lineage`, the sessions of its node, it takes over the conditions that these could not see.
 
     Raises:
         DefinitionError: `NOT_JUDGED` when it has no verdict yet, or was never executed.
@@ -72,7 +82,10 @@ def review_session(workspace: Workspace, journal: Journal, status: SessionStatus
                 hint=hint,
             )
         )
-    attempt = verifier.judge(Evidence(workspace.root).read(status), History())
+    evidence = Evidence(workspace.root)
+    bundle = evidence.read(status)
+    carried = carry_conditions(status.contract, bundle.after, lineage, evidence)
+    attempt = verifier.judge(bundle, History(carried=carried))
     attempt = msgspec.structs.replace(attempt, is_review=True)
     journal.commit([Entry(id, REVIEW, {"attempt": attempt})])
     return attempt

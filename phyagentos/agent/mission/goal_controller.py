@@ -12,8 +12,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.agent.goals.compiler import Revision, SessionCompiler
-from phyagentos.agent.judging.goal_judgement import Evidence, judge_goal
-from phyagentos.agent.judging.judges.predicates import evaluate_on
+from phyagentos.agent.judging.goal_judgement import Evidence, carry_conditions, judge_goal
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.agent.memory.advice import Advisor
 from phyagentos.agent.mission.drafting import Drafter, join
@@ -23,13 +22,12 @@ from phyagentos.agent.mission.worklist import Worklist
 from phyagentos.agent.repair.case import join_evidence
 from phyagentos.agent.repair.looking import LOOKS_MAX, settle
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
-from phyagentos.protocol.sessions.evidence import AFTER, Bundle
+from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState, find_cancel
 from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation
-from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
-from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 from phyagentos.store.ledger import Ledger
@@ -165,7 +163,9 @@ class GoalController:
         looks = subject is not status
         seen = self._evidence.read(status, with_course=False)
         bundle = join_evidence(self._evidence.read(subject, with_course=False), seen) if looks else seen
-        history = replace(history, carried=self._carry_conditions(subject.contract, seen.after))
+        lineage = facts.get_sessions(node)
+        carried = carry_conditions(subject.contract, seen.after, lineage, self._evidence)
+        history = replace(history, carried=carried)
         attempt = self._verifier.judge(bundle, history)
         if attempt.found is not Verdict.SUCCESS:  # now it matters what happened on the way
             course = self._evidence.read(subject)
@@ -177,19 +177,6 @@ class GoalController:
             if attempt.missing_evidence and facts.count_looks(subject.contract) >= LOOKS_MAX:
                 attempt = settle(bundle, attempt)
         return bundle, attempt
-
-    def _carry_conditions(self, session: Session, now: Environment | None) -> tuple[Criterion, ...]:
-        """Hold conditions that earlier sessions of the node could not see, judged against the worlds before those.
-
-        As of a goal's constraints: what was not seen all through must be seen true in the end.
-        """
-        if now is None:
-            return ()
-        return tuple(
-            evaluate_on(text, "constraint", session.make_view(now, before), AFTER)
-            for text, status in self._facts.find_unseen_holds(session).items()
-            if (before := self._evidence.read(status, with_course=False).before) is not None
-        )
 
     def _look_at_changed(self) -> list[Entry]:
         """What follows for the nodes that changed: a session, or the end of the node."""

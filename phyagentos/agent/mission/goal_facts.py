@@ -11,8 +11,7 @@ from phyagentos.agent.repair.budget import Left, compute_left
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
 from phyagentos.protocol.sessions.session import GoalId, Session, SessionId, SessionStatus
 from phyagentos.protocol.sessions.tasks import NodeState
-from phyagentos.protocol.world.predicates.predicate import has_metric, iter_entities, parse_predicate
-from phyagentos.protocol.world.truth import Truth
+from phyagentos.protocol.world.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.store.ledger import Ledger
 
 LOOKAHEAD_LOW = "LOOKAHEAD_LOW"  # preflight's code for a session whose simulation went too badly
@@ -58,18 +57,6 @@ class GoalFacts:
             status.contract.purpose == looking.PURPOSE and self.find_subject(status.contract).contract.id == subject.id
             for status in self.get_sessions(subject.node)
         )
-
-    def find_unseen_holds(self, session: Session) -> dict[str, SessionStatus]:
-        """Hold conditions on the world that an earlier session of the node left unknown -> the first that did."""
-        found: dict[str, SessionStatus] = {}
-        for status in self.get_sessions(session.node):
-            if status.contract.attempt >= session.attempt:
-                break
-            criteria = status.decision.criteria if status.decision is not None and not status.contract.purpose else ()
-            for each in criteria:
-                if each.kind == "hold" and each.truth is Truth.UNKNOWN and not has_metric(each.text):
-                    found.setdefault(each.text, status)
-        return found
 
     def find_outputs(self, name: str) -> Mapping[str, Any]:
         """What a finished node left for others."""

@@ -258,9 +258,9 @@ class Recovery:
         unmet, world = _find_unmet(subject), self.evidence.find_latest(subject.contract.scene.episode)
         if world is None:
             return None
-        if "visible" in unmet:
-            thing = world.find_movable(subject.contract.parameters.values())
-            cause = Cause.OBJECT_HIDDEN if thing is not None and not world.shows(thing) else None
+        if "visible" in unmet or "ENTITY_UNKNOWN" in codes:
+            is_unseen = bool(looking.list_unseen(subject.contract, world) or self.facts.count_looks(subject.contract))
+            cause = Cause.OBJECT_HIDDEN if is_unseen else None
         elif "holding" in unmet:
             cause = Cause.GRASP_LOST
         return Miss.of_refusal(subject, cause, world) if cause is not None else None

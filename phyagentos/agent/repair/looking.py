@@ -13,7 +13,9 @@ from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Alternat
 from phyagentos.agent.repair.case import Case
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.protocol.world.environment import Environment
 
 PURPOSE = "inspect"
 LOOKS_MAX = 2  # for one session
@@ -25,7 +27,8 @@ _UNCERTAIN = frozenset({Cause.EVIDENCE_MISSING, Cause.OBJECT_HIDDEN})
 def propose_looking(case: Case) -> Iterator[Alternative]:
     """One alternative, when an unknown entity can be looked at."""
     looks = len(case.find_prepared(PURPOSE))
-    named = find_object(case.session, case.miss.initial, case.miss.criteria)
+    unseen = list_unseen(case.session, case.miss.initial) if case.miss.initial is not None else []
+    named = next(iter(unseen), None) or find_object(case.session, case.miss.initial, case.miss.criteria)
     refused = case.find_refused(PURPOSE)
     wanted = [n for n in case.miss.missing_evidence or ((named,) if named else ()) if n not in refused]
     if case.cause not in _UNCERTAIN or looks >= LOOKS_MAX or not wanted:
@@ -50,6 +53,13 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
             lead=LEAD,
         ),
     )
+
+
+def list_unseen(session: Session, world: Environment) -> list[str]:
+    """Movable things that a session's arguments name and the world does not show, in their order."""
+    movable = set(world.list_movable())
+    named = (value for value in session.parameters.values() if isinstance(value, str) and value in movable)
+    return [name for name in named if not world.shows(name)]
 
 
 def settle(bundle: Bundle, attempt: Attempt) -> Attempt:

@@ -64,8 +64,14 @@ def iter_predicate_problems(session: Session) -> Iterator[Problem]:
 def iter_name_problems(
     session: Session, skill: SkillRuntime | None, now: Environment, *, is_fresh: bool
 ) -> Iterator[Problem]:
-    """Arguments that name what is not in the world; in a fresh world, from which nothing is gone, conditions too."""
-    things, places = now.entities.keys(), now.entities.keys() | now.regions.keys()
+    """Arguments that name what is not in the world; in a fresh world, from which nothing is gone, conditions too.
+
+    A skill that only looks may look for what the inventory names and no look has shown.
+    """
+    calls = _find_calls(skill.guarantees) if skill is not None else []
+    unseen = now.never_seen if calls and all(call == "visible" for call in calls) else ()
+    things = now.entities.keys() | set(unseen)
+    places = things | now.regions.keys()
     known = {"entity": things, "entities": things, "place": places}
     reported: set[str] = set()
     for name, parameter in skill.parameters.items() if skill is not None else ():
