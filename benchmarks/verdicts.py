@@ -1,4 +1,4 @@
-"""The truth table: how often a verdict says success of a failure, and failure of a success, over all shipped skills.
+"""The truth table: how often a verdict says success of a failure, and failure of a success, over nine shipped skills.
 
     python benchmarks/verdicts.py --jobs 2            # the published figures: held-out seed, 2000 cases, every sensing
     python benchmarks/verdicts.py --seed 1 --cases 400 --sensing truth

@@ -1,4 +1,4 @@
-"""Real sessions of every shipped skill, carried out once: the runs that all cases of the truth table begin from.
+"""Real sessions of nine shipped skills, carried out once: the runs that all cases of the truth table begin from.
 
 Each is the ordinary runner with its skill, planner, guard and world, in one process. What the controller reported is
 taken from here, and so are trace, held conditions and the state in which the world was left.
