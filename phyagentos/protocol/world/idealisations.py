@@ -24,7 +24,12 @@ class Aspect(StrEnum):
 
 
 class Idealisation(msgspec.Struct, frozen=True):
-    """One aspect, and what it concerns (`coin`, `noise level none`)."""
+    """One aspect of a target or its world that is simpler than in reality.
+
+    Attributes:
+        aspect: Which one.
+        what: What it concerns (`coin`, `noise level none`); empty where that is the whole target.
+    """
 
     aspect: Aspect
     what: str = ""
