@@ -34,7 +34,8 @@ from phyagentos.bench.report import Ask, Spread, format_outcome
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.settings.sensors import Sensors, read_sensors
 from phyagentos.protocol.world.environment import Entity, Status
-from phyagentos.runtime.perception.inventory import Form, ObjectModel
+from phyagentos.runtime.perception.forms import Form
+from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.targets.wire import Frames
 
 ROOT = find_shipped_root()

@@ -9,7 +9,8 @@ from benchmarks.perception_parts.stage import Stage
 from benchmarks.unseen_parts.rooms import Thing
 from phyagentos.geometry import compute_rotation, compute_rotation_vector
 from phyagentos.protocol.world.environment import Entity, Environment, Status
-from phyagentos.runtime.perception.inventory import Form, ObjectModel
+from phyagentos.runtime.perception.forms import Form
+from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.strangers import is_stranger
 
 STRANGER_M = 0.06  # from a body that has no name: the stranger is that body
@@ -49,11 +50,13 @@ def compare(stage: Stage, belief: Environment, unnamed: dict[str, Thing]) -> Ite
         body = min(names, key=lambda each: np.linalg.norm(stage.world.find(each)[0] - entity.pose.position_m))
         group = "thing" if thing.template.movable else "fixed"
         yield from _compare_pose(group, entity, thing, *stage.world.find(body), f"{where} {name}")
-    for name, drawer in inventory.drawers.items():
+    for name, jointed in inventory.articulated.items():
         entity = belief.entities.get(name)
         if entity is not None and entity.status is Status.SEEN and entity.joint is not None:
-            error_m = abs(entity.joint * drawer.mechanism.travel - stage.world.find_opening(name))
-            yield Stated("opening", error_m, entity.position_std_m, f"{where} {name}")
+            error = abs(entity.joint * jointed.mechanism.travel - stage.world.find_opening(name))
+            is_hinge = jointed.mechanism.kind == "hinge"
+            std = entity.turn_std_rad if is_hinge else entity.position_std_m
+            yield Stated("angle of a door" if is_hinge else "opening of a drawer", error, std, f"{where} {name}")
     for entity in belief.entities.values():
         if is_stranger(entity.name) and entity.status is Status.SEEN:
             yield from _compare_stranger(stage, entity, unnamed, where)

@@ -17,8 +17,9 @@ from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.association import Match, associate, exchange_doubts
 from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, is_upright, stand_up
 from phyagentos.runtime.perception.fixed_things import measure_fixed
+from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.grip import Hand, carry, check_hand, find_held, let_go
-from phyagentos.runtime.perception.inventory import ALIKE, Form, Inventory, ObjectModel
+from phyagentos.runtime.perception.inventory import ALIKE, Inventory, ObjectModel
 from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solids import Solids
 from phyagentos.runtime.perception.views import CameraView, Cloud

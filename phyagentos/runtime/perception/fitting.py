@@ -14,7 +14,8 @@ import numpy as np
 
 from phyagentos.geometry import turn
 from phyagentos.runtime.perception.doubt import FREE, UPRIGHT_STDS, Doubt, compute_doubt
-from phyagentos.runtime.perception.inventory import Form, ObjectModel
+from phyagentos.runtime.perception.forms import Form
+from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solid_distance import linearise
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
 from phyagentos.runtime.perception.views import CameraView, Cloud

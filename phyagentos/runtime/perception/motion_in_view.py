@@ -11,7 +11,7 @@ import numpy as np
 
 from phyagentos.geometry import compute_rotation, compute_rotation_vector
 from phyagentos.protocol.world.environment import Pose, SensorHealth, TargetState
-from phyagentos.runtime.perception.inventory import sample_surface
+from phyagentos.runtime.perception.forms import sample_surface
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.solid_distance import project
 from phyagentos.runtime.perception.views import CameraView, make_view

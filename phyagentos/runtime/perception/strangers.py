@@ -16,7 +16,7 @@ from phyagentos.geometry import as_pose, compute_rotation, turn
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Shape, ShapeKind, Status
 from phyagentos.runtime.perception.clusters import find_clusters
 from phyagentos.runtime.perception.doubt import SIGMA
-from phyagentos.runtime.perception.inventory import sample_surface
+from phyagentos.runtime.perception.forms import sample_surface
 from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import CameraView, measure_points
 from phyagentos.runtime.perception.visibility import measure_sight
@@ -30,11 +30,8 @@ LINK_M = 0.02
 POINTS_MIN, SIDE_MIN_M, SIDE_MAX_M = 12, 0.012, 0.5  # fewer points are noise, larger clusters the room
 SAME_M, STILL_M = 0.05, 0.015  # between the middles of one stranger in two looks, and of one that stays
 STANDS_M, STEP_M = 0.05, 0.002  # so far below its lowest seen point it is looked for what it stands on
-SIDE_STD_M, SIDE_NOISE, PLACE = (
-    0.002,
-    1.3,
-    0.8,
-)  # doubt of a side: of its outline, per noise of depth, and of its middle
+SIDE_STD_M, SIDE_NOISE = 0.0025, 1.4  # doubt of a side: of its outline, and per noise of depth
+PLACE = 0.8  # of the middle, in doubts of a side
 CUT_PX, CUT_STD_M = 2, 0.03  # this near to the edge of a picture the rest may be outside of it, which adds this doubt
 BULGE = 1.5  # noises of depth by which the highest points are above the top
 STD_RAD = 0.2

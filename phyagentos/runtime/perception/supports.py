@@ -58,7 +58,7 @@ def measure_supports(
         own = (points[np.isin(labels, inventory.map_parts[name].colors)] for points, labels in seen)
         planes = [plane for points in own if (plane := _fit_plane(nominal, points)) is not None]
         was = before.get(name, nominal)
-        found[name] = _place(nominal, was, _combine(planes)) if planes else was
+        found[name] = _place(nominal, was, _combine(planes), len(planes)) if planes else was
     return found
 
 
@@ -124,11 +124,11 @@ def _combine(planes: Sequence[Plane]) -> Plane:
     return Plane(mean, np.sqrt(variance / count))
 
 
-def _place(nominal: Entity, was: Entity, plane: Plane) -> Entity:
-    """The body where the map has it, or where it is measured if that contradicts the map."""
+def _place(nominal: Entity, was: Entity, plane: Plane, cameras: int) -> Entity:
+    """The body where the map has it, or where it is measured if more than one camera contradict the map."""
     prior = np.array([MAP_STDS[0], MAP_STDS[1], MAP_STDS[1]])
     limit = AGREED if was.source == SOURCE else CONTRADICTED
-    is_contradicted = bool(np.any(np.abs(plane.values) > limit * np.hypot(plane.stds, prior)))
+    is_contradicted = cameras > 1 and bool(np.any(np.abs(plane.values) > limit * np.hypot(plane.stds, prior)))
     off = np.zeros(3) if is_contradicted else plane.values
     stated = {
         "position_std_m": float(np.hypot(max(plane.stds[0], MAP_STDS[0]), off[0])),

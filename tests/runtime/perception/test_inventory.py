@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from phyagentos.protocol.world.scenes import SceneSpec
-from phyagentos.runtime.perception.inventory import Form, build_inventory
+from phyagentos.runtime.perception.forms import Form
+from phyagentos.runtime.perception.inventory import build_inventory
 
 LYING = [0.0, np.pi / 2, 0.0]
 EIGHTH = [0.0, 0.0, np.pi / 4]
