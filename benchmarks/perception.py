@@ -32,10 +32,12 @@ from benchmarks.unseen_parts.goals import draw_case
 from benchmarks.unseen_parts.rooms import Thing
 from phyagentos.bench.report import Ask, Spread, format_outcome
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.settings.sensors import Sensors, read_sensors
 from phyagentos.protocol.world.environment import Entity, Status
 from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.inventory import ObjectModel
+from phyagentos.runtime.perception.strangers import is_stranger
 from phyagentos.runtime.targets.wire import Frames
 
 ROOT = find_shipped_root()
@@ -44,6 +46,7 @@ MIXED_UP_M = 0.03  # a name this far from its thing, and nearer to another one o
 LEVELS = ("none", "mild", "nominal", "harsh")
 MOVED_RAD = (0.0, 0.7, 0.0, 0.3, 0.0, 0.1, 0.0)  # of the arm, from over the table to just above it
 ROOMS_FROM = 70_000  # seeds of rooms that nothing else uses
+PRIOR_LEVEL, PRIOR_SEEDS = "nominal", 2  # so many seeds of each scene are seen with less prior knowledge, too
 PLAIN = {"cube", "box", "slab", "bar"}  # kinds that are left out of an inventory: their sides are known
 ASKED = {
     "nominal_position_mm_median": Ask(5.0, at_least=False),
@@ -176,6 +179,26 @@ def run_sequences(world: World, sensors: Sensors, level: str, tally: Tally) -> N
     count_names(stage, real, f"seed {seed}, shown again", tally)
 
 
+def score_prior(world: World, sensors: Sensors, prior: Prior, tally: Tally) -> None:
+    """Movable bodies that are seen where they are: under a name that they may have, or under none."""
+    stage = Stage(world, sensors, PRIOR_LEVEL, prior=prior)
+    for _ in range(LOOKS):
+        belief = stage.look()
+    seen = [each for each in belief.entities.values() if each.movable and each.status is Status.SEEN]
+    for name, body in world.spec.bodies.items():
+        if body.fixed or body.joint is not None or body.part_of or body.place.frame:
+            continue
+        position, _ = world.find(name)
+        own = [each for each in seen if is_stranger(each.name) or name in {each.name, *each.alternatives}]
+        away_mm = min((1e3 * measure_distance(each, position) for each in own), default=np.inf)
+        tally.things += 1
+        if away_mm > 1e3 * MIXED_UP_M:
+            tally.missed.append(f"{world.name}, seed {world.seed}: {name}")
+        else:
+            tally.position_mm.append(away_mm)
+    tally.ms += stage.ms
+
+
 def open_stage(world: World, sensors: Sensors, level: str) -> Stage:
     """A stage of a world as it settled."""
     world.reset()
@@ -272,6 +295,18 @@ def tabulate_reliability(tallies: dict[str, Tally]) -> Table:
     return table
 
 
+def tabulate_priors(priors: dict[Prior, Tally]) -> Table:
+    """What is found, and how exactly, by what was known before."""
+    table = Table(title=f"movable things by prior knowledge, {PRIOR_LEVEL} noise")
+    for column in ("prior", "seen where they are", "position (mm)", "one look (ms)"):
+        table.add_column(column)
+    for prior, tally in priors.items():
+        place, time = Spread.of(tally.position_mm), Spread.of(tally.ms)
+        rows = (f"{tally.things - len(tally.missed)} of {tally.things}", f"{place.median:.2f} / {place.p95:.2f}")
+        table.add_row(prior, *rows, f"{time.median:.0f} / {time.p95:.0f}")
+    return table
+
+
 def list_numbers(tallies: Iterable[Tally]) -> list[str]:
     """Kinds of stated numbers, in the order in which they came."""
     return list(dict.fromkeys(each.number for tally in tallies for each in tally.stated))
@@ -282,7 +317,9 @@ def measure_share(stated: Sequence[Stated], deviations: float) -> float:
     return sum(each.is_within(deviations) for each in stated) / max(len(stated), 1)
 
 
-def run_worlds(library: Library, given: argparse.Namespace, tallies: dict[str, Tally]) -> int:
+def run_worlds(
+    library: Library, given: argparse.Namespace, tallies: dict[str, Tally], priors: dict[Prior, Tally]
+) -> int:
     """All scenes and rooms at all levels; returns their number."""
     sensors = read_sensors(ROOT / "protocol" / "sensors.yaml")
     scenes = sorted(path.stem for path in (ROOT / "scenes" / "tabletop").glob("*.yaml"))
@@ -297,6 +334,8 @@ def run_worlds(library: Library, given: argparse.Namespace, tallies: dict[str, T
         world.open_drawers(seed)
         for level, tally in tallies.items():
             score_scene(Stage(world, sensors, level, unnamed), f"{scene}, seed {seed}", tally, unnamed)
+        for prior, tally in priors.items() if seed < PRIOR_SEEDS or unnamed else ():
+            score_prior(world, sensors, prior, tally)
     for seed in range(given.seeds):
         world = World(library, "bench/twins", seed)
         for level, tally in tallies.items():
@@ -317,8 +356,10 @@ def main() -> int:
         write_project([draw_case(ROOMS_FROM + index) for index in range(given.rooms)], Path(scratch))
         (Path(scratch) / "scenes" / "bench").mkdir(parents=True)
         (Path(scratch) / "scenes" / "bench" / "twins.yaml").write_text(render_table("bench/twins", TWINS))
-        scenes = run_worlds(Library.open(Path(scratch)), given, tallies)
+        priors = {prior: Tally() for prior in Prior}
+        scenes = run_worlds(Library.open(Path(scratch)), given, tallies, priors)
     show(Console(), tallies, scenes)
+    Console().print(tabulate_priors(priors))
     figures, asked = {"scenes_looked_at": float(scenes)}, dict(ASKED)
     for level, tally in tallies.items():
         spread, turns = Spread.of(tally.position_mm), Spread.of(tally.yaw_deg)
@@ -340,6 +381,11 @@ def main() -> int:
             key = f"{level}_{number.replace(' ', '_')}_within"
             figures |= {f"{key}_1": measure_share(own, 1.0), f"{key}_2": measure_share(own, 2.0)}
             asked[f"{key}_2"] = RELIABLE
+    for prior, tally in priors.items():
+        figures |= {
+            f"prior_{prior}_found": 1.0 - len(tally.missed) / max(tally.things, 1),
+            f"prior_{prior}_position_mm_median": Spread.of(tally.position_mm).median,
+        }
     line, holds = format_outcome(figures, asked)
     print(line)
     return 0 if holds else 1

@@ -8,6 +8,7 @@ import numpy as np
 
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.scenes import read_scene
@@ -69,12 +70,14 @@ class World:
 class Stage:
     """A world at one noise level, with a belief; bodies of `unnamed` are not in the inventory."""
 
-    def __init__(self, world: World, sensors: Sensors, level: str, unnamed: Collection[str] = ()) -> None:
+    def __init__(
+        self, world: World, sensors: Sensors, level: str, unnamed: Collection[str] = (), prior: Prior = Prior.FULL
+    ) -> None:
         self.world = world
         self.noisy = sensors.get_noise(level).varies
         self.cameras = open_cameras(world.physics.model, sensors, seed=world.seed, level=level)
         bodies = {name: body for name, body in world.spec.bodies.items() if name not in unnamed}
-        inventory = build_inventory(world.spec.model_copy(update={"bodies": bodies}))
+        inventory = build_inventory(world.spec.model_copy(update={"bodies": bodies}), prior)
         self.pipeline = Pipeline(inventory, world.mask, world.profile.target, noisy=self.noisy)
         self._scene = Scene(name=world.name, seed=world.seed, episode="bench")
         self._rng = np.random.default_rng(world.seed)

@@ -295,6 +295,7 @@ def open_world_model(
         max_age_s=settings.perception.embedded.max_age_s,
         detector=open_detector(settings),
         noisy=settings.sensors.get_noise().varies,
+        prior=settings.perception.prior,
     )
 
 

@@ -32,7 +32,7 @@ from phyagentos.protocol.documents.schema import Address, read_yaml
 from phyagentos.protocol.sessions.estop import read_latch
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
-from phyagentos.protocol.settings.perception import Sensing, declare_sensing
+from phyagentos.protocol.settings.perception import Prior, Sensing, declare_sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode, declare_world_mode
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -60,6 +60,7 @@ class Order:
     world_mode: WorldMode | None = None
     verify: VerificationMode | None = None
     sense: Sensing | None = None
+    prior: Prior | None = None
     memory: Path | None = None
 
 
@@ -118,8 +119,7 @@ def run_mission(order: Order, clock: Clock | None = None) -> int:
     workspace = Workspace.create(root, open_library(graph))
     if order.world_mode is not None:
         declare_world_mode(workspace.runtime_contract, order.world_mode)
-    if order.sense is not None:
-        declare_sensing(workspace.perception, order.sense)
+    declare_sensing(workspace.perception, order.sense, order.prior)
     started_s = clock.now_s()
     with Interrupts().counted() as interrupts:
         print_note(f"workspace {root}")  # from now on there is something to interrupt

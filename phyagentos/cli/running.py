@@ -12,7 +12,7 @@ import typer
 
 from phyagentos.cli.arguments import Overrides, get_file, parse_overrides
 from phyagentos.cli.outcome import Exit, ExitCode, print_result
-from phyagentos.protocol.settings.perception import Sensing
+from phyagentos.protocol.settings.perception import Prior, Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 
@@ -29,6 +29,10 @@ Mode = Annotated[
 Sense = Annotated[
     Sensing | None,
     typer.Option(help="What agent and verifier see; declared in the workspace's perception.yaml."),
+]
+Known = Annotated[
+    Prior | None,
+    typer.Option(help="What perception knows before its first look; declared in the workspace's perception.yaml."),
 ]
 Verify = Annotated[
     VerificationMode | None,
@@ -59,6 +63,7 @@ def run(
     world_mode: Mode = None,
     verify: Verify = None,
     sense: Sense = None,
+    prior: Known = None,
     memory: SharedMemory = None,
 ) -> int:
     """Run a goal graph to its verdict: both planes, live progress, a final table."""
@@ -77,6 +82,7 @@ def run(
             world_mode=world_mode,
             verify=verify,
             sense=sense,
+            prior=prior,
             memory=memory,
         )
     )

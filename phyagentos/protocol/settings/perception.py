@@ -22,6 +22,17 @@ class Sensing(StrEnum):
     """The simulator's own state: for tests, and where nothing is to be perceived."""
 
 
+class Prior(StrEnum):
+    """What perception knows of a world before its first look."""
+
+    FULL = "full"
+    """Forms, sizes and colours of all things, and the map: where fixed bodies stand."""
+    SHAPES = "shapes"
+    """Forms and sizes of all things, and the map; no colours: a thing is told by its form alone."""
+    NONE = "none"
+    """Nothing but what is seen: a level surface, and things without a name."""
+
+
 class Pipeline(Authored):
     """How one kind of fact is made from sensors.
 
@@ -64,6 +75,7 @@ class Perception(Authored):
     Attributes:
         version: Of this format.
         sensing: `perceived` believes the cameras; `truth` reads the simulator's state. Every verdict names it.
+        prior: What is known before the first look; read where the sensing is `perceived`.
         pipelines: By name.
         embedded: Settings of the pipeline that ships.
         detector: Instead of colours; absent for none.
@@ -71,6 +83,7 @@ class Perception(Authored):
 
     version: Literal[1] = 1
     sensing: Sensing
+    prior: Prior = Prior.FULL
     pipelines: dict[str, Pipeline]
     embedded: Embedded = Embedded()
     detector: DetectorChoice | None = None
@@ -100,8 +113,14 @@ def read_perception(path: Path) -> Perception:
     return perception
 
 
-def declare_sensing(path: Path, sensing: Sensing) -> None:
-    """Write the choice into perception.yaml, which is hashed into the evidence; comments stay."""
-    if read_perception(path).sensing is not sensing:
-        text = re.sub(r"(?m)^sensing:[ \t]*[\"']?\w+[\"']?", f"sensing: {sensing}", path.read_text(encoding="utf-8"))
+def declare_sensing(path: Path, sensing: Sensing | None = None, prior: Prior | None = None) -> None:
+    """Write the choices into perception.yaml, which is hashed into the evidence; comments stay, and what is None."""
+    found = read_perception(path)
+    text = before = path.read_text(encoding="utf-8")
+    if sensing is not None and found.sensing is not sensing:
+        text = re.sub(r"(?m)^sensing:[ \t]*[\"']?\w+[\"']?", f"sensing: {sensing}", text)
+    if prior is not None and found.prior is not prior:
+        text = re.sub(r"(?m)^prior:.*\n", "", text)
+        text = re.sub(r"(?m)^(sensing:.*\n)", rf"\1prior: {prior}\n", text)
+    if text != before:
         publish(path, text)

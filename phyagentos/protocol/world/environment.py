@@ -264,6 +264,22 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     probed_s: float = msgspec.field(default=0.0, name="pulse_s")
 
 
+class PriorKnowledge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What perception was told of a world before its first look.
+
+    Attributes:
+        level: As perception.yaml names it.
+        forms: Names of the things whose forms and sizes it knows.
+        colors: So many colours of surfaces by which it labels pixels.
+        map: Names of the fixed bodies whose places it knows, up to their doubt.
+    """
+
+    level: str
+    forms: tuple[str, ...] = ()
+    colors: int = 0
+    map: tuple[str, ...] = ()
+
+
 class Environment(msgspec.Struct, frozen=True, kw_only=True):
     """One snapshot of the world: the content of ENVIRONMENT.md.
 
@@ -280,6 +296,7 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         looked_at_s: Time of the latest look at everything [s]; 0 where nothing is perceived.
         changes: What became of things since the revision before, the largest first.
         never_seen: Movable things that the inventory names and no look has shown.
+        prior: What perception was told before; absent where nothing is perceived.
     """
 
     time_s: float
@@ -294,6 +311,7 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     looked_at_s: float = 0.0
     changes: tuple[Change, ...] = ()
     never_seen: tuple[str, ...] = ()
+    prior: PriorKnowledge | None = None
 
     def list_movable(self) -> list[str]:
         """Names of all movable things, also of those that no look has shown."""

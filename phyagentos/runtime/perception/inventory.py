@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation, convert_euler
+from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.world.alike import find_alike, find_turned
-from phyagentos.protocol.world.environment import Entity, Interior, Pose, Shape
+from phyagentos.protocol.world.environment import Entity, Interior, Pose, PriorKnowledge, Shape
 from phyagentos.protocol.world.scenes import Body, Number3, Placement, SceneSpec, Solid
 from phyagentos.runtime.perception.articulated import Articulated, find_articulated
 from phyagentos.runtime.perception.forms import (
@@ -102,9 +103,10 @@ class MapPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inventory:
-    """The things of one scene.
+    """All prior knowledge of one scene that perception is given.
 
     Attributes:
+        prior: How much that is.
         things: To be found, by name, in the file's order.
         articulated: Located by their handles, by name.
         known: Bodies of the map.
@@ -117,6 +119,7 @@ class Inventory:
     """
 
     scene: str
+    prior: Prior
     things: dict[str, ObjectModel]
     articulated: dict[str, Articulated]
     known: dict[str, Entity]
@@ -128,12 +131,21 @@ class Inventory:
     is_of_thing: NDArray[np.bool_]
     regions: tuple[RegionPrior, ...]
 
+    def summarise(self) -> PriorKnowledge:
+        """For the snapshots of the world, and with them for the evidence."""
+        return PriorKnowledge(
+            level=self.prior,
+            forms=tuple(self.things | self.articulated),
+            colors=len(self.palette) if self.prior is Prior.FULL else 0,
+            map=tuple(self.map_parts),
+        )
+
     def place_map(self, entities: Mapping[str, Entity]) -> "Inventory":
         """The same prior knowledge with the bodies of the map where these say that they are."""
         known = {name: entities.get(name, nominal) for name, nominal in self.known.items()}
         if all(known[name].pose == nominal.pose for name, nominal in self.known.items()):
             return replace(self, known=known)
-        return replace(self, known=known, map=_join_map(known, self.map_parts))
+        return replace(self, known=known, map=join_map(known, self.map_parts))
 
     def find_unseen(self, entities: Collection[str]) -> tuple[str, ...]:
         """Movable things that are not among these, in order of their names."""
@@ -141,11 +153,13 @@ class Inventory:
         return tuple(sorted(name for name, each in known.items() if each.template.movable and name not in entities))
 
 
-def build_inventory(spec: SceneSpec) -> Inventory:
-    """The inventory of a scene file."""
+def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL) -> Inventory:
+    """The inventory of a scene file, or so much of it as is to be known before the first look."""
     colors: dict[tuple[float, float, float], int] = {}
 
     def register(solid: Solid, body: Body) -> int:
+        if prior is not Prior.FULL:
+            return colors.setdefault(WHITE[:3], 0)
         material = spec.materials.get(solid.material or body.material or "")
         red, green, blue, _ = material.rgba if material is not None else WHITE
         if material is not None and material.texture is not None:
@@ -158,7 +172,7 @@ def build_inventory(spec: SceneSpec) -> Inventory:
     known: dict[str, Entity] = {}
     parts: dict[str, MapPart] = {}
     map_colors: set[int] = set()
-    for name, body in spec.bodies.items():
+    for name, body in spec.bodies.items() if prior is not Prior.NONE else ():
         indices = [register(solid, body) for solid in body.shapes]
         if _is_known(body):
             known[name] = _make_template(name, body, source="map")
@@ -171,11 +185,12 @@ def build_inventory(spec: SceneSpec) -> Inventory:
     palette = np.array(list(colors), dtype=np.float64).reshape(-1, 3)
     return Inventory(
         scene=spec.scene,
+        prior=prior,
         things=things,
         articulated=articulated,
         known=known,
         map_parts=parts,
-        map=_join_map(known, parts),
+        map=join_map(known, parts),
         map_colors=frozenset(map_colors),
         like_map=_find_lookalikes(palette, map_colors),
         palette=palette,
@@ -189,6 +204,7 @@ def build_inventory(spec: SceneSpec) -> Inventory:
                 turned=find_turned(spec, name),
             )
             for name, region in spec.regions.items()
+            if region.body is None or prior is not Prior.NONE
         ),
     )
 
@@ -228,7 +244,7 @@ def _make_shape(solid: Solid) -> Shape:
     return Shape(solid.kind, solid.size_m, Pose(solid.position_m, convert_euler(solid.euler_rad)))
 
 
-def _join_map(known: Mapping[str, Entity], parts: Mapping[str, MapPart]) -> Solids:
+def join_map(known: Mapping[str, Entity], parts: Mapping[str, MapPart]) -> Solids:
     """All solids of the map, in the world."""
     joined = Solids.of(())
     for name, part in parts.items():

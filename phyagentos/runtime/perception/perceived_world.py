@@ -12,6 +12,7 @@ from typing_extensions import override
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.looks import FORMAT
+from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.world.environment import Environment, Status, TargetState
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.articulated import place_articulated
@@ -56,9 +57,10 @@ class PerceivedWorld(WorldModel):
         detector: Detector | None = None,
         *,
         noisy: bool = True,
+        prior: Prior = Prior.FULL,
     ) -> None:
         super().__init__(target, handle)
-        self._noisy = noisy
+        self._noisy, self._prior = noisy, prior
         self._detector = detector
         self._library, self._robot = library, robot
         self._moving, self._max_age_s = frozenset(moving), max_age_s
@@ -301,7 +303,7 @@ class PerceivedWorld(WorldModel):
         if name not in self._pipelines:
             if len(self._pipelines) >= MEMORY:
                 self._pipelines.clear()
-            inventory = build_inventory(read_scene(self._library.get_scene(name)))
+            inventory = build_inventory(read_scene(self._library.get_scene(name)), self._prior)
             segmenter = DetectorSegmenter(self._detector, inventory) if self._detector is not None else None
             self._pipelines[name] = Pipeline(
                 inventory, self._robot, self._target, self._max_age_s, segmenter, noisy=self._noisy

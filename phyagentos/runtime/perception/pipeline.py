@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.world.environment import Entity, Environment, SensorHealth, Status, TargetState
 from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.belief import find_changes, follow_hand, lose_sight, read_regions, update_belief
@@ -21,10 +22,10 @@ from phyagentos.runtime.perception.grip import Hand
 from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.motion_in_view import has_moved_in_view
 from phyagentos.runtime.perception.robot_mask import RobotMask
-from phyagentos.runtime.perception.segmentation import Palette, Segmenter
+from phyagentos.runtime.perception.segmentation import Colorless, Palette, Segmenter
 from phyagentos.runtime.perception.sensor_health import assess
 from phyagentos.runtime.perception.strangers import find_strangers, is_stranger
-from phyagentos.runtime.perception.supports import measure_supports
+from phyagentos.runtime.perception.supports import measure_supports, replace_surface
 from phyagentos.runtime.perception.views import CameraView, find_cloud, make_view
 from phyagentos.runtime.targets.wire import Frame, Frames
 
@@ -51,7 +52,8 @@ class Pipeline:
         self.inventory, self._noisy = inventory, noisy
         self._robot, self._target, self._max_age_s = robot, target, max_age_s
         self._hand = Hand(target=target, reach_m=robot.reach_m)
-        self._segmenter: Segmenter = segmenter or Palette(inventory.palette)
+        colors = Palette(inventory.palette) if inventory.prior is Prior.FULL else Colorless()
+        self._segmenter: Segmenter = segmenter or colors
         self.can_confirm = segmenter is None  # a detector is made for whole pictures
 
     def sense(
@@ -98,8 +100,11 @@ class Pipeline:
                 after = self.inventory.place_map(felt).known | lose_sight(felt, focus)
                 break
             newest_s = max(frame.time_s for frame in believed)
-            supports = {} if focus else measure_supports(believed, views, labels, self.inventory, entities)
-            inventory = self.inventory.place_map(entities | supports)
+            inventory = self.inventory
+            if inventory.prior is Prior.NONE:
+                inventory = replace_surface(inventory, entities, believed, views)
+            supports = {} if focus else measure_supports(believed, views, labels, inventory, entities)
+            inventory = inventory.place_map(entities | supports)
             cloud = find_cloud(believed, views, labels, inventory, robots)
             views = tuple(_place_crop(view, known) for view in views) if focus else views
             after = update_belief(
@@ -129,6 +134,7 @@ class Pipeline:
             looked_at_s=looked_at_s,
             changes=find_changes(entities, after),
             never_seen=self.inventory.find_unseen(after),
+            prior=self.inventory.summarise(),
         )
 
     def assess(

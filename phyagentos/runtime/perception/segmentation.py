@@ -92,6 +92,14 @@ def _measure(grid: Array, point: Array) -> Array:
     return np.asarray(hue + 0.15 * lightness)
 
 
+class Colorless:
+    """Labels every pixel with the one colour of an inventory that knows none."""
+
+    def label(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(h, w) zeros."""
+        return np.zeros(rgb.shape[:2], dtype=np.uint8)
+
+
 class DetectorSegmenter:
     """A segmenter that queries a detector with the inventory's words (`red cube`)."""
 

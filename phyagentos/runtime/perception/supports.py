@@ -7,21 +7,23 @@ not contradict it; then its doubt contains what they differ from it.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import as_pose, compute_matrix, compute_rotation, turn
-from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
+from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.perception.doubt import CORRELATED, MAP_STDS
-from phyagentos.runtime.perception.inventory import Inventory
-from phyagentos.runtime.perception.solids import Array
+from phyagentos.runtime.perception.inventory import Inventory, MapPart, join_map
+from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import CameraView, measure_points
 from phyagentos.runtime.targets.wire import Frame
 
 SOURCE = "rgbd support"
+SURFACE, SURFACE_HALF_M = "surface", (2.0, 2.0, 1.0)  # of a world without a map; what is below it is not looked for
+SURFACE_SPAN_M, SURFACE_STEP_M = (-0.4, 0.4), 0.004  # heights at which it may be, from the robot's base
 EVERY = 3  # of so many rows and columns one is read
 REACH_M, EDGE_M = 0.04, 0.012  # of a face: so far above and below it is looked for, and not so near to its edges
 POINTS_MIN, ROUNDS = 60, 6
@@ -60,6 +62,26 @@ def measure_supports(
         was = before.get(name, nominal)
         found[name] = _place(nominal, was, _combine(planes), len(planes)) if planes else was
     return found
+
+
+def replace_surface(
+    inventory: Inventory, before: Mapping[str, Entity], frames: Sequence[Frame], views: Sequence[CameraView]
+) -> Inventory:
+    """An inventory without a map whose map is the largest level surface in sight, or the one that is believed."""
+    surface = before.get(SURFACE)
+    if surface is None:
+        points = [
+            _take_points(*each, np.zeros(each[0].depth_m.shape, np.uint8))[0]
+            for each in zip(frames, views, strict=True)
+        ]
+        heights = np.concatenate(points)[:, 2]
+        counts, edges = np.histogram(heights, bins=np.arange(*SURFACE_SPAN_M, SURFACE_STEP_M))
+        top_m = float(edges[np.convolve(counts, np.ones(3), "same").argmax()]) + SURFACE_STEP_M / 2
+        shape, pose = Shape(ShapeKind.BOX, SURFACE_HALF_M), Pose((0.0, 0.0, top_m - SURFACE_HALF_M[2]))
+        surface = Entity(name=SURFACE, kind="table", movable=False, pose=pose, shapes=(shape,), source=SOURCE)
+    nominal = {SURFACE: surface}
+    part = {SURFACE: MapPart(Solids.of(surface.shapes), (0,))}
+    return replace(inventory, known=nominal, map_parts=part, map=join_map(nominal, part))
 
 
 def _take_points(frame: Frame, view: CameraView, labels: NDArray[np.uint8]) -> tuple[Array, NDArray[np.uint8]]:
