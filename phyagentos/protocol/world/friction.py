@@ -60,14 +60,12 @@ rubber  *       0.45 0.60 VDI 0.6 when clean; own when dusty
 """
 
 _ROLLING_M = {  # lever arm of rolling resistance; wood on wood 0.5 to 1.5 mm, steel on steel 0.1 mm in handbooks
-    Surface.WOOD: 5e-4,
+    **dict.fromkeys((Surface.METAL, Surface.GLASS, Surface.CERAMIC), 1e-4),
     Surface.PLASTIC: 3e-4,
-    Surface.METAL: 1e-4,
-    Surface.GLASS: 1e-4,
-    Surface.CERAMIC: 1e-4,
+    Surface.WOOD: 5e-4,
     Surface.CARD: 1e-3,
-    Surface.FELT: 2e-3,
     Surface.RUBBER: 1e-3,
+    Surface.FELT: 2e-3,
 }
 
 

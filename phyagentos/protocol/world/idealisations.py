@@ -7,20 +7,18 @@ import msgspec
 
 
 class Aspect(StrEnum):
-    """What is idealised."""
+    """What is idealised.
+
+    There is no physics; friction is the same against everything; the hand weighs nothing; joints or forces are measured
+    without error; pictures are perfect, or glass, black surfaces and motion do not spoil them.
+    """
 
     PHYSICS = "physics"
-    """There is none."""
     FRICTION = "friction"
-    """Bodies or pads without a surface: their friction is the same against everything."""
     HAND_MASS = "hand_mass"
-    """The hand weighs nothing in the arm's load."""
     JOINT_SENSORS = "joint_sensors"
-    """Joints are measured without noise and without delay."""
     CONTACT_FORCE = "contact_force"
-    """Contact forces are measured without error."""
     CAMERAS = "cameras"
-    """Pictures are perfect, or glass, black surfaces and motion do not spoil them."""
 
 
 class Idealisation(msgspec.Struct, frozen=True):

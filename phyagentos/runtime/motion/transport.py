@@ -26,7 +26,6 @@ from phyagentos.runtime.motion.requests import (
     NoPlan,
     ShapeTransport,
     Stages,
-    TimeScaling,
     Trajectory,
 )
 from phyagentos.runtime.motion.timing import (
@@ -71,14 +70,6 @@ class Care:
     tilt_max_rad: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Felt:
-    """The greatest share of the grip that a motion uses, and the greatest apparent tilt of the vessel [rad]."""
-
-    grip_share: float
-    tilt_rad: float
-
-
 def shape_transport(request: ShapeTransport, chain: Chain, limits: JointLimits, job: Job) -> Motion | NoPlan:
     """The timed motion; its stages hold what the payload feels, shaped and unshaped."""
     rows = np.asarray(request.waypoints_rad, dtype=float)
@@ -102,12 +93,11 @@ def time_carry(
     rows = drop_duplicates(rows_rad, SPACING_RAD)
     timed = time_path(rows_rad, limits)
     plain = timed.trajectory
-    felt = measure_felt(plain, rows[0], chain, care)
-    scaling = _note(msgspec.structs.replace(timed.scaling, unshaped_duration_s=timed.scaling.duration_s), felt, care)
-    scaling = msgspec.structs.replace(
-        scaling, unshaped_worst_tilt_rad=scaling.worst_tilt_rad, unshaped_grip_share=scaling.grip_share
-    )
-    if not is_shaped or len(rows) < 2 or (spares and felt.grip_share <= GRIP_SHARE):
+    share, tilt_rad = measure_felt(plain, rows[0], chain, care)
+    felt = _note(share, tilt_rad, care)
+    unshaped = {f"unshaped_{name}": value for name, value in felt.items()}
+    scaling = msgspec.structs.replace(timed.scaling, unshaped_duration_s=timed.scaling.duration_s, **felt, **unshaped)
+    if not is_shaped or len(rows) < 2 or (spares and share <= GRIP_SHARE):
         return Timed(plain, scaling)
     path = _Path.describe(rows, chain, care)
     ramp_s = RAMP_S if care.tilt_max_rad is None else LEVEL_RAMP_S
@@ -121,27 +111,21 @@ def time_carry(
             return q, qd / factor
 
         trajectory = sample_within_limits(slowed, factor * duration_s, rows[0], rows[-1], limits)
-        felt = measure_felt(trajectory, rows[0], chain, care)
-        if felt.tilt_rad <= tilt_max_rad and felt.grip_share <= path.budget:
+        share, tilt_rad = measure_felt(trajectory, rows[0], chain, care)
+        if tilt_rad <= tilt_max_rad and share <= path.budget:
             break
-    scaling = msgspec.structs.replace(
-        scaling,
-        solver="casadi",
-        status=status,
-        duration_s=round(trajectory.duration_s, 4),
-        solver_iterations=iterations,
-    )
-    return Timed(trajectory, _note(scaling, felt, care))
+    felt, duration_s = _note(share, tilt_rad, care), round(trajectory.duration_s, 4)
+    solved = {"solver": "casadi", "status": status, "solver_iterations": iterations}
+    return Timed(trajectory, msgspec.structs.replace(scaling, duration_s=duration_s, **solved, **felt))
 
 
-def _note(scaling: TimeScaling, felt: Felt, care: Care) -> TimeScaling:
-    tilt = None if care.tilt_max_rad is None else round(felt.tilt_rad, 5)
-    share = None if care.load is None else round(felt.grip_share, 4)
-    return msgspec.structs.replace(scaling, worst_tilt_rad=tilt, grip_share=share)
+def _note(share: float, tilt_rad: float, care: Care) -> dict[str, float]:
+    share_of_load = {} if care.load is None else {"grip_share": round(share, 4)}
+    return share_of_load if care.tilt_max_rad is None else share_of_load | {"worst_tilt_rad": round(tilt_rad, 5)}
 
 
-def measure_felt(trajectory: Trajectory, start_rad: Array, chain: Chain, care: Care) -> Felt:
-    """What a payload feels over a trajectory from rest at `start_rad` (n_joints,), by finite differences."""
+def measure_felt(trajectory: Trajectory, start_rad: Array, chain: Chain, care: Care) -> tuple[float, float]:
+    """Greatest share of the grip and greatest apparent tilt [rad] over a trajectory from rest at `start_rad`."""
     step_s = STRIDE * trajectory.step_s
     rows = np.vstack((start_rad, start_rad, trajectory.q_rad[STRIDE - 1 :: STRIDE], trajectory.q_rad[-1:]))
     poses = chain.compute_tcp_path(rows)
@@ -155,7 +139,7 @@ def measure_felt(trajectory: Trajectory, start_rad: Array, chain: Chain, care: C
     n = rotations[0].T @ np.array((0.0, 0.0, 1.0))  # the vessel's axis in the tool frame
     along = f @ n
     tilt = np.arctan2(np.linalg.norm(f - along[:, None] * n, axis=1), along)
-    return Felt(share, float(tilt.max()))
+    return share, float(tilt.max())
 
 
 def _grip(f: Array, spin: Array, load: Load) -> Array:
@@ -171,14 +155,12 @@ class _Path:
 
     Attributes:
         q: Joint positions over the parameter.
-        points: (2 n,) parameters.
         grip: (3, 3, 2 n) shares of the grip.
         vessel: (3, 3, 2 n) lateral, lateral and axial apparent gravity, the lateral ones over the tangent allowed.
         budget: Share of the grip that may be used.
     """
 
     q: CubicSpline
-    points: Array
     grip: Array
     vessel: Array
     budget: float
@@ -187,33 +169,26 @@ class _Path:
     def describe(cls, rows: Array, chain: Chain, care: Care) -> "_Path":
         s, q, load = np.linspace(0.0, 1.0, GRID), fit_spline(rows), care.load
         poses = chain.compute_tcp_path(q(s))
-        points = np.column_stack((KNOTS[:-1], KNOTS[1:])).ravel()
         axes = CubicSpline(s, poses[:, :3, :3])
         center = np.zeros(3) if load is None else np.array(load.center_m)
         p = CubicSpline(s, poses[:, :3, 3] + poses[:, :3, :3] @ center)
-        gravity = np.tile((0.0, 0.0, GRAVITY_M_S2), (len(points), 1))
-        R = axes(points)
-        f = [np.einsum("kji,kj->ik", R, each) for each in (p(points, 2), p(points, 1), gravity)]
-        spins = _turn_about_closing_axis(axes, points)
-        grip, vessel, budget = np.zeros((3, 3, len(points))), np.zeros((3, 3, len(points))), 1.0
+        gravity, R = np.tile((0.0, 0.0, GRAVITY_M_S2), (len(ENDS), 1)), axes(ENDS)
+        f = [np.einsum("kji,kj->ik", R, each) for each in (p(ENDS, 2), p(ENDS, 1), gravity)]
+        grip, vessel, budget = np.zeros((3, 3, len(ENDS))), np.zeros((3, 3, len(ENDS))), 1.0
         vessel[2, 2] = 1.0
         if load is not None:
-            turns = (*spins, np.zeros(len(points)))
+            about_y = (np.einsum("ki,ki->k", R[:, :, 0], axes(ENDS, order)[:, :, 2]) for order in (2, 1))
+            turns = (*about_y, np.zeros(len(ENDS)))  # the coefficients of the angular acceleration
             grip = np.array([_grip(each, turn, load) for each, turn in zip(f, turns, strict=True)])
             budget = max(GRIP_SHARE, REST_SHARE * float(np.linalg.norm(grip[2], axis=0).max()))
         if care.tilt_max_rad is not None:
             vessel = np.array([poses[0, :3, :3] @ each for each in f]) / GRAVITY_M_S2  # upright at the start
             vessel[:, :2] /= np.tan(MARGIN * care.tilt_max_rad)
-        return cls(q, points, grip / (MARGIN * budget), vessel, budget)
-
-
-def _turn_about_closing_axis(axes: CubicSpline, points: Array) -> tuple[Array, Array]:
-    """(k,) coefficients of b and a in the angular acceleration about the tool's y axis."""
-    x = axes(points)[:, :, 0]
-    return tuple(np.einsum("ki,ki->k", x, axes(points, order)[:, :, 2]) for order in (2, 1))
+        return cls(q, grip / (MARGIN * budget), vessel, budget)
 
 
 KNOTS: Array = (1.0 - np.cos(np.linspace(0.0, np.pi, INTERVALS + 1))) / 2.0  # denser where it starts and stops
+ENDS: Array = np.column_stack((KNOTS[:-1], KNOTS[1:])).ravel()  # (2 n,) of the intervals
 _COUNT = 18  # coefficients of a point besides those of the joints
 
 
@@ -275,7 +250,7 @@ def _optimise(path: _Path, limits: JointLimits, unit_s: float, ramp_s: float) ->
     hardest = ACCELERATION_SCALE * unit_s**2 * limits.acceleration_rad_s2
     scale = np.array((unit_s**-2, unit_s**-2, 1.0))[:, None, None]
     felt = [(scale * each).transpose(1, 0, 2).reshape(9, -1) for each in (path.grip, path.vessel)]
-    given = np.vstack(((path.q(path.points, 1) / hardest).T, (path.q(path.points, 2) / hardest).T, *felt))
+    given = np.vstack(((path.q(ENDS, 1) / hardest).T, (path.q(ENDS, 2) / hardest).T, *felt))
     fastest = VELOCITY_SCALE * unit_s * limits.velocity_rad_s
     size = 2 * INTERVALS + 1
     least, most, start = np.full(size, -np.inf), np.full(size, np.inf), np.zeros(size)

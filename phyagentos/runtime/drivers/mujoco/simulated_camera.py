@@ -26,6 +26,9 @@ from phyagentos.runtime.drivers.mujoco.static_depth_cache import Picture, Shot
 from phyagentos.runtime.models.camera_model import Array, Lens, Viewpoint, find_mounting
 from phyagentos.runtime.targets.wire import Crop, Frame
 
+Exposed = tuple[mujoco.MjData, mujoco.MjData | None]
+"""States at the end of an exposure and, where something moved, at its beginning."""
+
 
 class Caster(Protocol):
     """A back end: pictures of a perfect camera."""
@@ -93,11 +96,11 @@ class SimulatedCamera:
         low, high = self.settings.range_m
         shot = Shot(lens, true, high, still=self._still, whole=whole, corner=crop[:2] if crop else (0, 0))
         if every == 1:
-            picture = self._cast(data, begin, shot)
+            picture = self._cast((data, begin), shot)
             rgb, depth = spoil(picture, self.noise, lens.fx, (low, high), rng)
         else:
             lens = lens.thin(every)
-            picture = self._cast_some(data, begin, shot, lens, every, rng)
+            picture = self._cast_some((data, begin), shot, lens, every, rng)
             rgb, depth = spoil(picture, self.noise, 0.0, (low, high), rng)
         claimed = claimed or nominal
         return Frame(
@@ -114,22 +117,15 @@ class SimulatedCamera:
             depth_m=depth,
         )
 
-    def _cast(self, data: mujoco.MjData, begin: mujoco.MjData | None, shot: Shot) -> Picture:
+    def _cast(self, states: Exposed, shot: Shot) -> Picture:
+        data, begin = states
         picture = self._caster.cast(data, shot)
         if begin is None:
             return picture
         there = self.mounting.find(begin).then(self._error)
         return blur(picture, self._caster.cast(begin, replace(shot, viewpoint=there)))
 
-    def _cast_some(
-        self,
-        data: mujoco.MjData,
-        begin: mujoco.MjData | None,
-        shot: Shot,
-        thin: Lens,
-        every: int,
-        rng: np.random.Generator,
-    ) -> Picture:
+    def _cast_some(self, states: Exposed, shot: Shot, thin: Lens, every: int, rng: np.random.Generator) -> Picture:
         """The pixels of a thinned picture: colours at their centres, depths at their wavering places."""
         shape = (thin.height, thin.width)
         rows, columns = np.indices(shape, dtype=np.intp) * every + every // 2
@@ -140,7 +136,7 @@ class SimulatedCamera:
             np.concatenate((rows.ravel(), deep_rows[moved])),
             np.concatenate((columns.ravel(), deep_columns[moved])),
         )
-        picture = self._cast(data, begin, replace(shot, pixels=pixels))
+        picture = self._cast(states, replace(shot, pixels=pixels))
         n, row = rows.size, np.arange(rows.size)
         row[moved[0] * shape[1] + moved[1]] = n + np.arange(len(moved[0]))
         flat = Picture(picture.rgb[0], picture.depth_m[0], picture.incidence[0], picture.finish[0])
