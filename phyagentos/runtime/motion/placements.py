@@ -92,7 +92,7 @@ def _fits_alone(
     kept = (held.name, request.destination, *space.supports)
     entities = tuple(each for each in request.world.entities if not each.movable or each.name in kept)
     alone = msgspec.structs.replace(request, world=msgspec.structs.replace(request.world, entities=entities))
-    return bool(find_standing_sites(alone, space, held, attitudes, footprint, tool_m, job))
+    return bool(find_standing_sites(alone, space, held, attitudes, footprint, tool_m, job, enough=1))
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,11 +40,13 @@ def find_standing_sites(
     footprint: Footprint,
     tool_m: Array,
     job: Job,
+    enough: float = np.inf,
 ) -> Sites:
     """Sites at which no solid of the payload touches another one, those along the sides of the destination first.
 
     Only the payload's middle must be within the sides. `attitudes` maps yaws of the tool [degrees] to the attitude
-    (3, 3) of the payload in the axes of the space; `tool_m` (3,) is where the tool is.
+    (3, 3) of the payload in the axes of the space; `tool_m` (3,) is where the tool is. The search ends with the yaw
+    that makes `enough` sites.
     """
     interest_m, radius_m = (tool_m, np.inf) if request.near is None else (request.near, request.near_radius_m)
     from_m = space.rotation[:2, :2].T @ (np.asarray(interest_m) - space.center_m)[:2]
@@ -53,8 +55,10 @@ def find_standing_sites(
         return Sites(iter(()))
     for gap_m in GAPS_M:
         checker = StandingRoom(request, space, held, gap_m)
-        sites = []
+        sites: list[tuple[tuple[float, ...], Site]] = []
         for degrees, R in attitudes.items():
+            if len(sites) >= enough:
+                break
             start = checker.turn(R)
             snug = space.half_m - measure_rectangle(held, R) - gap_m - SNUG_M
             points = [p for p in _list_points(np.maximum(room, 0.0), snug) if np.hypot(*(p - from_m)) <= radius_m]
