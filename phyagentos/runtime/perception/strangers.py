@@ -17,7 +17,7 @@ from phyagentos.protocol.world.environment import UNNAMED, Entity, Shape, ShapeK
 from phyagentos.runtime.perception.clusters import find_clusters
 from phyagentos.runtime.perception.doubt import SIGMA
 from phyagentos.runtime.perception.forms import sample_surface
-from phyagentos.runtime.perception.solids import Array, Solids
+from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
 from phyagentos.runtime.perception.views import CameraView, measure_points
 from phyagentos.runtime.perception.visibility import measure_sight
 from phyagentos.runtime.targets.wire import Frame
@@ -53,7 +53,8 @@ def find_strangers(
     """
     named = [entity for name, entity in entities.items() if not is_stranger(name)]
     before = {name: entity for name, entity in entities.items() if is_stranger(name)}
-    parts = [_find_unexplained(*each, map_solids, named) for each in zip(frames, views, robots, strict=True)]
+    known = [_pose(each) for each in named if each.shapes and each.status is not Status.GONE]
+    parts = [_find_unexplained(*each, map_solids, known) for each in zip(frames, views, robots, strict=True)]
     points = np.concatenate([part for part, _, _ in parts]) if parts else np.zeros((0, 3))
     is_cut = np.concatenate([cut for _, cut, _ in parts]) if parts else np.zeros(0, np.bool_)
     camera = np.repeat(np.arange(len(parts)), [len(part) for part, _, _ in parts])
@@ -103,7 +104,7 @@ def is_stranger(name: str) -> bool:
 
 
 def _find_unexplained(
-    frame: Frame, view: CameraView, robot: Solids, map_solids: Solids, named: Sequence[Entity]
+    frame: Frame, view: CameraView, robot: Solids, map_solids: Solids, known: Sequence[Solids]
 ) -> tuple[Array, NDArray[np.bool_], float]:
     """Measured points (n, 3) that belong to nothing known, which (n,) are at the picture's edge, and the noise [m]."""
     rows, columns = np.nonzero(np.isfinite(frame.depth_m[:, ::EVERY]))
@@ -112,21 +113,20 @@ def _find_unexplained(
     away = map_solids.measure(points)
     of_map = np.abs(away[np.abs(away) < NOISE_MAX_M])
     median_m = float(np.median(of_map)) if len(of_map) else NOISE_MAX_M / NOISE
-    keep = away > max(MAP_M, NOISE * median_m)
-    for entity in named:
-        if entity.shapes and entity.status is not Status.GONE and keep.any():
-            keep[keep] = _is_beyond(points[keep], _pose(entity), max(THING_M, NOISE * median_m))
-    keep[keep] = _is_beyond(points[keep], robot, ROBOT_M)
-    rows, columns = rows[keep], columns[keep]
+    left = np.flatnonzero(away > max(MAP_M, NOISE * median_m))
+    for solids, margin_m in (*((each, max(THING_M, NOISE * median_m)) for each in known), (robot, ROBOT_M)):
+        if len(left):
+            left = left[_is_beyond(points[left], solids, margin_m)]
+    rows, columns = rows[left], columns[left]
     is_cut = (np.minimum(rows, frame.height - 1 - rows) < CUT_PX) | (
         np.minimum(columns, frame.width - 1 - columns) < CUT_PX
     )
-    return points[keep], is_cut, SIGMA * median_m
+    return points[left], is_cut, SIGMA * median_m
 
 
 def _is_beyond(points: Array, solids: Solids, margin_m: float) -> NDArray[np.bool_]:
     """(n,) which of the points (n, 3) are farther than this from the solids."""
-    near = np.flatnonzero(np.linalg.norm(points - solids.center_m, axis=1) < solids.radius_m + margin_m)
+    near = np.flatnonzero(measure_lengths(points - solids.center_m) < solids.radius_m + margin_m)
     beyond = np.ones(len(points), np.bool_)
     if len(near):
         beyond[near] = solids.measure(points[near]) > margin_m

@@ -17,6 +17,7 @@ from phyagentos.geometry import as_pose, compute_matrix, compute_rotation, turn
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.perception.doubt import CORRELATED, MAP_STDS
 from phyagentos.runtime.perception.inventory import Inventory, MapPart, join_map
+from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import CameraView, measure_points
 from phyagentos.runtime.targets.wire import Frame
@@ -57,7 +58,7 @@ def measure_supports(
     seen = [_take_points(*each) for each in zip(frames, views, labels, strict=True)]
     found = {}
     for name, nominal in inventory.known.items():
-        own = (points[np.isin(labels, inventory.map_parts[name].colors)] for points, labels in seen)
+        own = (points[is_among(labels, inventory.map_parts[name].colors)] for points, labels in seen)
         planes = [plane for points in own if (plane := _fit_plane(nominal, points)) is not None]
         was = before.get(name, nominal)
         found[name] = _place(nominal, was, _combine(planes), len(planes)) if planes else was
