@@ -2,18 +2,19 @@
 
 from itertools import pairwise
 
+import msgspec
 import mujoco
 import numpy as np
 import pytest
 
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import compute_matrix, compute_rotation_vector
-from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.protocol.world.environment import UNNAMED, Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.kinematics import POLISHED, REACHED
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.poses import interpolate_poses, point_tool_down
-from phyagentos.runtime.motion.requests import Payload, World
+from phyagentos.runtime.motion.requests import Motion, Payload, PlanMove, World
 from phyagentos.runtime.motion.robot_model import build_robot_model
 from phyagentos.runtime.motion.shapes import compute_bounds
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
@@ -88,6 +89,20 @@ def test_an_edge_through_a_wall_is_blocked_for_both_checkers(planner, build, hom
         assert check.is_free(right)
         assert not check.edge_is_free(left, right)
         assert not check.path_is_free(np.array((left, right)))
+
+
+def test_a_motion_goes_around_a_thing_that_has_no_name(planner, build, home):
+    box = msgspec.structs.replace(
+        build.cube("unknown_1", 0.55, 0.0), kind=UNNAMED, shapes=(build.box((0, 0, 0.33), (0.04, 0.04, 0.35)),)
+    )
+    start, goal = (home + np.array((turn, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0)) for turn in (-0.9, 0.9))
+    scenes = PlanningScenes(planner.robot)
+    assert scenes.get_scene(World(())).edge_is_free(start, goal)
+    scene = scenes.get_scene(World((box,)))
+    assert not scene.edge_is_free(start, goal)
+    motion = planner.answer(PlanMove(world=World((box,)), q_rad=start, goals_rad=goal[None], seed=1))
+    assert isinstance(motion, Motion), motion
+    assert all(scene.is_free(q) for q in motion.trajectory.q_rad)
 
 
 def test_a_new_pose_needs_no_new_model_and_a_held_thing_is_no_obstacle(planner, build, home):
