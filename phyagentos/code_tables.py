@@ -219,6 +219,7 @@ UNKNOWN_ENTITY          A request names something that the world does not hold.
 
 EXECUTION = """
 ALREADY_MET             The acceptance was true before the session, so that nothing was commanded.
+CONTACT                 A guarded motion met something, and stopped.
 COOLING_DOWN            The child of a cooldown ended too short a time ago.
 GRASP_LOST              The object was held and is not any more.
 GRASP_MISSED            The fingers closed and do not hold the object.

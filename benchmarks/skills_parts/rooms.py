@@ -219,9 +219,38 @@ def draw_press(seed: int, rng: Rng) -> Instance:
     return Instance(skill="press", seed=seed, bodies=bodies, arguments=arguments, accept=accept, truth=truth)
 
 
+def draw_insert(seed: int, rng: Rng) -> Instance:
+    """A standing peg, and a block with a hole that is two millimetres wider."""
+    radius, tall, wall = rng.uniform(0.011, 0.018), rng.uniform(0.038, 0.046), 0.012
+    deep = tall - rng.uniform(0.019, 0.023)  # fingers that hold the peg's upper end stay above the rim
+    hole, yaw, side = radius + 0.001, rng.uniform(-TURN, TURN), float(rng.choice([1, -1]))
+    outer = hole + wall
+    walls = [
+        box((outer, outer, 0.002), (0, 0, 0.002)),
+        *(box((outer, wall / 2, deep), (0, s * (hole + wall / 2), 0.004 + deep)) for s in (1, -1)),
+        *(box((wall / 2, hole, deep), (s * (hole + wall / 2), 0, 0.004 + deep)) for s in (1, -1)),
+    ]
+    at = (rng.uniform(0.42, 0.55), side * rng.uniform(0.05, 0.25), 0.0)
+    socket = fix("socket", "slate", at, walls, yaw)
+    socket["interior"] = {
+        "center_m": [0.0, 0.0, 0.004 + float(deep)],
+        "half_m": [float(hole), float(hole), float(deep)],
+    }
+    socket["place"]["jitter_m"] = [0.01, 0.01, 0.0]  # where it stands is measured
+    peg_at = (rng.uniform(0.42, 0.55), -side * rng.uniform(0.05, 0.25), tall + 0.0005)
+    cylinder = {"kind": "cylinder", "size_m": [float(radius), float(tall)]}
+    peg = loose("peg", "red", peg_at, [cylinder], 0, rng.uniform(0.04, 0.15))
+    truth = (("plugged", "peg", "socket", float(deep), float(tall)),)
+    arguments = {"object": "peg", "socket": "socket"}
+    accept = ("inside(peg, socket)",)
+    bodies = {"socket": socket, "peg": peg}
+    return Instance(skill="insert", seed=seed, bodies=bodies, arguments=arguments, accept=accept, truth=truth)
+
+
 DRAWERS: Mapping[str, Callable[[int, Rng], Instance]] = {
     "unstack": draw_unstack,
     "press": draw_press,
+    "insert": draw_insert,
     "open_hinged": lambda seed, rng: draw_hinged(seed, rng, opens=True),
     "close_hinged": lambda seed, rng: draw_hinged(seed, rng, opens=False),
 }

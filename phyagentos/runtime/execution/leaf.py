@@ -39,6 +39,8 @@ class FailureCode(StrEnum):
     """A motor does not follow its set-points."""
     OUT_OF_TIME = "OUT_OF_TIME"
     """A timeout of the tree ran out, in simulated time."""
+    CONTACT = "CONTACT"
+    """A guarded motion met something."""
     COOLING_DOWN = "COOLING_DOWN"
     """A child of a cooldown ended too short a time ago."""
     UNMET = "UNMET"

@@ -182,12 +182,14 @@ class MovingLeaf(PlanningLeaf[Motion]):
     """A leaf that plays a timed motion.
 
     Authors write `compose` and, where wanted, `on_arrived`. Set `_held` to the name of an entity to fail with
-    `GRASP_LOST` when it leaves the fingers on the way.
+    `GRASP_LOST` when it leaves the fingers on the way. Set `_stop_n` to a force [N] to fail with `CONTACT` when the
+    target feels more.
     """
 
     EXPECTED = Motion
 
     _player: TrajectoryPlayer | None = None
+    _stop_n: float | None = None
     _held: str | None = None
     _lost_periods = 0
     _judged: Step | None = None  # the latest step for which it was asked whether the entity is held
@@ -218,6 +220,10 @@ class MovingLeaf(PlanningLeaf[Motion]):
             if self._lost_periods >= LOST_PERIODS:
                 self._player = None
                 return self.fail(FailureCode.GRASP_LOST, f"{self._held} left the fingers", object=self._held)
+        felt_n = step.contact_force_n
+        if self._stop_n is not None and felt_n is not None and felt_n > self._stop_n:
+            self._player = None
+            return self.fail(FailureCode.CONTACT, f"a contact of {felt_n:.0f} N, allowed are {self._stop_n:g} N")
         progress = player.tick(step)
         if progress is Progress.MOVING:
             return Status.RUNNING

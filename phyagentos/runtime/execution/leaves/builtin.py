@@ -14,6 +14,7 @@ from phyagentos.runtime.execution.leaves.move_linear import MoveLinear
 from phyagentos.runtime.execution.leaves.move_to import MoveTo
 from phyagentos.runtime.execution.leaves.plan_carry import PlanCarry
 from phyagentos.runtime.execution.leaves.plan_grasp import PlanGrasp
+from phyagentos.runtime.execution.leaves.plan_insert import PlanInsert
 from phyagentos.runtime.execution.leaves.plan_line import PlanLine
 from phyagentos.runtime.execution.leaves.plan_place import PlanPlace
 from phyagentos.runtime.execution.leaves.plan_push import PlanPush
@@ -39,6 +40,7 @@ def register_builtin(registry: LeafRegistry) -> None:
     registry.register("open_gripper", OpenGripper)
     registry.register("plan_carry", PlanCarry)
     registry.register("plan_grasp", PlanGrasp)
+    registry.register("plan_insert", PlanInsert)
     registry.register("plan_line", PlanLine)
     registry.register("plan_place", PlanPlace)
     registry.register("plan_push", PlanPush)

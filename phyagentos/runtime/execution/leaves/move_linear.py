@@ -14,12 +14,16 @@ class MoveLinear(MovingLeaf):
         "direction": PortInformation(data_type=str, default_value="forward", description="`forward` or `back`."),
         "speed": PortInformation(data_type=float, default_value=0.25, description="Fraction of the velocity limits."),
         "payload": PortInformation(data_type=Payload, required=False, description="What must stay in the fingers."),
+        "stop_n": PortInformation(
+            data_type=float, required=False, description="Contact force at which it stops and fails [N]."
+        ),
     }
 
     def compose(self) -> MotionRequest | Status:
         """Time the line."""
         payload = self.find("payload")
         self._held = None if payload is None else payload.entity
+        self._stop_n = self.find("stop_n")
         line = self.read("approach").line_rad
         direction = self.read("direction")
         if direction not in ("forward", "back"):
