@@ -15,6 +15,7 @@ from phyagentos.runtime.perception.solids import Solids
 from phyagentos.runtime.perception.views import CameraView, Cloud
 
 SUNK_M = 0.005  # depths and calibration err by less than this
+WITHIN = 0.7  # of half its least extent: with its middle so deep in another one, a thing is not where that is
 
 
 def separate_overlaps(
@@ -26,21 +27,32 @@ def separate_overlaps(
 ) -> dict[str, Fit]:
     """The fits; those that penetrate the map or another fit are fitted anew, the one with fewer points first.
 
+    One that is where another one is all the same is left out: its points are of that one.
+
     `seen` are the points of each fit; `map_solids` are in the world.
     """
     apart = dict(fits)
     rank = {name: (len(seen[name].points_m), name) for name in fits}
     for name in sorted(fits, key=rank.__getitem__):
         thing, own = things[name], apart[name]
-        obstacle = map_solids
+        others = Solids.of(())
         for other, found in apart.items():
             near_m = (things[other].diameter_m + thing.diameter_m) / 2
             is_near = float(np.linalg.norm(found.position_m - own.position_m)) < near_m
             if other != name and rank[other] > rank[name] and is_near:
-                obstacle = obstacle.join(things[other].solids.at(found.rotation, found.position_m))
+                others = others.join(things[other].solids.at(found.rotation, found.position_m))
+        obstacle = map_solids.join(others)
         sunk_m = measure_sunk(thing, own.rotation, own.position_m, obstacle)
-        if sunk_m < SUNK_M:
-            continue
-        again = fit(thing, seen[name], views, (own.rotation, own.position_m), obstacle)
-        apart[name] = again or replace(own, sunk_m=sunk_m)
+        if sunk_m >= SUNK_M:
+            again = fit(thing, seen[name], views, (own.rotation, own.position_m), obstacle)
+            apart[name] = again or replace(own, sunk_m=sunk_m)
+        if others.kinds and _is_within(thing, apart[name], others):
+            del apart[name]
     return apart
+
+
+def _is_within(thing: ObjectModel, own: Fit, others: Solids) -> bool:
+    """Whether the middle of a thing is deep within other ones."""
+    low, high = thing.samples_m.min(axis=0), thing.samples_m.max(axis=0)
+    middle = own.position_m + own.rotation @ ((low + high) / 2)
+    return -float(others.measure(middle[None])[0]) > WITHIN * float((high - low).min()) / 2

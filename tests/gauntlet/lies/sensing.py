@@ -387,6 +387,15 @@ SABOTAGES = (
         ),
     ),
     Sabotage(
+        name="two_in_one_place",
+        lie="Two things that are alike are where a picture shows one of them in parts.",
+        edits=(Edit("phyagentos.runtime.perception.separate_overlaps", "WITHIN = 0.7", "WITHIN = 7.0"),),
+        tests=(
+            "tests/runtime/perception/test_possible_poses.py::"
+            "test_two_things_are_not_in_one_place_when_a_picture_shows_one_of_them_in_parts",
+        ),
+    ),
+    Sabotage(
         name="guesses_are_facts",
         lie="A pose that hardly fits what was seen is where the thing is.",
         edits=(Edit("phyagentos.protocol.world.environment", "SURE = 0.65", "SURE = 0.0"),),

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+import yaml
 
 from phyagentos.geometry import turn
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.perception.association import associate
 from phyagentos.runtime.perception.doubt import Doubt
 from phyagentos.runtime.perception.fitting import Fit, measure_sunk
@@ -13,6 +14,7 @@ from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.separate_overlaps import SUNK_M, separate_overlaps
 from phyagentos.runtime.perception.views import CameraView, Cloud
 from phyagentos.runtime.perception.visibility import Sight
+from tests.runtime.perception.conftest import SCENE
 
 ON_SIDE = turn(np.array([np.pi / 2, 0.0, 0.0]))
 
@@ -104,3 +106,15 @@ def test_a_coin_that_seems_to_stand_on_its_rim_within_the_coaster_lies_on_it(wai
     assert parted["coin"].position_m == pytest.approx((0.45, 0.0, 0.0485), abs=0.002)
     assert parted["coin"].sunk_m < SUNK_M
     assert parted["coaster"] is fits["coaster"]
+
+
+def test_two_things_are_not_in_one_place_when_a_picture_shows_one_of_them_in_parts():
+    slabs = SCENE.replace("size_m: [0.02, 0.02, 0.02]", "size_m: [0.05, 0.017, 0.006]")
+    inventory = build_inventory(SceneSpec.model_validate(yaml.safe_load(slabs)))
+    things = {name: inventory.things[name] for name in ("first", "second")}
+    u, v = (each.ravel() for each in np.meshgrid(np.linspace(-0.049, 0.049, 25), np.linspace(-0.016, 0.016, 9)))
+    face = np.column_stack((0.45 + u, v, np.full(u.size, 0.024)))  # of the upper one of two
+    fits = {name: make_fit(np.eye(3), (0.45, 0.0, 0.018)) for name in things}
+    seen = {"first": make_cloud(things["first"], face), "second": make_cloud(things["second"], face[::3])}
+    parted = separate_overlaps(things, fits, seen, (look_from((0.45, 0.0, 1.4)),), inventory.map)
+    assert list(parted) == ["first"]
