@@ -203,7 +203,7 @@ def test_a_pose_that_hardly_fits_is_no_fact_until_another_look(text):
 
 
 def test_what_was_not_seen_at_all_is_unknown_and_no_matter_of_sharpness():
-    found = value("inside(a, tray)", world(cube("a", 0.5, status=Status.HIDDEN), tray(), sensing="perceived"))
+    found = value("inside(a, tray)", world(cube("a", 0.5, visible=False), tray(), sensing="perceived"))
     assert (found.truth, found.is_blurred) == (Truth.UNKNOWN, False)
 
 

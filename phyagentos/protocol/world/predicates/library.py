@@ -175,7 +175,8 @@ def get_entity(view: View, name: str, max_age_s: float = FRESH_S) -> Entity:
     if entity is None:
         raise FactUnknown(f"{name} is not in the snapshot")
     if reason := view.now.explain_unseen(entity, max_age_s):
-        raise (FactBlurred if entity.is_unsure else FactUnknown)(reason)
+        was_just_seen = entity.visible and view.now.time_s - entity.observed_at_s <= min(max_age_s, FRESH_S)
+        raise (FactBlurred if was_just_seen else FactUnknown)(reason)
     return entity
 
 
