@@ -114,6 +114,9 @@ def _cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -
             return None
     parameters.pop("target", None)
     needed = {key for key, p in skill.parameters.items() if not p.optional and p.default is None}
+    kinds = {name: entity.kind for name, entity in world.entities.items()}
+    if any(p.kinds and kinds.get(str(parameters.get(key))) not in p.kinds for key, p in skill.parameters.items()):
+        return None
     return parameters if needed <= parameters.keys() <= skill.parameters.keys() else None
 
 

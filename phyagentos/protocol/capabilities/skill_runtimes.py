@@ -40,6 +40,7 @@ class Parameter(Authored):
         default: Value of an argument that is left out.
         optional: Whether it may be left out without a default.
         choices: The only values, where there are few.
+        kinds: Kinds of the things that it may name; any without.
         minimum: Smallest number.
         maximum: Largest number.
     """
@@ -50,6 +51,7 @@ class Parameter(Authored):
     default: Any = None
     optional: bool = False
     choices: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
     minimum: float | None = None
     maximum: float | None = None
 

@@ -176,9 +176,11 @@ class TargetSessionHandle:
 
     @property
     def can_run_ahead(self) -> bool:
-        """Whether a command may be sent before the report of the one before: in lockstep, to another process."""
-        is_lockstep = self.describe().mode == WorldMode.LOCKSTEP
-        return is_lockstep and self._local is None and not self._shares_time
+        """Whether a command may be sent before the report of the one before: in lockstep, with time of its own.
+
+        So it is within one process, too, where nothing is gained by it: what is looked at when depends on it.
+        """
+        return self.describe().mode == WorldMode.LOCKSTEP and not self._shares_time
 
     def apply(self, points: SetPoints) -> wire.Step:
         """Guard one control period and carry it out.

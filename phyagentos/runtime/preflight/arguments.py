@@ -78,11 +78,16 @@ def iter_name_problems(
         given = session.parameters.get(name)
         named = [given] if isinstance(given, str) else given if isinstance(given, list | tuple) else []
         for value in named if parameter.type in known else ():
+            by = f"skill {session.skill}: parameters.{name}"
             if value in known[parameter.type]:
+                kind = now.entities[value].kind if value in now.entities else ""
+                if parameter.kinds and kind not in parameter.kinds:
+                    yield make_problem(
+                        "PARAMETER_INVALID", f"parameters.{name}", f"{value}: {kind}", " or ".join(parameter.kinds), by
+                    )
                 continue
             reported.add(value)
             names = sorted(known[parameter.type])
-            by = f"skill {session.skill}: parameters.{name}"
             yield make_unknown("ENTITY_UNKNOWN", f"parameters.{name}", value, names, triggered_by=by)
     for kind in ("hold", "accept") if is_fresh else ():
         for index, text in enumerate(getattr(session, kind)):
