@@ -11,24 +11,27 @@ Development uses the seeds below 1000.
 import argparse
 import json
 import os
-import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import yaml
+from rich.console import Console
+from rich.table import Table
 
 from benchmarks.skills_parts.judge import Judge
 from benchmarks.skills_parts.rooms import DRAWERS, Instance, draw
 from phyagentos.assembly.agent_plane import Agent, MemoryUse
 from phyagentos.assembly.paths import open_project
+from phyagentos.bench.report import Ask, format_outcome
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.workspace.workspace import Workspace
 
+LEAST = {"insert": 0.8}  # asked of each: else 0.9
 HELD_OUT = 1000  # the first seed of instances that no one has developed with
 
 
@@ -74,19 +77,31 @@ def run_one(agent: Agent, workspace: Workspace, project: Path, each: Instance) -
     }
 
 
-def summarise(records: list[dict[str, object]]) -> dict[str, object]:
-    """The figures of one skill."""
-    return {
-        "instances": len(records),
-        "met": sum(bool(one["met"]) for one in records),
-        "first_attempt": sum(bool(one["first"]) for one in records),
-        "false_successes": sum(bool(one["false_success"]) for one in records),
-        "false_failures": sum(bool(one["met"]) and one["verdict"] != "success" for one in records),
-    }
+def build_figures(records: Mapping[str, list[dict[str, object]]]) -> dict[str, float]:
+    """Shares of each skill, and the false successes of all."""
+    figures = {}
+    for skill, ones in records.items():
+        figures[f"{skill}_met"] = sum(bool(one["met"]) for one in ones) / len(ones)
+        figures[f"{skill}_first_attempt"] = sum(bool(one["first"]) for one in ones) / len(ones)
+        wrong = sum(bool(one["met"]) and one["verdict"] != "success" for one in ones)
+        figures[f"{skill}_false_failures"] = wrong / len(ones)
+    figures["false_successes"] = float(sum(bool(one["false_success"]) for ones in records.values() for one in ones))
+    return figures
 
 
-def main() -> None:
-    """Run, print a table and one line of JSON."""
+def show(records: Mapping[str, list[dict[str, object]]], figures: Mapping[str, float]) -> None:
+    """One row a skill."""
+    table = Table(title="skills on instances drawn from seeds")
+    for column in ("skill", "instances", "met, by the world", "at first attempt", "met, but told as failure"):
+        table.add_column(column)
+    for skill, ones in records.items():
+        shares = (figures[f"{skill}_{name}"] for name in ("met", "first_attempt", "false_failures"))
+        table.add_row(skill, str(len(ones)), *(f"{share:.2f}" for share in shares))
+    Console().print(table)
+
+
+def main() -> int:
+    """Run, show, and tell whether every asked figure holds."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--skill", action="append", choices=sorted(DRAWERS), help="repeatable; all by default")
     parser.add_argument("--count", type=int, default=50)
@@ -96,39 +111,28 @@ def main() -> None:
     parser.add_argument("--results", type=Path, help="one line of JSON an instance is appended")
     parser.add_argument("--keep", type=Path, help="folder in which the workspaces stay")
     chosen = parser.parse_args()
-    table: dict[str, dict[str, object]] = {}
+    records: dict[str, list[dict[str, object]]] = {}
     for skill in chosen.skill or list(DRAWERS):
-        folder = Path(tempfile.mkdtemp()) if chosen.keep is None else chosen.keep / skill
-        records, seeds = [], range(chosen.first, chosen.first + chosen.count)
+        seeds = range(chosen.first, chosen.first + chosen.count)
         drawn = [draw(skill, seed, spoilt=chosen.spoilt) for seed in seeds]
-        for record in run(drawn, folder, chosen.sense):
-            records.append(record)
-            print(json.dumps(record), file=sys.stderr, flush=True)
-            if chosen.results is not None:
-                with chosen.results.open("a") as file:
-                    file.write(json.dumps(record) + "\n")
-        if chosen.keep is None:
-            shutil.rmtree(folder, ignore_errors=True)
-        table[skill] = summarise(records)
-    print(f"{'skill':14}{'instances':>10}{'met':>6}{'first attempt':>15}{'false success':>15}{'false failure':>15}")
-    for skill, row in table.items():
-        print(
-            f"{skill:14}" + "".join(f"{row[key]:>{width}}" for key, width in zip(row, (10, 6, 15, 15, 15), strict=True))
-        )
-    print(
-        json.dumps(
-            {
-                "benchmark": "skills",
-                "first": chosen.first,
-                "spoilt": chosen.spoilt,
-                "sense": chosen.sense,
-                "skills": table,
-            }
-        )
-    )
-    sys.stdout.flush()
-    os._exit(0)
+        with tempfile.TemporaryDirectory(prefix="skills-", ignore_cleanup_errors=True) as scratch:
+            folder = Path(scratch) if chosen.keep is None else chosen.keep / skill
+            for record in run(drawn, folder, chosen.sense):
+                records.setdefault(skill, []).append(record)
+                line = json.dumps(record)
+                print(line, file=sys.stderr, flush=True)
+                if chosen.results is not None:
+                    with chosen.results.open("a") as file:
+                        file.write(line + "\n")
+    figures = build_figures(records)
+    show(records, figures)
+    asked = {} if chosen.spoilt else {f"{skill}_met": Ask(LEAST.get(skill, 0.9), at_least=True) for skill in records}
+    line, holds = format_outcome(figures, asked | {"false_successes": Ask(0, at_least=False)})
+    print(line)
+    return 0 if holds else 1
 
 
 if __name__ == "__main__":
-    main()
+    code = main()
+    sys.stdout.flush()
+    os._exit(code)  # whatever threads are left

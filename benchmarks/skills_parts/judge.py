@@ -54,11 +54,13 @@ class Judge:
         return lift >= 0.5 * 9.81 * float(self._model.body_mass[body]) and self._speed(thing) < REST_M_S
 
     def _is_plugged(self, peg: str, socket: str, deep_m: float, tall_m: float) -> bool:
-        """At rest, with its lower end within the hole by half of its depth and more."""
+        """At rest and let go, with its lower end within the hole by half of its depth and more."""
         body, other = self._model.body(peg).id, self._model.body(socket).id
         rim_m = self._now.xpos[other][2] + 0.004 + 2 * deep_m
         lowest_m = self._now.xpos[body][2] - tall_m
-        return bool(rim_m - lowest_m >= deep_m) and self._speed(peg) < REST_M_S
+        pairs = [set(self._model.geom_bodyid[contact.geom].tolist()) for contact in self._now.contact]
+        is_free = all(pair == {body, other} for pair in pairs if body in pair)
+        return bool(rim_m - lowest_m >= deep_m) and is_free and self._speed(peg) < REST_M_S
 
     def _is_kept(self, thing: str) -> bool:
         """Where it was, and as it was turned."""
