@@ -19,6 +19,7 @@ Agreed = tuple[tuple[str, ...], ...]
 """Groups of things that stand for each other."""
 
 TWINS = "looks as"
+UNNAMED = re.compile(r"\bunknown_\d+\b")
 LOOK_AGAIN = "EVIDENCE_MISSING"
 CLEAR = 2.5  # tolerances of the judge: 2.5 mm, 2.5 degrees
 STILL_RAD = 0.02  # joints that turn less have not been commanded anywhere
@@ -268,11 +269,13 @@ class Recorder:
 def list_asked(bundle: Path, told: dict[str, Any]) -> list[str]:
     """What a session was to meet: by its contract, and by the verdict, which a look gives about another session too.
 
-    `moved` of that other session counts from a beginning that this bundle does not hold, and is left out.
+    `moved` of that other session counts from a beginning that this bundle does not hold, and is left out; so is what is
+    said of things without a name, whose bodies nobody can tell.
     """
     accept = yaml.safe_load((bundle / "contract.yaml").read_text())["session"].get("accept", [])
     judged = [each["text"] for each in told["criteria"] if each["kind"] == "accept"]
-    return list(dict.fromkeys([*accept, *(text for text in judged if "moved(" not in text)]))
+    asked = dict.fromkeys([*accept, *(text for text in judged if "moved(" not in text)])
+    return [text for text in asked if not UNNAMED.search(text)]
 
 
 def mark_open(sessions: list[SessionRecord]) -> tuple[SessionRecord, ...]:
