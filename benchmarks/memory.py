@@ -22,7 +22,7 @@ from rich.table import Table
 
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.features import Features
-from phyagentos.agent.memory.memory import Case, Memory
+from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.memory.scopes import compute_scope
 from phyagentos.bench.report import Ask, Spread, format_outcome
 from phyagentos.clock import SystemClock
@@ -116,9 +116,9 @@ def ask(memory: Memory, episodes: list[Episode], rng: np.random.Generator) -> tu
     spent_ms, unverified, answers = [], 0, 0
     for index in rng.integers(len(episodes), size=QUESTIONS):
         episode = episodes[int(index)]
-        case = Case(scope=compute_scope(episode), risks=(CAUSES[int(index) % 4],))
+        scope = compute_scope(episode)
         begin_s = time.perf_counter()
-        found = memory.recall(case)
+        found = memory.recall(scope)
         spent_ms.append(1e3 * (time.perf_counter() - begin_s))
         answers += len(found)
         unverified += sum(not each.lesson.tried.successes for each in found)

@@ -270,8 +270,8 @@ def show(console: Console, tallies: dict[str, Tally], scenes: int) -> None:
     }
     for title, (bad, of) in counts.items():
         table.add_row(title, *(f"{len(getattr(t, bad))} of {getattr(t, of)}" for t in tallies.values()))
-    table.add_row("names told to be exchangeable there", *(str(t.sequences_told) for t in tallies.values()))
-    for title, name in {"frozen pictures told": "frozen", "honest ones suspected": "suspected"}.items():
+    table.add_row("names reported as exchangeable there", *(str(t.sequences_told) for t in tallies.values()))
+    for title, name in {"frozen pictures recognised": "frozen", "honest ones suspected": "suspected"}.items():
         table.add_row(title, *(f"{sum(getattr(t, name))} of {len(getattr(t, name))}" for t in tallies.values()))
     console.print(table)
     console.print(tabulate_reliability(tallies))

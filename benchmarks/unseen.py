@@ -16,7 +16,7 @@ met moved the arm. Half of the goals with equal things say that these are interc
 naming. The others cannot be decided by looks: their nodes are listed, and count for false successes alone.
 
 What scene, goal and fault files cannot say yet is missing here: meshes and curved hollow walls (bowls and mugs are
-rings of flat walls), bodies outside of the inventory (flat coloured prints are seen and not told), glassy or black
+rings of flat walls), bodies outside of the inventory (flat coloured prints are seen and not reported), glassy or black
 surfaces without depth, things that begin tilted (some come to lean on a slab), drawers, lids and doors of random
 make, volumes hidden under covers, and predicates on metrics.
 

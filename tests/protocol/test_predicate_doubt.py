@@ -199,12 +199,12 @@ def test_a_pose_that_hardly_fits_is_no_fact_until_another_look(text):
     hardly = world(*names.values(), tray(), sensing="perceived")
     assert truth(text, surely, surely) is Truth.TRUE
     found = value(text, hardly, hardly)
-    assert (found.truth, found.is_blurred) == (Truth.UNKNOWN, True)
+    assert (found.truth, found.is_marginal) == (Truth.UNKNOWN, True)
 
 
 def test_what_was_not_seen_at_all_is_unknown_and_no_matter_of_sharpness():
     found = value("inside(a, tray)", world(cube("a", 0.5, visible=False), tray(), sensing="perceived"))
-    assert (found.truth, found.is_blurred) == (Truth.UNKNOWN, False)
+    assert (found.truth, found.is_marginal) == (Truth.UNKNOWN, False)
 
 
 def test_of_unnamed_things_a_star_covers_those_of_now():

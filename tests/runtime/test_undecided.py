@@ -11,7 +11,7 @@ from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
-from phyagentos.runtime.execution.open_criteria import find_open_criteria, is_blurred, is_start_blurred
+from phyagentos.runtime.execution.open_criteria import find_open_criteria, is_marginal, is_start_marginal
 from phyagentos.runtime.supervision.target_phase import Phase
 from phyagentos.runtime.supervision.target_supervisor import VERDICT_S, Supervision, TargetSupervisor
 from phyagentos.store.ledger import Ledger
@@ -61,7 +61,7 @@ def test_so_is_what_it_covers_by_a_star(text):
 )
 def test_what_another_look_may_sharpen_is_looked_at_again_before_and_after(text, cube, ends, begins):
     session, world = msgspec.structs.replace(SESSION, accept=(text,)), make_world(**cube)
-    assert (is_blurred(session, world, world), is_start_blurred(session, world)) == (ends, begins)
+    assert (is_marginal(session, world, world), is_start_marginal(session, world)) == (ends, begins)
 
 
 class Target:

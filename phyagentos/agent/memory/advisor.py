@@ -5,7 +5,7 @@ Only the first attempt of a node is advised: a repair rests on fresher evidence.
 
 from phyagentos.agent.memory.advice import NOTHING, Advice
 from phyagentos.agent.memory.features import Features, Surroundings
-from phyagentos.agent.memory.memory import Case, Found, Memory
+from phyagentos.agent.memory.memory import Found, Memory
 from phyagentos.protocol.sessions.memory_entries import Scope
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.strategy import OWN_WAY
@@ -23,7 +23,7 @@ class MemoryAdvisor:
         self._seq = -1
 
     def advise(self, session: Session, world: Environment | None) -> Advice:
-        """What was verified to help in this case; nothing for a child, or where nothing is known."""
+        """What was verified to help in its scope; nothing for a child, or where nothing is known."""
         del world  # kinds are known from the inventory before anything was seen
         experience = self._memory.experience
         if session.parent is not None or session.purpose or not (experience.corrections or experience.patterns):
@@ -33,12 +33,12 @@ class MemoryAdvisor:
         features = self._surroundings.describe(session)
         scope = make_scope(session, features, self._surroundings)
         if scope not in self._answers:
-            self._answers[scope] = self._find(Case(scope=scope))
+            self._answers[scope] = self._find(scope)
         return self._answers[scope]
 
-    def _find(self, case: Case) -> Advice:
-        found = self._memory.recall(case)
-        promoted = self._memory.find_promoted(case.scope)
+    def _find(self, scope: Scope) -> Advice:
+        found = self._memory.recall(scope)
+        promoted = self._memory.find_promoted(scope)
         strategy = OWN_WAY
         used: list[Found] = []
         for each in found:
@@ -57,7 +57,7 @@ class MemoryAdvisor:
 
 
 def make_scope(session: Session, features: Features, surroundings: Surroundings) -> Scope:
-    """The case of a contract."""
+    """The scope of a contract."""
     return Scope(
         scene=session.scene.name,
         skill=session.skill,

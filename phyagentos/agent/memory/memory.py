@@ -21,26 +21,13 @@ from phyagentos.clock import Clock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 
-CANDIDATES = 64  # lessons that are compared with a case
+CANDIDATES = 64  # lessons that are compared with a scope
 FOUND_MAX = 5  # lessons that are returned
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
-    """A query.
-
-    Attributes:
-        scope: Skill, target, scene and the kinds of things.
-        risks: Coded causes that are feared; lessons about them come first.
-    """
-
-    scope: Scope
-    risks: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """A verified lesson that holds in a case, and its counts in words."""
+    """A verified lesson that holds in a scope, and its counts in words."""
 
     lesson: Correction
     because: str
@@ -97,19 +84,17 @@ class Memory:
         """Every record, oldest first."""
         return [event for _, event in self._experience_log.read()[0]]
 
-    def recall(self, case: Case, *, limit: int = FOUND_MAX) -> tuple[Found, ...]:
-        """Verified lessons that hold in a case and do better than doing nothing, the most useful first."""
-        scope = case.scope
+    def recall(self, scope: Scope, *, limit: int = FOUND_MAX) -> tuple[Found, ...]:
+        """Verified lessons that hold in a scope and do better than doing nothing, the most useful first."""
         words = (scope.object, scope.destination)
         ids = self._index.find(scope.skill, words, CANDIDATES)
         known = self.experience.corrections
         lessons = known.values() if ids is None else (known[id] for id in ids if id in known)
         found = [fit for lesson in lessons if (fit := self._weigh(lesson, scope)) is not None]
 
-        def rank(fit: Found) -> tuple[bool, int, float, int, str]:
+        def rank(fit: Found) -> tuple[int, float, int, str]:
             lesson, outcomes = fit.lesson, fit.lesson.outcomes
-            is_feared = lesson.cause in case.risks
-            return not is_feared, measure_width(lesson.where), -outcomes.mean, -outcomes.trials, lesson.id
+            return measure_width(lesson.where), -outcomes.mean, -outcomes.trials, lesson.id
 
         return tuple(sorted(found, key=rank)[:limit])
 

@@ -28,7 +28,7 @@ class Prior(StrEnum):
     FULL = "full"
     """Forms, sizes and colours of all things, and the map: where fixed bodies stand."""
     SHAPES = "shapes"
-    """Forms and sizes of all things, and the map; no colours: a thing is told by its form alone."""
+    """Forms and sizes of all things, and the map; no colours: a thing is recognised by its form alone."""
     NONE = "none"
     """Nothing but what is seen: a level surface, and things without a name."""
 

@@ -237,8 +237,8 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
     Attributes:
         status: `live`, `stale` (its frames do not advance), `frozen` (new stamps, the same picture), `dark` (no depth
-            at all), `displaced` (what it shows lies beside what others show), `missing`, `unread` (no detector could
-            read it).
+            at all), `displaced` (its depth disagrees with the map or with other cameras), `missing`, `unread` (no
+            detector could read it).
         time_s: Stamp of its latest frame [s].
         digest: Hash of its latest whole frame.
         shown_rad: (n_joints,) of the robot when it first gave that frame [rad]; empty where noise renews all frames.
@@ -265,7 +265,7 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
 
 class PriorKnowledge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What perception was told of a world before its first look.
+    """What perception knows of a world before its first look.
 
     Attributes:
         level: As perception.yaml names it.
@@ -296,7 +296,7 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         looked_at_s: Time of the latest look at everything [s]; 0 where nothing is perceived.
         changes: What became of things since the revision before, the largest first.
         never_seen: Movable things that the inventory names and no look has shown.
-        prior: What perception was told before; absent where nothing is perceived.
+        prior: What perception knew before its first look; absent where nothing is perceived.
     """
 
     time_s: float

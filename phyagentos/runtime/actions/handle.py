@@ -176,9 +176,9 @@ class TargetSessionHandle:
 
     @property
     def can_run_ahead(self) -> bool:
-        """Whether a command may be sent before the report of the one before: in lockstep, with time of its own.
+        """Whether a command may be sent before the report of the previous one: in lockstep, where time is not shared.
 
-        So it is within one process, too, where nothing is gained by it: what is looked at when depends on it.
+        It holds within one process, too, so that glances fall on the same moments as behind a connection.
         """
         return self.describe().mode == WorldMode.LOCKSTEP and not self._shares_time
 

@@ -23,17 +23,17 @@ def find_moving(session: Session, after: Environment) -> tuple[str, ...]:
     return tuple(each.name for each in seen if not after.explain_unseen(each) and after.explain_motion(each))
 
 
-def is_blurred(session: Session, initial: Environment, now: Environment) -> bool:
+def is_marginal(session: Session, initial: Environment, now: Environment) -> bool:
     """Whether a criterion is unknown by the doubt of a measurement, which another look may lessen."""
     view = session.make_view(now, initial)
-    return any(parse_predicate(text).evaluate(view).is_blurred for text in (*session.accept, *session.hold))
+    return any(parse_predicate(text).evaluate(view).is_marginal for text in (*session.accept, *session.hold))
 
 
-def is_start_blurred(session: Session, initial: Environment) -> bool:
+def is_start_marginal(session: Session, initial: Environment) -> bool:
     """Whether a later `moved` could not be decided, however sharp the look then."""
     texts = [text for text in (*session.accept, *session.hold) if _compares(text)]
     view = session.make_view(initial, initial)
-    return any(parse_predicate(text).evaluate(view).is_blurred for text in texts)
+    return any(parse_predicate(text).evaluate(view).is_marginal for text in texts)
 
 
 def _compares(text: str) -> bool:

@@ -119,7 +119,7 @@ class MotionPlanner:
                 limits = self._limits.scale(request.speed, request.speed)
                 with job.stage("timing"):
                     rows = np.asarray(request.waypoints_rad, dtype=float)
-                    timed = self._get_timer(limits, request.load, spares=True)(rows)
+                    timed = self._get_timer(limits, request.load, keeps_toppra=True)(rows)
                 return Motion(
                     trajectory=timed.trajectory, goal=0, timing=job.timing, stages=Stages(scaling=timed.scaling)
                 )
@@ -128,12 +128,12 @@ class MotionPlanner:
 
                 return shape_transport(request, self._chain, self._limits, job)
 
-    def _get_timer(self, limits: JointLimits, load: Load | None, *, spares: bool = False) -> TimeRows:
+    def _get_timer(self, limits: JointLimits, load: Load | None, *, keeps_toppra: bool = False) -> TimeRows:
         if load is None:
             return lambda rows: time_path(rows, limits)
         from phyagentos.runtime.motion.transport import Care, time_carry  # casadi: only where it is used
 
-        return lambda rows: time_carry(rows, limits, self._chain, Care(load), spares=spares)
+        return lambda rows: time_carry(rows, limits, self._chain, Care(load), keeps_toppra=keeps_toppra)
 
     def _place(self, request: FindGrasps, entity: Entity, approach: Approach, job: Job) -> Approaches | NoPlan | None:
         """A way to put down what is grasped so; None where it is not known where to."""

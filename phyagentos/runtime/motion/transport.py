@@ -4,8 +4,8 @@ A held thing feels the apparent gravity f = p'' + g e_z. It slips when the tange
 closing axis leave the grip's limit surface, an ellipsoid; an open vessel spills when f leans too far from its axis.
 Only the progress s(t) along the path is optimised. In b = s'^2, piecewise linear, the largest b is the fastest motion:
 a convex program with linear costs, one stage a knot, which fatrop solves. Its graph is built once for each number of
-joints, paths are parameters. Alternatives rejected: ipopt on the duration itself took 0.3 to 1.3 s and failed on one
-path in four; quadratic programs with facets in place of cones took five times as long.
+joints, paths are parameters. Alternatives rejected: ipopt on the duration itself took 0.3 to 1.3 s and failed on a
+general path; quadratic programs with facets in place of cones took five times as long.
 """
 
 from collections.abc import Callable
@@ -80,15 +80,25 @@ def shape_transport(request: ShapeTransport, chain: Chain, limits: JointLimits, 
         if request.method != "toppra" and lean >= MARGIN * request.tilt_max_rad:
             return job.fail("TILT", f"The path itself tilts the vessel by {lean:.3f} rad of {request.tilt_max_rad}.")
         timed = time_carry(rows, limits, chain, care, is_shaped=request.method != "toppra")
+        tilt_rad = timed.scaling.worst_tilt_rad
+        if timed.scaling.solver == "casadi" and tilt_rad is not None and tilt_rad > request.tilt_max_rad:
+            message = f"The carry tilts the vessel by {tilt_rad:.3f} rad of {request.tilt_max_rad} at its slowest."
+            return job.fail("TILT", message)
     return Motion(trajectory=timed.trajectory, goal=0, timing=job.timing, stages=Stages(scaling=timed.scaling))
 
 
 def time_carry(
-    rows_rad: Array, limits: JointLimits, chain: Chain, care: Care, *, is_shaped: bool = True, spares: bool = False
+    rows_rad: Array,
+    limits: JointLimits,
+    chain: Chain,
+    care: Care,
+    *,
+    is_shaped: bool = True,
+    keeps_toppra: bool = False,
 ) -> Timed:
     """The motion through rows (k, n_joints), from rest to rest, that respects what it carries.
 
-    Where it `spares`, toppra's motion is kept if it does so already.
+    Where it `keeps_toppra`, that motion is returned if it does so already.
     """
     rows = drop_duplicates(rows_rad, SPACING_RAD)
     timed = time_path(rows_rad, limits)
@@ -97,7 +107,7 @@ def time_carry(
     felt = _note(share, tilt_rad, care)
     unshaped = {f"unshaped_{name}": value for name, value in felt.items()}
     scaling = msgspec.structs.replace(timed.scaling, unshaped_duration_s=timed.scaling.duration_s, **felt, **unshaped)
-    if not is_shaped or len(rows) < 2 or (spares and share <= GRIP_SHARE):
+    if not is_shaped or len(rows) < 2 or (keeps_toppra and share <= GRIP_SHARE):
         return Timed(plain, scaling)
     path = _Path.describe(rows, chain, care)
     ramp_s = RAMP_S if care.tilt_max_rad is None else LEVEL_RAMP_S
@@ -245,7 +255,7 @@ def _build(n_joints: int) -> tuple[ca.Function, Array, Array]:
 
 
 def _optimise(path: _Path, limits: JointLimits, unit_s: float, ramp_s: float) -> tuple[Evaluate, float, str, int]:
-    """The motion, its duration [s], and the solver's word; b and a are in units of `unit_s`."""
+    """The motion, its duration [s], the solver's status and iterations; b and a are in units of `unit_s`."""
     solver, low, high = _build(path.q.c.shape[2])
     hardest = ACCELERATION_SCALE * unit_s**2 * limits.acceleration_rad_s2
     scale = np.array((unit_s**-2, unit_s**-2, 1.0))[:, None, None]

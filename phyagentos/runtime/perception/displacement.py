@@ -1,4 +1,4 @@
-"""Tells which cameras do not stand where they say: what they show lies beside the map, or beside what others show.
+"""Finds displaced cameras: what they measure disagrees with the map, or with the other cameras.
 
 A shift along a plane of the map leaves its points on it; they differ from the other cameras' in the things then.
 """
@@ -21,7 +21,7 @@ EVERY = 4  # of so many rows and columns one is read
 NEAR_M = 0.08  # farther from the map points are of something else
 TILES = 4  # along each side of a picture
 TILE_POINTS = 15  # with fewer a tile is not read
-REACH_M, POINTS_MIN = 0.05, 40  # of a thing, within which points of its colour are its own; with fewer none is told
+REACH_M, POINTS_MIN = 0.05, 40  # of a thing, within which points of its colour are its own; with fewer none is compared
 NOISE = 2.5  # median deviations of the points of a tile
 OFF_M, TIMES = 0.005, 2.5  # no calibration errs by so much where that of another camera errs so many times less
 
@@ -46,7 +46,7 @@ def find_displaced(
             after = note_displaced(after, camera, was.detail, was.since_s)
     for camera, each_m in off_m.items():
         if each_m > max(OFF_M, TIMES * least_m):
-            after = note_displaced(after, camera, "what it shows lies beside the map", time_s)
+            after = note_displaced(after, camera, "its depth disagrees with the map", time_s)
     return tuple(frame for frame in frames if after[frame.camera].status != DISPLACED), after
 
 

@@ -114,7 +114,7 @@ class Pipeline:
                 break
             if camera := find_disagreeing(self.inventory.things, after, views, cloud):
                 believed = tuple(frame for frame in believed if frame.camera != camera)
-                health = note_displaced(health, camera, "what it shows lies beside what others show", time_s)
+                health = note_displaced(health, camera, "its depth disagrees with the other cameras", time_s)
                 continue  # what is believed without it
             named = {name: entity for name, entity in after.items() if not is_stranger(name)}
             after = named | find_strangers(believed, views, robots, inventory.map, after)

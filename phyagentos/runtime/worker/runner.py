@@ -23,7 +23,7 @@ from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError
 from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
-from phyagentos.runtime.execution.open_criteria import find_moving, find_open_criteria, is_blurred, is_start_blurred
+from phyagentos.runtime.execution.open_criteria import find_moving, find_open_criteria, is_marginal, is_start_marginal
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
 from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.targets.wire import RecordedFault, Step
@@ -31,7 +31,7 @@ from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.orders import Reconcile
 from phyagentos.runtime.worker.recorder import Bundles, Recorder
 
-LOOK_ON_S = 2.0  # of simulated time, for which is looked on at what does not rest, or is not seen sharply
+LOOK_ON_S = 2.0  # of simulated time: the most that is waited for things to rest and for marginal criteria to be decided
 SETTLE_S = 0.3  # of simulated time, within which released things come to rest
 
 
@@ -162,7 +162,7 @@ class SessionRunner:
         observation = handle.begin(session.id, epoch)
         self._world.enter(session.scene)
         first = self._world.observe(WORLD)
-        initial = self._look_on(first, recorder, lambda now: is_start_blurred(session, now))
+        initial = self._look_on(first, recorder, lambda now: is_start_marginal(session, now))
         if initial is not first:
             observation = handle.observe(snapshot=True)
         handle.guard_against(initial)
@@ -204,7 +204,7 @@ class SessionRunner:
         )
 
     def _look_on(self, now: Environment, recorder: Recorder, is_open: Callable[[Environment], bool]) -> Environment:
-        """The world once further looks have closed what is open, or after `LOOK_ON_S`."""
+        """The world as last seen: looked at again while `is_open` holds of it, for `LOOK_ON_S` at most."""
         until_s = now.time_s + LOOK_ON_S
         while now.time_s < until_s and is_open(now):
             settled = self._handle.settle(SETTLE_S)
@@ -259,7 +259,7 @@ class SessionRunner:
         observation, seen = self._handle.observe(snapshot=True), self._world.observe(WORLD)
         before = initial or seen
         after = self._look_on(
-            seen, recorder, lambda now: bool(find_moving(session, now)) or is_blurred(session, before, now)
+            seen, recorder, lambda now: bool(find_moving(session, now)) or is_marginal(session, before, now)
         )
         if after is not seen:
             observation = self._handle.observe(snapshot=True)

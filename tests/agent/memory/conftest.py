@@ -7,7 +7,7 @@ import pytest
 
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.features import Features
-from phyagentos.agent.memory.memory import Case, Memory
+from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.memory.scopes import compute_scope
 from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.memory_entries import Embodiment
@@ -51,8 +51,8 @@ def make_correction(*, ok=True, strategy=None, **more):
 
 
 def ask(episode, **changes):
-    """The case of an episode."""
-    return Case(scope=msgspec.structs.replace(compute_scope(episode), **changes))
+    """The scope of an episode."""
+    return msgspec.structs.replace(compute_scope(episode), **changes)
 
 
 @pytest.fixture

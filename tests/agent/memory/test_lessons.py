@@ -5,7 +5,6 @@ import pytest
 
 from phyagentos.agent.memory import methodological
 from phyagentos.agent.memory.intervals import Count
-from phyagentos.agent.memory.memory import Case
 from phyagentos.protocol.sessions.memory_entries import Embodiment, Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
@@ -192,16 +191,6 @@ def test_of_two_corrections_the_one_that_helps_more_often_comes_first(memory):
         memory.record(make_correction(strategy=Strategy(speed=0.25)))
     first, second = memory.recall(ask(make_episode()))
     assert (first.lesson.advice, second.lesson.advice) == (Strategy(speed=0.25), SLOW)
-
-
-def test_a_feared_cause_comes_first(memory):
-    for _ in range(3):
-        memory.record(make_correction(strategy=SLOW, cause="GRASP_LOST"))
-    memory.record(make_correction(strategy=Strategy(avoid_sites=("site0",)), cause="PLACED_WRONG"))
-    case = ask(make_episode())
-    assert memory.recall(case)[0].lesson.cause == "GRASP_LOST"
-    feared = Case(scope=case.scope, risks=("PLACED_WRONG",))
-    assert memory.recall(feared)[0].lesson.cause == "PLACED_WRONG"
 
 
 def test_a_lesson_that_nothing_confirms_expires(memory):

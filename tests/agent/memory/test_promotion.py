@@ -70,10 +70,10 @@ def test_a_way_that_was_turned_down_is_not_tried_until_it_looks_good():
 
 def test_a_promoted_way_is_the_default_of_its_scope_until_it_is_demoted(memory):
     memory.record([make_episode(strategy=SLOW) for _ in range(40)])
-    promoted = memory.find_promoted(ask(make_episode()).scope)
+    promoted = memory.find_promoted(ask(make_episode()))
     assert promoted is not None
     assert promoted.strategy == SLOW
     assert next(fact for fact in memory.experience.list_facts() if fact.strategy).promoted
-    assert memory.find_promoted(ask(make_episode(thing="cube")).scope) is None
+    assert memory.find_promoted(ask(make_episode(thing="cube"))) is None
     memory.record([make_episode(strategy=SLOW, ok=False) for _ in range(10)])
-    assert memory.find_promoted(ask(make_episode()).scope) is None
+    assert memory.find_promoted(ask(make_episode())) is None

@@ -8,7 +8,7 @@ from toppra import algorithm
 
 from phyagentos.geometry import compute_pose
 from phyagentos.protocol.world.environment import Pose
-from phyagentos.runtime.motion import timing
+from phyagentos.runtime.motion import timing, transport
 from phyagentos.runtime.motion.path import densify
 from phyagentos.runtime.motion.requests import FindLine, Load, NoPlan, ShapeTransport, TimeLine, World
 from phyagentos.runtime.motion.timing import JointLimits, compute_excess, drop_duplicates, time_path
@@ -132,6 +132,17 @@ def test_a_path_that_tips_the_vessel_itself_is_refused(planner, home):
     assert isinstance(answer, NoPlan)
     assert answer.code == "TILT"
     assert "tilts the vessel by 0.5" in answer.message
+
+
+def test_a_carry_that_still_tilts_the_vessel_when_slowed_down_is_refused(planner, carried, monkeypatch):
+    """The solver's motion was returned as it was once its slowdowns were used up."""
+    monkeypatch.setattr(transport, "SLOWDOWN", 1.0)
+    monkeypatch.setattr(transport, "MARGIN", 3.0)
+    answer = planner.answer(ShapeTransport(waypoints_rad=carried, tilt_max_rad=0.05))
+
+    assert isinstance(answer, NoPlan)
+    assert answer.code == "TILT"
+    assert "at its slowest" in answer.message
 
 
 def test_a_line_through_a_pose_out_of_reach_is_refused(planner, home):

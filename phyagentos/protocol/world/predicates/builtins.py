@@ -21,7 +21,7 @@ from phyagentos.protocol.world.predicates.geometry import (
 from phyagentos.protocol.world.predicates.library import (
     Argument,
     ArgumentKind,
-    FactBlurred,
+    FactMarginal,
     FactUnknown,
     Place,
     PredicateDefinition,
@@ -137,7 +137,7 @@ def _find_sure_gap(view: View, a: Entity, b: str, doubt_m: float, near_m: float)
         sure = _find_gap(view, a, b, FOOTPRINT_SLACK_M - doubt_m)
         possible = _find_gap(view, a, b, FOOTPRINT_SLACK_M + doubt_m)
         if (sure is None) != (possible is None) and min(abs(g) for g in (sure, possible) if g is not None) <= near_m:
-            raise FactBlurred(f"whether {a.name} is above {b} is within what the measurement may be off")
+            raise FactMarginal(f"whether {a.name} is above {b} is within what the measurement may be off")
     return _find_gap(view, a, b, FOOTPRINT_SLACK_M)
 
 
@@ -246,7 +246,7 @@ def measure_visible(view: View, a: str) -> Reading:
     age_s = view.now.time_s - entity.observed_at_s
     reason = view.now.explain_unseen(entity)
     if reason and entity.is_unsure:
-        raise FactBlurred(reason)
+        raise FactMarginal(reason)
     seen = entity.visible and not reason
     return Reading(
         1.0 if seen else -1.0, {"visible": seen, "age_s": round(age_s, 3)}, f"{a} was seen {age_s:.1f} s ago"
@@ -282,7 +282,7 @@ def measure_moved(view: View, a: Entity) -> Reading:
     except FactUnknown as reason:
         raise FactUnknown(f"in the initial snapshot, {reason}") from reason
     moved_m = math.dist(a.pose.position_m, was.pose.position_m)
-    is_exact = view.now.sensing == "truth"  # looks tell no side of a thing from one that is as long
+    is_exact = view.now.sensing == "truth"  # looks do not distinguish sides of equal length
     turned_rad = compute_turn(a.pose, was.pose) if is_exact else compute_least_turn(a, was, SAME_SIDE_M)
     margin = max(moved_m / MOVED_M, turned_rad / MOVED_RAD) - 1.0
     because = f"{a.name} moved {moved_m:.3f} m and turned {math.degrees(turned_rad):.1f} degrees"

@@ -13,7 +13,7 @@ from phyagentos.protocol.world.environment import UNNAMED, Pose
 from phyagentos.protocol.world.predicates.exchanges import find_agreed, iter_exchanged
 from phyagentos.protocol.world.predicates.library import (
     ArgumentKind,
-    FactBlurred,
+    FactMarginal,
     FactUnknown,
     Place,
     PredicateDefinition,
@@ -68,7 +68,7 @@ class Evaluation:
         margin: How far it is from turning over, without unit, negative when false; only differences between samples
             of the same predicate mean anything.
         alternatives: Names that cannot be told apart, where that makes it unknown.
-        is_blurred: Whether it is unknown by the doubt of a measurement, which another look may lessen.
+        is_marginal: Whether it is unknown by the doubt of a measurement, which another look may lessen.
     """
 
     truth: Truth
@@ -76,7 +76,7 @@ class Evaluation:
     because: str = ""
     margin: float = 0.0
     alternatives: tuple[str, ...] = ()
-    is_blurred: bool = False
+    is_marginal: bool = False
 
     @property
     def order(self) -> tuple[int, float]:
@@ -125,7 +125,7 @@ def _evaluate(formula: Formula, view: View) -> Evaluation:
     try:
         return _evaluate_known(formula, view)
     except FactUnknown as reason:
-        return replace(_unknown(str(reason)), is_blurred=isinstance(reason, FactBlurred))
+        return replace(_unknown(str(reason)), is_marginal=isinstance(reason, FactMarginal))
 
 
 def _evaluate_known(formula: Formula, view: View) -> Evaluation:
@@ -175,9 +175,9 @@ def _evaluate_count(count: Count, relation: str, bound: float, view: View) -> Ev
     because = f"{render(count.body)} holds for {len(sure)}: {', '.join(sure) or 'none'}"
     because += f"; unknown for {', '.join(unsure)}" if unsure else ""
     measured: dict[str, float | str | bool] = {"count": len(sure), "unknown": len(unsure)}
-    is_blurred = truth is Truth.UNKNOWN and any(each.is_blurred for _, each in values)
+    is_marginal = truth is Truth.UNKNOWN and any(each.is_marginal for _, each in values)
     margin = _compute_margin(len(sure), relation, bound)
-    return Evaluation(truth, measured, because, margin, is_blurred=is_blurred)
+    return Evaluation(truth, measured, because, margin, is_marginal=is_marginal)
 
 
 def _compute_margin(value: float, relation: str, bound: float) -> float:
@@ -266,7 +266,7 @@ def _bind(formula: Formula, name: str, *, into_counts: bool = True) -> Formula:
 
 def _doubt(reading: Reading) -> Evaluation:
     because = f"{reading.because}, which is within what the measurement may be off"
-    return Evaluation(Truth.UNKNOWN, reading.measured, because, 0.0, is_blurred=True)
+    return Evaluation(Truth.UNKNOWN, reading.measured, because, 0.0, is_marginal=True)
 
 
 def _unknown(because: str) -> Evaluation:

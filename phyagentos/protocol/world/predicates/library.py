@@ -21,7 +21,7 @@ class FactUnknown(Exception):
     """The evidence is missing, not visible, or too old."""
 
 
-class FactBlurred(FactUnknown):
+class FactMarginal(FactUnknown):
     """The evidence is there, and not sharp enough: another look may decide."""
 
 
@@ -176,7 +176,7 @@ def get_entity(view: View, name: str, max_age_s: float = FRESH_S) -> Entity:
         raise FactUnknown(f"{name} is not in the snapshot")
     if reason := view.now.explain_unseen(entity, max_age_s):
         was_just_seen = entity.visible and view.now.time_s - entity.observed_at_s <= min(max_age_s, FRESH_S)
-        raise (FactBlurred if was_just_seen else FactUnknown)(reason)
+        raise (FactMarginal if was_just_seen else FactUnknown)(reason)
     return entity
 
 
