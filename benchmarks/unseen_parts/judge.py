@@ -317,17 +317,21 @@ class Judge:
 
     def _see(self, thing: str, camera: dict[str, object], data: mujoco.MjData) -> float:
         """Share of points of a thing that a camera has in its picture with nothing before them."""
-        start, look = np.array(camera["position_m"]), np.array(camera["target_m"])
+        start, look, up = (np.array(camera.get(key, (0.0, 0.0, 1.0))) for key in ("position_m", "target_m", "up"))
         if "mount" in camera:
             hand = self._pose(str(camera["mount"]), data)
-            start, look = hand.turn @ start + hand.at_m, hand.turn @ look + hand.at_m
+            start, look, up = hand.turn @ start + hand.at_m, hand.turn @ look + hand.at_m, hand.turn @ up
         axis = (look - start) / np.linalg.norm(look - start)
+        aside = np.cross(axis, up) / np.linalg.norm(np.cross(axis, up))
+        width, height, fovy = (float(str(camera[key])) for key in ("width", "height", "fovy_deg"))
+        high = np.tan(np.radians(fovy) / 2)
+        wide = high * width / height
         points = list(self._iter_points(thing, data))
-        wide = np.radians(float(str(camera["fovy_deg"]))) / 2
         seen = 0
         for point in points:
             ray, geom = point - start, np.zeros(1, dtype=np.int32)
-            if float(axis @ ray) < np.cos(wide) * np.linalg.norm(ray):
+            depth = float(axis @ ray)
+            if abs(aside @ ray) > wide * depth or abs(np.cross(aside, axis) @ ray) > high * depth:
                 continue
             mujoco.mj_ray(self._model, data, start, ray, None, 1, -1, geom)
             seen += bool(geom[0] >= 0 and self._model.geom_bodyid[geom[0]] == self._id(thing))

@@ -107,6 +107,7 @@ def judge(text, now=None, before=None):
         ("fallen(can)", {"can": (0.5, -0.1, 0.02)}, {"quats": {"can": ON_SIDE}}),
         ("moved(cube)", IN_TRAY, {}),
         ("exists(ball) and visible(ball)", {}, {}),
+        ("visible(ball)", {"ball": (0.74, 0.64, 0.02)}, {}),  # at the side of one picture, which is wider than high
         ("tilt(can) <= 0.1", {}, {}),
         ("height(cube) >= 0.01", ON_BLOCK, {}),
         ("distance(cube, block) >= 0.15", {}, {}),
@@ -143,6 +144,7 @@ def test_what_is_so_is_true_and_its_negation_false(text, places, more):
         ("fallen(can)", {}, {}),
         ("moved(cube)", {"cube": (0.41, 0.0, 0.02)}, {}),
         ("visible(ball)", {"ball": (0.3, 0.2, -0.5)}, {"settles_s": 0.0}),
+        ("visible(ball)", {"ball": (0.95, 0.5, 0.02)}, {}),  # beside every picture
         ("exists(nothing)", {}, {}),
         ("tilt(can) >= 0.1", {}, {}),
         ("height(cube) >= 0.01", {}, {}),
