@@ -165,6 +165,7 @@ OBSERVATION_UNIT         A policy takes another unit than the sensor gives.
 OPERATION_FORBIDDEN      runtime_contract.yaml does not permit an operation that the skill needs.
 OPERATION_UNAVAILABLE    The target does not offer an operation that the skill needs.
 OUT_OF_REACH             The session's object is beyond the arm's reach, for every grasp.
+OUTSIDE_WORKSPACE        Every way to do it would bring the tool beyond the workspace of safety.yaml.
 PARAMETER_INVALID        An argument of the contract is of the wrong type or out of range.
 PARAMETER_MISSING        The contract lacks an argument.
 PARAMETER_UNKNOWN        The contract holds an argument that the skill does not know.

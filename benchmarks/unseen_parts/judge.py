@@ -137,8 +137,8 @@ class Judge:
     def _is_moved(self, thing: str) -> float:
         now, then = self._pose(thing), self._pose(thing, self._before)
         way = float(np.linalg.norm(now.at_m - then.at_m))
-        turn = float(np.arccos(np.clip((np.trace(now.turn.T @ then.turn) - 1) / 2, -1, 1)))
-        return float(max((way - MOVED_M) / UNIT_M, (turn - MOVED_RAD) / UNIT_RAD))
+        turns = (_measure_turn(now.turn.T @ then.turn), self._measure_shown_turn(thing))
+        return _agree([float(max((way - MOVED_M) / UNIT_M, (turn - MOVED_RAD) / UNIT_RAD)) for turn in turns])
 
     def _is_holding(self, _target: str, thing: str) -> float:
         return SURE if self._is_held(thing) else -SURE
@@ -257,6 +257,15 @@ class Judge:
         rise = float(np.linalg.norm(axes[2, alike]) if is_round else abs(axes[2, alike]).max())
         return own, min(own, float(np.arccos(min(1.0, rise))))
 
+    def _measure_shown_turn(self, name: str) -> float:
+        """How far it has turned since the beginning, but for turns of a round solid about its axis [rad]."""
+        now, then, solids = self._pose(name), self._pose(name, self._before), self._solids(name)
+        kind = GEOM(self._model.geom_type[solids[0]])
+        if len(solids) > 1 or kind == GEOM.mjGEOM_BOX:
+            return _measure_turn(now.turn.T @ then.turn)
+        axes = [data.geom_xmat[solids[0]].reshape(3, 3)[:, 2] for data in (self._now, self._before)]
+        return 0.0 if kind == GEOM.mjGEOM_SPHERE else float(np.arccos(min(1.0, abs(axes[0] @ axes[1]))))
+
     def _distance(self, thing: str, place: str | Array) -> float:
         """From the middle of a thing to a point, or to the box of a place."""
         if not isinstance(place, str):
@@ -353,6 +362,11 @@ def _has_each(formula: ast.expr) -> bool:
         for inner in ast.walk(node)
     }
     return any(isinstance(n, ast.Name) and n.id == "_each_" and id(n) not in counted for n in ast.walk(formula))
+
+
+def _measure_turn(rotation: Array) -> float:
+    """Angle of a rotation (3, 3) [rad]."""
+    return float(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1)))
 
 
 def _agree(values: list[float]) -> float:

@@ -155,6 +155,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     from phyagentos.runtime.lookahead.gate import LookaheadGate
     from phyagentos.runtime.lookahead.process import RehearsalProcess
     from phyagentos.runtime.motion.process import LocalPlanner, NoModel, Planner, PlannerProcess
+    from phyagentos.runtime.motion.room import Room
     from phyagentos.runtime.policies.client import ask_policy
     from phyagentos.runtime.policies.policy_runtime import Policies
     from phyagentos.runtime.preflight.compatibility import Preflight
@@ -191,7 +192,8 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     except DefinitionError as error:
         serve_refusals(orders, error.problems)
         return
-    planner: Planner = PlannerProcess(profile_path) if profile.model else LocalPlanner(NoModel())
+    room = Room.of(settings.limits)
+    planner: Planner = PlannerProcess(profile_path, room) if profile.model else LocalPlanner(NoModel())
     connection: Channel = Loopback(local) if local is not None else connect_to_world(socket, token, clock)
     sees_truth = settings.perception.sensing is Sensing.TRUTH or not profile.model
     heartbeat = HeartbeatWriter(workspace.heartbeats, target, clock)
@@ -250,6 +252,7 @@ def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
     from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.motion.planner import MotionPlanner
     from phyagentos.runtime.motion.process import LocalPlanner
+    from phyagentos.runtime.motion.room import Room
     from phyagentos.runtime.preflight.settings import read_settings
     from phyagentos.runtime.supervision.workers import end_with_parent
 
@@ -258,12 +261,13 @@ def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
     library = workspace.library()
     path = library.get_target(target)
     profile, folder = read_profile(path)
-    planner = MotionPlanner.open(path)
+    limits = read_settings(workspace, target).limits
+    planner = MotionPlanner.open(path, room=Room.of(limits))
     planner.warm_up()
     rehearser = Rehearser(
         profile=profile,
         folder=folder,
-        limits=read_settings(workspace, target).limits,
+        limits=limits,
         library=library,
         registry=build_registry(library),
         planner=LocalPlanner(planner),

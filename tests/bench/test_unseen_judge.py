@@ -198,6 +198,13 @@ def test_a_lying_rod_that_has_rolled_is_open_and_one_on_its_end_is_not_upright()
     assert judge("upright(rod)", on_end) <= -1
 
 
+def test_whether_a_ball_that_turned_in_its_place_has_moved_is_open():
+    rolled = make_state(quats={"ball": ON_SIDE, "cube": ON_SIDE})
+    assert judge("moved(ball)", rolled) == 0
+    assert judge("moved(cube)", rolled) >= 1
+    assert judge("moved(ball)", make_state(ball=(0.33, 0.2, 0.02))) >= 1
+
+
 def test_what_it_cannot_read_is_said():
     with pytest.raises(ValueError, match="cannot read"):
         judge("metric(ticks) <= 3")

@@ -19,6 +19,11 @@ FAR_CUBE = Edit(
     path=("bodies", "red_cube", "place"),
     value={"position_m": [1.9, 0.0, 0.03]},
 )
+NARROW = Edit(  # the blue tray lies beyond
+    file="protocol/safety.yaml",
+    path=("targets", "panda", "workspace_box", "value"),
+    value=[[-0.30, -0.85, -0.02], [0.62, 0.85, 1.30]],
+)
 
 
 def run(root, edits, rename=("", "")):
@@ -67,11 +72,11 @@ def test_a_real_robot_without_a_driver_is_refused_before_anything_starts(tmp_pat
 
 
 @pytest.mark.journey
-def test_a_thing_out_of_reach_stops_only_its_own_session(tmp_path):
-    report, codes, received = run(tmp_path, [FAR_CUBE])
+def test_a_thing_out_of_reach_and_a_place_beyond_the_workspace_stop_only_their_own_sessions(tmp_path):
+    report, codes, received = run(tmp_path, [FAR_CUBE, NARROW])
 
-    assert codes == {"tidy.red": {"OUT_OF_REACH"}}
+    assert codes == {"tidy.red": {"OUT_OF_REACH"}, "tidy.blue": {"OUTSIDE_WORKSPACE"}}
     assert report.exit_code == 3
-    assert report.first_attempt_success == {"red": False, "green": True, "blue": True}
-    assert not [line for line in received if line.get("session") == "tidy.red"]
+    assert report.first_attempt_success == {"red": False, "green": True, "blue": False}
+    assert not [line for line in received if line.get("session") in {"tidy.red", "tidy.blue"}]
     assert [line for line in received if line.get("session") == "tidy.green"]

@@ -230,6 +230,25 @@ def test_moved_compares_position_and_turn_with_the_initial_snapshot():
     assert truth("moved(a)", world(cube("a", 0.5)), world()) is Truth.UNKNOWN
 
 
+@pytest.mark.parametrize("sensing", ["truth", "perceived"])
+@pytest.mark.parametrize(
+    ("shape", "about", "moved"),
+    [
+        (Shape(ShapeKind.SPHERE, (0.01,)), (1.0, 0.0, 0.0), False),
+        (Shape(ShapeKind.CYLINDER, (0.01, 0.03)), (0.0, 0.0, 1.0), False),
+        (Shape(ShapeKind.CYLINDER, (0.01, 0.03)), (1.0, 0.0, 0.0), True),
+        (Shape(ShapeKind.CAPSULE, (0.01, 0.03), Pose((0, 0, 0), (0.5, 0.5, 0.5, 0.5))), (1.0, 0.0, 0.0), False),
+        (Shape(ShapeKind.CAPSULE, (0.01, 0.03), Pose((0, 0, 0), (0.5, 0.5, 0.5, 0.5))), (0.0, 0.0, 1.0), True),
+        (Shape(ShapeKind.BOX, (0.01, 0.01, 0.03)), (0.0, 0.0, 1.0), True),
+    ],
+)
+def test_a_turn_that_leaves_the_solid_where_it_was_is_no_motion(shape, about, moved, sensing):
+    x, y, z = (math.sin(0.35) * each for each in about)
+    before = world(cube("a", shapes=(shape,)), sensing=sensing)
+    after = world(cube("a", shapes=(shape,), pose=Pose((0, 0, 0.02), (math.cos(0.35), x, y, z))), sensing=sensing)
+    assert truth("moved(a)", after, before) is (Truth.TRUE if moved else Truth.FALSE)
+
+
 def test_existence_and_visibility():
     now = world(cube("a"), cube("hidden", visible=False))
     assert truth("visible(a)", now) is Truth.TRUE

@@ -169,6 +169,9 @@ def test_a_motion_that_was_found_is_possible_and_the_place_is_asked_for_with_its
     [
         (refuse("TOO_WIDE"), "impossible", "TOO_WIDE"),
         (refuse("NO_IK", ik=40), "impossible", "OUT_OF_REACH"),
+        (refuse("NO_IK", **{"ik": 39, "hand|workspace_box": 1}), "impossible", "OUTSIDE_WORKSPACE"),
+        (refuse("NO_IK", **{"hand|keep_out.column": 40}), "impossible", "OUTSIDE_WORKSPACE"),
+        (refuse("NO_IK", **{"hand|workspace_box": 39, "hand|wall": 1}), "undecided", "NO_IK"),
         (refuse("NO_IK", ik=39, line=1), "undecided", "NO_IK"),
         (refuse("NO_IK"), "undecided", "NO_IK"),
         (refuse("IN_COLLISION"), "undecided", "IN_COLLISION"),

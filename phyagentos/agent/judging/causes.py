@@ -88,6 +88,7 @@ _REFUSALS = {
     "SENSOR_": CauseClass.PERCEPTION,
     "POLICY_": CauseClass.POLICY,
     "OUT_OF_REACH": CauseClass.PLANNING,
+    "OUTSIDE_WORKSPACE": CauseClass.PLANNING,
     "TOO_WIDE": CauseClass.PLANNING,
     "TOO_HEAVY": CauseClass.PLANNING,
     "TOO_SLIPPERY": CauseClass.PLANNING,

@@ -39,6 +39,7 @@ _REFUSALS = {  # of preflight: what a repair can answer
     "TOO_WIDE": Cause.IMPOSSIBLE,
     "NO_SPACE": Cause.IMPOSSIBLE,
     "OUT_OF_REACH": Cause.IMPOSSIBLE,
+    "OUTSIDE_WORKSPACE": Cause.IMPOSSIBLE,
     "TOO_SLIPPERY": Cause.IMPOSSIBLE,
     "NO_FREE_SITE": Cause.NO_PLAN,
     "TARGET_UNAVAILABLE": Cause.TARGET_LOST,

@@ -4,7 +4,7 @@ One compiled MuJoCo model serves all worlds with the same kinds of solids: entit
 or size, as perception measures it anew, costs no compilation. Contact bits exclude pairs of entities. Immovable
 entities are inflated by 4 mm, movable ones by 2 mm, the payload by 2 %. Base and first link ignore immovable entities,
 on which the robot stands. Fingers stand where they are commanded; around a payload they take every opening from that at
-which they hold it to that at which they let go.
+which they hold it to that at which they let go. The tool centre point is a ball that meets only the walls of its room.
 """
 
 from collections.abc import Iterable, Sequence
@@ -19,6 +19,7 @@ from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.requests import Array, Payload, World
 from phyagentos.runtime.motion.robot_model import ROBOT_BIT, WORLD_BIT, RobotModel
+from phyagentos.runtime.motion.room import BALL_M, UNBOUNDED, is_wall
 from phyagentos.runtime.motion.shapes import compute_bounds
 
 Pair = tuple[str, str]
@@ -29,6 +30,7 @@ PAYLOAD = "payload"
 FIXED_MARGIN_M = 0.004  # of walls and tables: calibration and tracking error
 MOVABLE_MARGIN_M = 0.002  # smaller, since fingers must pass beside a neighbour
 PAYLOAD_SCALE = 1.02
+ROOM_BIT = 4
 PARKED_M = (0.0, 0.0, -10.0)
 SWEEP = 4  # openings that stand for a range: at most 13 mm apart, as thick as a finger; walls are inflated
 _CACHE_SIZE = 8
@@ -151,12 +153,13 @@ class PlanningScene:
         contacts = self._data.contact
         for first, second in contacts.geom[contacts.dist < -depth_m]:
             a, b = self._owner[first], self._owner[second]
-            pairs.add((b, a) if a in self._mocap else (a, b))
+            pairs.add((b, a) if a in self._mocap or is_wall(a) else (a, b))
         return sorted(pairs)
 
     def is_of_tool_pose(self, pair: Pair) -> bool:
         """Whether a contact follows from the tool's pose alone, whatever the arm's posture."""
-        return (pair[0] == PAYLOAD or pair[0] in self.robot.hand) and pair[1] in self._mocap
+        is_outside = pair[1] in self._mocap or is_wall(pair[1])
+        return is_outside and (pair[0] == PAYLOAD or pair[0] in self.robot.hand)
 
     def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = 0.03) -> bool:
         """Whether the straight joint motion after `start_rad` is free, at the given resolution; coarse to fine."""
@@ -229,7 +232,20 @@ def _compile(robot: RobotModel, entities: Sequence[Entity], payload_shapes: Shap
         if not entity.movable:
             for part in sorted(robot.mounting):
                 spec.add_exclude(name=f"mount:{part}|{entity.name}", bodyname1=part, bodyname2=entity.name)
+    _add_room(spec, robot)
     return spec.compile()
+
+
+def _add_room(spec: mujoco.MjSpec, robot: RobotModel) -> None:
+    """The walls of the tool's room, and the ball that meets nothing else."""
+    if robot.room == UNBOUNDED:
+        return
+    bits = {"condim": 1, "mass": 0.001, "contype": ROOM_BIT, "conaffinity": ROOM_BIT}
+    for name, center_m, half_m in robot.room.iter_walls():
+        wall = spec.body(name) or spec.worldbody.add_body(name=name)
+        wall.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half_m, pos=center_m, **bits)
+    site = spec.site(robot.profile.tcp)
+    site.parent.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=_pad((BALL_M,)), pos=site.pos, **bits)
 
 
 def _copy_fingers(spec: mujoco.MjSpec, robot: RobotModel) -> None:

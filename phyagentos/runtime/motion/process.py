@@ -15,10 +15,13 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+import msgspec
+
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.runtime.channel import SPIN_S, Child
 from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.motion.requests import Cancel, MotionAnswer, MotionRequest, NoPlan, Timing
+from phyagentos.runtime.motion.room import UNBOUNDED, Room
 
 if TYPE_CHECKING:
     from phyagentos.runtime.motion.planner import MotionPlanner
@@ -96,10 +99,11 @@ class NoModel:
 
 
 class PlannerProcess:
-    """A planner in its own process, replaced when it dies or ignores a cancellation."""
+    """A planner in its own process, replaced when it dies or ignores a cancellation; `room` bounds its tool."""
 
-    def __init__(self, profile_file: Path, *, clock: Clock | None = None) -> None:
+    def __init__(self, profile_file: Path, room: Room = UNBOUNDED, *, clock: Clock | None = None) -> None:
         command = [sys.executable, "-m", "phyagentos.runtime.motion.process", "--profile", str(profile_file)]
+        command += ["--room", msgspec.json.encode(room).decode()]
         self._start = partial(Child, command, spin_s=SPIN_S)
         self._clock = clock or SystemClock()
         self._pending = False
@@ -209,12 +213,12 @@ class _Inbox:
                 self.requests.put(message)
 
 
-def serve(profile_file: Path, connection: "Connection[Any, Any]") -> None:
+def serve(profile_file: Path, room: Room, connection: "Connection[Any, Any]") -> None:
     """Answer requests until the other side closes."""
     from phyagentos.runtime.motion.planner import MotionPlanner  # the port alone loads no simulator
 
     inbox = _Inbox(connection)
-    planner = MotionPlanner.open(profile_file)
+    planner = MotionPlanner.open(profile_file, room=room)
     planner.warm_up()
     while (request := inbox.requests.get()) is not None:
         answer = planner.answer(request, inbox.cancelled.is_set)
@@ -228,9 +232,11 @@ def main() -> None:
     """Entry point of the planner process."""
     parser = argparse.ArgumentParser(description="Answers motion requests for one robot.")
     parser.add_argument("--profile", type=Path, required=True, help="robots/<name>/target.yaml")
+    parser.add_argument("--room", required=True, help="where the tool may be, as JSON")
     parser.add_argument("--descriptor", type=int, required=True, help="socket to the worker, inherited")
     arguments = parser.parse_args()
-    serve(arguments.profile, Connection(arguments.descriptor))
+    room = msgspec.json.decode(arguments.room, type=Room)
+    serve(arguments.profile, room, Connection(arguments.descriptor))
 
 
 if __name__ == "__main__":

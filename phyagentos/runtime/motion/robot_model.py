@@ -16,6 +16,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.allowed_collisions import exclude_pairs, sample_collision_matrix
 from phyagentos.runtime.models.robot import read_robot
 from phyagentos.runtime.motion.requests import Array
+from phyagentos.runtime.motion.room import UNBOUNDED, Room
 
 ROBOT_BIT, WORLD_BIT = 1, 2
 
@@ -32,6 +33,7 @@ class RobotModel:
         fingers: Bodies that the gripper moves, open in `spec` -> way (3,) of each in the hand, for a metre of opening.
         hand: Bodies that move as one with the tool centre point.
         tool: Body that carries the tool centre point.
+        room: Where that point may be.
     """
 
     profile: TargetProfile
@@ -44,6 +46,7 @@ class RobotModel:
     fingers: Mapping[str, Array]
     hand: frozenset[str]
     tool: str
+    room: Room
 
     @property
     def home_rad(self) -> Array:
@@ -76,7 +79,7 @@ def _iter_finger_bounds(robot: RobotModel) -> Iterator[Array]:
             yield np.array((center - half, center + half))
 
 
-def build_robot_model(profile: TargetProfile, folder: Path) -> RobotModel:
+def build_robot_model(profile: TargetProfile, folder: Path, room: Room = UNBOUNDED) -> RobotModel:
     """Read the profile's MJCF in `folder` and strip it to what planning needs.
 
     Raises:
@@ -119,6 +122,7 @@ def build_robot_model(profile: TargetProfile, folder: Path) -> RobotModel:
             if model.body_weldid[body] == model.body_weldid[tool]
         ),
         tool=model.body(tool).name,
+        room=room,
     )
 
 

@@ -57,14 +57,14 @@ def _place(links, link, spheres, start, stop, centers):  # type: ignore[no-untyp
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _is_free(q, m, links, centers, balls, placed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    frames, spheres, first, link, bounds, meets, pairs, shrink, boxes, fixed = m  # each access to `m` costs 20 ns
+    frames, spheres, first, link, bounds, meets, pairs, shrink, boxes, kinds = m  # each access to `m` costs 20 ns
     compute_links(q, frames, links)
     for c in range(link.shape[0]):
         placed[c] = 0
         _place(links, link[c], bounds, c, c + 1, balls)
     for c in range(link.shape[0] - 1, -1, -1):
         for k in range(boxes.shape[0] if meets[c] > 0 else 0):
-            if (meets[c] == 1 and fixed[k] == 1) or not _is_near_box(boxes, k, balls, c, bounds[c, 3]):
+            if meets[c] & kinds[k] == 0 or not _is_near_box(boxes, k, balls, c, bounds[c, 3]):
                 continue
             if placed[c] == 0:
                 placed[c] = 1

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_inverse, compute_matrix
-from phyagentos.protocol.world.environment import Entity, Shape
+from phyagentos.protocol.world.environment import Shape
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.chain import Chain, compute_links
 from phyagentos.runtime.motion.planning_scene import FIXED_MARGIN_M, MOVABLE_MARGIN_M, PAYLOAD_SCALE, PlanningScene
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.robot_model import RobotModel
+from phyagentos.runtime.motion.room import BALL_M
 from phyagentos.runtime.motion.shapes import compute_shape_boxes
 
 Integers = NDArray[np.int64]
@@ -27,7 +28,8 @@ QUANTILE = 0.01  # of free postures that a calibrated pair may still refuse
 SAMPLES = 1000
 BALL_MARGIN_M = 1e-9  # so that rounding never lets a ball miss what its box meets
 SEED = 0
-_NEVER, _MOVABLE, _ALL = 0, 1, 2  # which obstacles a cluster is tested against
+_NEVER, _MOVABLE, _FIXED, _WALL = 0, 1, 2, 4  # kinds of obstacles
+_ALL = _MOVABLE | _FIXED
 
 
 class SphereArrays(NamedTuple):
@@ -39,11 +41,11 @@ class SphereArrays(NamedTuple):
         first: (c + 1,) index of the first sphere of each cluster.
         link: (c,) link of each cluster.
         bounds: (c, 4) bounding sphere of each cluster, in the link frame.
-        meets: (c,) 0 no obstacle, 1 movable ones, 2 all.
+        meets: (c,) kinds of obstacles that each cluster is tested against: sum of 1 movable, 2 immovable, 4 walls.
         pairs: (p, 2) clusters tested against each other.
         shrink: (p,) calibrated reduction of their distance threshold [m].
         boxes: (b, 16) obstacles: centre, rotation by rows, half extents, radius of the ball around it.
-        fixed: (b,) 1 where the obstacle is immovable.
+        kinds: (b,) of the obstacles.
     """
 
     frames: Array
@@ -55,7 +57,7 @@ class SphereArrays(NamedTuple):
     pairs: Integers
     shrink: Array
     boxes: Array
-    fixed: Integers
+    kinds: Integers
 
 
 class SphereModel:
@@ -84,14 +86,15 @@ class SphereModel:
     def build_arrays(self, scene: PlanningScene) -> SphereArrays:
         """The arrays for the scene as posed now, payload included."""
         clusters, pairs, shrink = list(self._clusters), list(self._pairs), list(self._shrink)
+        last = len(self._chain.frames) - 1
         if scene.payload_shapes:
-            last = len(self._chain.frames) - 1
             tcp = np.vstack((self._chain.tcp, (0.0, 0.0, 0.0, 1.0)))
             cover = [_move(_cover_payload(s), compute_matrix(s.pose)) for s in scene.payload_shapes]
             pairs += [(i, len(clusters)) for i, (link, _, _) in enumerate(clusters) if link <= last - self._wrist]
             shrink += [0.0] * (len(pairs) - len(shrink))
             clusters.append((last, _ALL, _move(np.vstack(cover), tcp @ scene.tcp_T_payload)))
-        boxes, fixed = _box_obstacles(scene.obstacles)
+        clusters.append((last, _WALL, np.append(self._chain.tcp[:, 3], BALL_M)[None]))
+        boxes, kinds = _box_obstacles(scene)
         return SphereArrays(
             frames=self._chain.frames,
             spheres=np.vstack([cover for _, _, cover in clusters]),
@@ -102,7 +105,7 @@ class SphereModel:
             pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
             shrink=np.array(shrink),
             boxes=boxes,
-            fixed=fixed,
+            kinds=kinds,
         )
 
     def _calibrate(self, robot: RobotModel) -> list[float]:
@@ -197,13 +200,18 @@ def _bound(spheres: Array) -> Array:
     return np.append(center, radius)
 
 
-def _box_obstacles(obstacles: list[Entity]) -> tuple[Array, Integers]:
-    rows, fixed = [], []
-    for entity in obstacles:
+def _box_obstacles(scene: PlanningScene) -> tuple[Array, Integers]:
+    rows, kinds = [], []
+    for entity in scene.obstacles:
         margin_m = MOVABLE_MARGIN_M if entity.movable else FIXED_MARGIN_M
         for box in compute_shape_boxes(entity):
-            half_m = box.half_m + margin_m
-            ball_m = np.linalg.norm(half_m) + BALL_MARGIN_M
-            rows.append(np.concatenate((box.pose[:3, 3], box.pose[:3, :3].reshape(9), half_m, (ball_m,))))
-            fixed.append(int(not entity.movable))
-    return np.array(rows).reshape(-1, 16), np.array(fixed, dtype=np.int64)
+            rows.append(_make_row(box.pose[:3, 3], box.pose[:3, :3], box.half_m + margin_m))
+            kinds.append(_MOVABLE if entity.movable else _FIXED)
+    for _, center_m, half_m in scene.robot.room.iter_walls():
+        rows.append(_make_row(center_m, np.eye(3), half_m))
+        kinds.append(_WALL)
+    return np.array(rows).reshape(-1, 16), np.array(kinds, dtype=np.int64)
+
+
+def _make_row(center_m: Array, rotation: Array, half_m: Array) -> Array:
+    return np.concatenate((center_m, rotation.reshape(9), half_m, (np.linalg.norm(half_m) + BALL_MARGIN_M,)))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from phyagentos.geometry import UP, compute_tilt, compute_turn, rotate, to_child
+from phyagentos.geometry import UP, compute_tilt, rotate, to_child
 from phyagentos.protocol.world.environment import Entity, Status, TargetState
 from phyagentos.protocol.world.predicates.geometry import (
     compute_box_distance,
@@ -274,7 +274,7 @@ def measure_fallen(view: View, a: Entity) -> Reading:
 
 
 def measure_moved(view: View, a: Entity) -> Reading:
-    """More than 1.5 cm or 10 degrees from where it was in the initial snapshot."""
+    """More than 1.5 cm or 10 degrees from where it was in the initial snapshot; a turn onto itself is none."""
     if view.initial is None:
         raise FactUnknown("there is no initial snapshot")
     try:
@@ -282,8 +282,8 @@ def measure_moved(view: View, a: Entity) -> Reading:
     except FactUnknown as reason:
         raise FactUnknown(f"in the initial snapshot, {reason}") from reason
     moved_m = math.dist(a.pose.position_m, was.pose.position_m)
-    is_exact = view.now.sensing == "truth"  # looks do not distinguish sides of equal length
-    turned_rad = compute_turn(a.pose, was.pose) if is_exact else compute_least_turn(a, was, SAME_SIDE_M)
+    is_exact = view.now.sensing == "truth"
+    turned_rad = compute_least_turn(a, was, 0.0 if is_exact else SAME_SIDE_M)
     margin = max(moved_m / MOVED_M, turned_rad / MOVED_RAD) - 1.0
     because = f"{a.name} moved {moved_m:.3f} m and turned {math.degrees(turned_rad):.1f} degrees"
     doubt_m, doubt_rad = _find_position_doubt(view, a, was), _find_turn_doubt(view, a, was)

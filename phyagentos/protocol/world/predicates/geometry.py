@@ -50,12 +50,17 @@ def compute_least_turn(now: Entity, was: Entity, doubt_m: float) -> float:
     """Least angle [rad] by which a thing may have turned, where a quarter turn of its box shows no more than a doubt.
 
     A quarter turn brings each side onto another one; where these differ by less than `doubt_m`, it may have been made,
-    or may be none but a mistake of the measurement.
+    or may be none but a mistake of the measurement. A ball does not turn, and what is round turns with its axis alone.
     """
     turned_rad = compute_turn(now.pose, was.pose)
-    if len(now.shapes) != 1 or now.shapes[0].kind is not ShapeKind.BOX:
+    if len(now.shapes) != 1:
         return turned_rad
-    half_m, own = now.shapes[0].size_m, now.shapes[0].pose.quaternion_wxyz
+    kind, half_m, own = now.shapes[0].kind, now.shapes[0].size_m, now.shapes[0].pose.quaternion_wxyz
+    if kind is ShapeKind.SPHERE:
+        return 0.0
+    if kind is not ShapeKind.BOX:
+        axes = (rotate(multiply(each.pose.quaternion_wxyz, own), UP) for each in (now, was))
+        return math.acos(min(1.0, abs(dot(*axes))))
     box = Pose(now.pose.position_m, multiply(now.pose.quaternion_wxyz, own))
     for quarter in _QUARTER_TURNS:
         turned_m = [abs(each) for each in rotate(quarter, half_m)]
