@@ -19,10 +19,15 @@ FAR_CUBE = Edit(
     path=("bodies", "red_cube", "place"),
     value={"position_m": [1.9, 0.0, 0.03]},
 )
-NARROW = Edit(  # the blue tray lies beyond
+CLOSED_TRAY = Edit(
     file="protocol/safety.yaml",
-    path=("targets", "panda", "workspace_box", "value"),
-    value=[[-0.30, -0.85, -0.02], [0.62, 0.85, 1.30]],
+    path=("targets", "panda", "keep_out", "blue_tray"),
+    value={
+        "value": [[0.57, 0.26, -0.02], [0.73, 0.52, 0.30]],
+        "unit": "m",
+        "source": "Site policy: the blue tray is of another arm",
+        "provenance": "site_policy",
+    },
 )
 
 
@@ -73,7 +78,7 @@ def test_a_real_robot_without_a_driver_is_refused_before_anything_starts(tmp_pat
 
 @pytest.mark.journey
 def test_a_thing_out_of_reach_and_a_place_beyond_the_workspace_stop_only_their_own_sessions(tmp_path):
-    report, codes, received = run(tmp_path, [FAR_CUBE, NARROW])
+    report, codes, received = run(tmp_path, [FAR_CUBE, CLOSED_TRAY])
 
     assert codes == {"tidy.red": {"OUT_OF_REACH"}, "tidy.blue": {"OUTSIDE_WORKSPACE"}}
     assert report.exit_code == 3

@@ -55,7 +55,8 @@ PROOFS = {  # codes of the planner that prove a motion impossible -> code of the
     "NO_FREE_SITE": "NO_FREE_SITE",
     "UNKNOWN_ENTITY": "ENTITY_UNKNOWN",
 }
-REACH_REASON = "ik"  # of a candidate that was rejected for reach, not for a contact
+REACH_REASONS = {"ik"}  # every candidate was rejected for reach alone, none for a contact
+SITE_REASONS = {"ik", "occupied", "far"}  # of sites that are none, or have no posture
 ON_AXIS_M = 1e-6
 _PASSED_OVER = STILL | {Role.MOVE}  # between grasp and place they move nothing but what is held
 _POINT = Parameter(type="point")
@@ -348,9 +349,11 @@ def _judge(name: str, answer: MotionAnswer | None, ms: float, *, proves: bool = 
     if not isinstance(answer, NoPlan):
         return Trial(motion=name, outcome="possible", ms=ms)
     code = PROOFS.get(answer.code, "")
-    met = {reason.partition("|")[2] for reason in answer.rejected if reason != REACH_REASON}
-    if answer.code == "NO_IK" and answer.rejected and all(map(is_wall, met)):
-        code = "OUTSIDE_WORKSPACE" if met else "OUT_OF_REACH"
+    walls = {reason for reason in answer.rejected if is_wall(reason.partition("|")[2])}
+    if answer.code == "NO_IK" and answer.rejected and set(answer.rejected) <= REACH_REASONS:
+        code = "OUT_OF_REACH"
+    elif answer.code == "NO_IK" and walls and set(answer.rejected) <= SITE_REASONS | walls:
+        code = "OUTSIDE_WORKSPACE"
     if not proves or not code:
         return Trial(motion=name, outcome="undecided", code=answer.code, message=answer.message, ms=ms)
     return Trial(motion=name, outcome="impossible", code=code, message=answer.message, ms=ms)
