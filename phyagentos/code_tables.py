@@ -63,6 +63,7 @@ UNKNOWN_SENSOR       No sensor of this name in sensors.yaml.
 UNKNOWN_SKILL        No skill of this name.
 UNKNOWN_TARGET       No target of this name.
 UNKNOWN_TREE         No tree of this name.
+UNKNOWN_WORD         A description holds a word that is neither a colour nor a form.
 UNREADABLE_FILE      A file cannot be read, or is no text.
 UNSOURCED_LIMIT      A limit of safety.yaml names no source of its number.
 UNWRITTEN_KEY        A tree reads a key that nothing has written by then.

@@ -52,6 +52,16 @@ def test_an_unknown_key_is_refused_with_its_place(paos, write):
     assert "objective" in result.err
 
 
+def test_a_description_is_checked_word_by_word(paos, write):
+    text = GRAPH.replace("colour: red", "described: {parcel: a rde bxo, red_cube: a box, unknown_2: a can}")
+    path = write("goal_graphs/broken.yaml", text.replace("object: red_cube", "object: parcle"))
+    err = paos("lint", path).err
+    assert f"{path}:5:13: UNKNOWN_WORD: found 'rde' at column 3 of 'a rde bxo'; expected black, " in err
+    assert "'bxo' at column 7 of 'a rde bxo'; expected ball, box, can, thing. Did you mean 'box'?" in err
+    assert "INVALID_NAME: found 'red_cube'" in err
+    assert "INVALID_NAME: found 'unknown_2'" in err
+
+
 def test_all_problems_of_a_graph_are_reported_at_once(paos, write):
     path = write("goal_graphs/broken.yaml", GRAPH.replace("colour: red\n", ""))
     result = paos("lint", path)

@@ -1,5 +1,7 @@
 """Every goal graph that ships is met, on physics, in the shared warm plane."""
 
+import mujoco
+import numpy as np
 import pytest
 
 from phyagentos.agent.judging.from_frames import judge_again
@@ -53,6 +55,18 @@ def test_a_shipped_goal_graph_is_met_and_its_frames_give_the_same_verdicts(plane
         assert (again.verdict, again.differences) == ("success", ()), again
     if graph.stem == "carry_cup":
         assert_every_ball_was_kept(report)
+    if graph.stem == "lost_and_found":
+        assert_it_is_the_carton_that_lies_in_the_tray(plane.bundle(report.sessions[0].id))
+
+
+def assert_it_is_the_carton_that_lies_in_the_tray(bundle):
+    """In the simulator's own state, where the thing has a name."""
+    model = mujoco.MjModel.from_binary_path(str(bundle / "scene.mjb"))
+    data = mujoco.MjData(model)
+    data.qpos[:] = np.load(bundle / "terminal.npz")["qpos"]
+    mujoco.mj_forward(model, data)
+    x, y, z = np.abs(data.body("carton").xpos - data.body("tray").xpos)
+    assert (x < 0.07, y < 0.09, z < 0.03) == (True, True, True)
 
 
 def assert_every_ball_was_kept(report):

@@ -37,8 +37,9 @@ from phyagentos.protocol.capabilities.registries import read_skill_registry, rea
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.document import split_front_matter
-from phyagentos.protocol.sessions.session import GoalId, Session
+from phyagentos.protocol.sessions.session import GoalId, Scene, Session
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.descriptions import name_described
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.motion.process import LocalPlanner, NoModel, Planner
@@ -253,8 +254,10 @@ class RecordedWorld:
     def __init__(self, world: Environment) -> None:
         self._world = world
 
-    def enter(self, scene: object) -> None:
-        """One scene was recorded."""
+    def enter(self, scene: Scene) -> None:
+        """One scene was recorded; its unnamed things have the names that the goal gives them."""
+        named = name_described(self._world.entities, scene.described)
+        self._world = msgspec.structs.replace(self._world, entities=named)
 
     def observe(self, need: object) -> Environment:
         return self._world

@@ -14,7 +14,7 @@ from phyagentos.protocol.settings.perception import read_perception
 from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
 from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.protocol.settings.sensors import read_sensors
-from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose, Region
+from phyagentos.protocol.world.environment import UNNAMED, Entity, Environment, Interior, Pose, Region
 from phyagentos.runtime.preflight.arguments import iter_contradictions, iter_name_problems
 from phyagentos.runtime.preflight.compatibility import Preflight
 from phyagentos.runtime.preflight.findings import describe_problem
@@ -271,6 +271,31 @@ def test_a_session_that_asks_which_of_two_alike_things_is_which_is_refused(accep
 
     assert codes(problems) == (["AMBIGUOUS"] if is_refused else [])
     assert all("nothing tells cube and other apart" in problem.found for problem in problems)
+
+
+@pytest.mark.parametrize(
+    ("forms", "code", "text"),
+    [
+        (("box", "box"), "AMBIGUOUS", "described as 'a red box', and unknown_1: red box; unknown_2: red box"),
+        (("box", "box or can"), "AMBIGUOUS", "unknown_2: red box or can"),
+        (("box or can", "can"), "ENTITY_UNKNOWN", "and perhaps unknown_1: red box or can"),
+        (("can", "ball"), "ENTITY_UNKNOWN", "and unknown_1: red can; unknown_2: red ball"),
+        ((), "ENTITY_UNKNOWN", "nothing unnamed"),
+    ],
+)
+def test_a_name_by_description_that_nothing_got_is_refused_with_what_there_is(forms, code, text):
+    scene = Scene(name="s", seed=0, episode="e", described={"parcel": "a red box"})
+    session = make_session(scene=scene, parameters={"object": "parcel"})
+    names = [f"unknown_{number}" for number in (1, 2)]
+    things = [
+        Entity(name=n, kind=UNNAMED, pose=Pose(), color="red", form=f) for n, f in zip(names, forms, strict=False)
+    ]
+    now = msgspec.structs.replace(NOW, entities={each.name: each for each in things})
+
+    problems = make_preflight().find_world_problems(session, describe(), now)
+
+    assert codes(problems) == [code]
+    assert text in problems[0].found
 
 
 @pytest.mark.parametrize(

@@ -60,14 +60,14 @@ class Catalogue:
         )
 
     def find_scene_names(self, scene: str) -> frozenset[str] | None:
-        """Names of the entities and regions of a scene; None when it cannot be read, which is reported elsewhere."""
+        """Listed entities and regions of a scene by name; None when it cannot be read, which is reported elsewhere."""
         if scene not in self.scenes:
             return None
         try:
             content = read_scene(self.scenes[scene])
         except DefinitionError:
             return None
-        return frozenset((*content.bodies, *content.regions))
+        return frozenset((*(name for name, body in content.bodies.items() if body.listed), *content.regions))
 
     def find_alike(self, scene: str) -> dict[str, frozenset[str]]:
         """Things of a scene that no picture tells from others, and those; empty when it cannot be read."""
@@ -75,7 +75,7 @@ class Catalogue:
             content = read_scene(self.scenes[scene])
         except (KeyError, DefinitionError):
             return {}
-        found = {name: find_alike(content, name) for name in content.bodies}
+        found = {name: find_alike(content, name) for name, body in content.bodies.items() if body.listed}
         return {name: others for name, others in found.items() if others}
 
 

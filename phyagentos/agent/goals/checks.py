@@ -13,6 +13,8 @@ from phyagentos.errors import DefinitionError, Problem, format_hint, format_name
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_mismatch
 from phyagentos.protocol.capabilities.targets import find_unshared
 from phyagentos.protocol.documents.schema import Located
+from phyagentos.protocol.world.descriptions import parse_description
+from phyagentos.protocol.world.environment import UNNAMED
 from phyagentos.protocol.world.predicates.library import ArgumentKind
 from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 
@@ -24,7 +26,8 @@ class Checks:
 
     def __init__(self, spec: GoalSpec, nodes: Mapping[str, Node], located: Located, catalogue: Catalogue) -> None:
         self.spec, self.nodes, self.located, self.catalogue = spec, nodes, located, catalogue
-        self._names = catalogue.find_scene_names(spec.scene)
+        self._listed = catalogue.find_scene_names(spec.scene)
+        self._names = None if self._listed is None else self._listed | spec.described.keys()
         self._alike = catalogue.find_alike(spec.scene)
 
     def check_spec(self) -> Iterator[Problem]:
@@ -38,6 +41,14 @@ class Checks:
                 yield self._unknown("UNKNOWN_TARGET", ("targets", role), target, [*self.catalogue.targets, ANY])
         yield from self._check_worlds()
         yield from self._check_interchangeable()
+        for name, text in self.spec.described.items():
+            path: Path = ("described", name)
+            if name in (self._listed or ()) or name.startswith(UNNAMED):
+                yield self.located.problem("INVALID_NAME", path, repr(name), "a name that nothing else may have")
+            try:
+                parse_description(text, self.located.address_of(path))
+            except DefinitionError as error:
+                yield from error.problems
         targets = {*self.spec.targets, *self.catalogue.targets, "target"}
         for path, text in self._iter_predicates():
             yield from self._check_predicate(path, text, targets)

@@ -119,7 +119,9 @@ class SessionCompiler:
             requires=requires if revision is None or revision.requires is None else revision.requires,
             hold=resolve((*skill.hold, *spec.hold, *self.graph.spec.constraints)),
             accept=resolve((*spec.accept, *promiser.guarantees)),
-            scene=Scene(name=self.graph.spec.scene, seed=self.seed, episode=self.goal),
+            scene=Scene(
+                name=self.graph.spec.scene, seed=self.seed, episode=self.goal, described=self.graph.spec.described
+            ),
             seed=compute_seed(self.seed, "node", name, "attempt", attempt),
             limits=limits,
             strategy=revision.strategy if revision else OWN_WAY,

@@ -1,7 +1,7 @@
 """The authoring format of goal graphs, version 1, as frozen models that also give the JSON Schema."""
 
 import re
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import pydantic
 
@@ -129,6 +129,7 @@ class GoalSpec(Authored):
         budget: What the whole goal may cost; without end when empty.
         interchangeable: Groups of things of equal form that may stand for each other: where nothing tells them apart,
             their names are by agreement.
+        described: Names for things outside the inventory, each with its description (`a red box`).
     """
 
     version: Literal[1] = 1
@@ -143,3 +144,4 @@ class GoalSpec(Authored):
     accept: tuple[str, ...] = ()
     budget: Budget = Budget()
     interchangeable: tuple[tuple[str, ...], ...] = ()
+    described: dict[Annotated[str, pydantic.Field(pattern=NODE_NAME)], str] = {}

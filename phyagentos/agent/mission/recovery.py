@@ -257,7 +257,7 @@ class Recovery:
         codes = {problem.code for problem in subject.problems}
         cause = next((cause for code, cause in _REFUSALS.items() if code in codes), None)
         unmet, world = _find_unmet(subject), self.evidence.find_latest(subject.contract.scene.episode)
-        if world is None:
+        if world is None or "AMBIGUOUS" in codes:  # no look tells which is meant
             return None
         if "visible" in unmet or "ENTITY_UNKNOWN" in codes:
             is_unseen = bool(looking.list_unseen(subject.contract, world) or self.facts.count_looks(subject.contract))

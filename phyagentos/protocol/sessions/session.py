@@ -97,18 +97,20 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
     policy_s: float = 10.0
 
 
-class Scene(msgspec.Struct, frozen=True, kw_only=True):
-    """Which world a session acts in.
+class Scene(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Which world a session acts in, and what its goal calls the things in it.
 
     Attributes:
         name: Scene file, without suffix (`tabletop/cubes_and_trays`).
         seed: Seed of the scene's randomisation.
         episode: Sessions of one episode share one world; a new episode begins with a fresh one.
+        described: Names for unnamed things, each with the description that one of them fits (`a red box`).
     """
 
     name: str
     seed: int
     episode: str
+    described: dict[str, str] = {}
 
 
 class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -38,7 +38,8 @@ class _Look:
 def find_alike(spec: SceneSpec, name: str) -> frozenset[str]:
     """Other movable bodies of the same solids in the same colours."""
     own = spec.bodies[name]
-    others = {other: body for other, body in spec.bodies.items() if other != name and not own.fixed and not body.fixed}
+    movable = {other: body for other, body in spec.bodies.items() if other != name and body.listed and not body.fixed}
+    others = {} if own.fixed else movable
     looks = _list_looks(spec, own)
     return frozenset(other for other, body in others.items() if _are_like(looks, _list_looks(spec, body)))
 

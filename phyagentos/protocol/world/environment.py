@@ -103,7 +103,11 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         pose: `world_T_entity` of its body frame.
         shapes: Its solids, in the entity frame.
         interior: Where things can be put into it; absent when nothing can.
-        color: Colour word, empty when unknown.
+        color: Colour word, empty when unknown; of an unnamed thing as it is seen, `red or orange` where two may hold.
+        rgb: (3,) that colour as it is seen, 0..1; absent for things of the inventory.
+        form: `box`, `can`, `ball` as it is seen, `box or can` where two may hold; empty for another, and for things of
+            the inventory.
+        described: What its name stands for where a goal gave one to an unnamed thing: `a red box`.
         visible: Whether it was seen at its pose, at `observed_at_s`; false for what is gone, and for what
             was moved while out of sight.
         held_by: Name of the target whose gripper holds it: it is touched by both fingers, or perceived between fingers
@@ -141,6 +145,9 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     shapes: tuple[Shape, ...] = ()
     interior: Interior | None = None
     color: str = ""
+    rgb: tuple[float, float, float] | None = None
+    form: str = ""
+    described: str = ""
     visible: bool = True
     held_by: str | None = None
     speed_m_s: float = 0.0

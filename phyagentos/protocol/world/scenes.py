@@ -129,6 +129,7 @@ class Body(Authored):
         joint: How it moves against the world; absent for what stands fixed or moves freely.
         part_of: Name of an earlier body that it is fixed to, such as a handle to its drawer. It is a thing of its own:
             it can be seen, grasped and pushed. Its place is meant in that body's frame, without jitter.
+        listed: Whether the inventory names it; what is not listed is seen as an unnamed thing.
     """
 
     kind: str
@@ -145,6 +146,7 @@ class Body(Authored):
     grip_span: Span | None = None
     joint: Joint | None = None
     part_of: str | None = None
+    listed: bool = True
 
     @pydantic.model_validator(mode="after")
     def _check_mobility(self) -> "Body":

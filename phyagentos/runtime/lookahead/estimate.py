@@ -14,6 +14,7 @@ from typing_extensions import override
 
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.descriptions import add_described
 from phyagentos.protocol.world.environment import Entity, Environment, Shape, Status
 from phyagentos.protocol.world.friction import FRICTION, PAIRS
 from phyagentos.protocol.world.scenes import Body, Placement, SceneSpec, Solid
@@ -41,6 +42,7 @@ class BelievedWorld(SimulatedWorld):
 
 def believe_scene(spec: SceneSpec, environment: Environment) -> SceneSpec:
     """The scene as believed: what is not in the estimate, or gone, is left out."""
+    spec = add_described(spec, environment.entities)
     bodies = {
         name: _believe_body(body, environment.entities[name])
         for name, body in spec.bodies.items()

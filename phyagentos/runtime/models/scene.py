@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.geometry import compute_rotation, convert_euler, multiply, to_parent, turn
-from phyagentos.protocol.world.environment import Entity, Interior, Mechanism, Pose, Region, Shape
+from phyagentos.protocol.world.environment import UNNAMED, Entity, Interior, Mechanism, Pose, Region, Shape
 from phyagentos.protocol.world.scenes import Body, Camera, Joint, Material, Placement, SceneSpec, Solid
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.models.surfaces import find_surface
@@ -71,7 +71,8 @@ class PlacedBody:
         inside = self.body.interior
         return Entity(
             name=self.name,
-            kind=self.body.kind,
+            kind=self.body.kind if self.body.listed else UNNAMED,
+            form="" if self.body.listed else self.body.kind,
             pose=Pose(self.position_m, self.quaternion_wxyz),
             movable=not self.body.fixed,
             shapes=tuple(

@@ -152,7 +152,8 @@ def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, 
     What is averaged is what the pixels give: whether that is upright is concluded from the average, each time anew.
     """
     looks, freely, position, other_rad = 1, found.freely, found.position_m, found.other_tilt_rad
-    stds = found.doubt.total
+    doubt = found.doubt.of_measured(thing.template.size_std_m)
+    stds = doubt.total
     speed, since_s = 0.0, time_s
     if entity is None:
         freely = freely @ thing.symmetries[int((freely @ thing.symmetries)[:, 2, 2].argmax())]
@@ -169,10 +170,10 @@ def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, 
             since_s = entity.observed_at_s if entity.still_since_s is None else entity.still_since_s
         if entity.looks and is_still:
             looks = min(entity.looks + 1, FUSE_MAX)
-            gain = found.doubt.compute_gain(before)
+            gain = doubt.compute_gain(before)
             position = np.array(entity.pose.position_m) + gain[0] * moved
             freely = turn(gain[1] * turned) @ was
-            stds, other_rad = found.doubt.fuse(before), max(other_rad, _find_other_tilt(entity))
+            stds, other_rad = doubt.fuse(before), max(other_rad, _find_other_tilt(entity))
         elif entity.looks and SPEED_S[0] <= time_s - entity.observed_at_s <= SPEED_S[1]:
             speed = moved_m / (time_s - entity.observed_at_s)
     place_m, turn_rad = stds.tolist()

@@ -36,6 +36,11 @@ class Doubt:
     total: Array
     common: Array
 
+    def of_measured(self, size_std_m: float) -> "Doubt":
+        """The same for a thing whose own sides are known to this deviation [m]: its middle is off by half of it."""
+        parts = np.array([size_std_m / 2.0, 0.0])
+        return Doubt(np.hypot(self.total, parts), np.hypot(self.common, parts))
+
     def compute_gain(self, before: Array) -> Array:
         """(2,) weights of this look in the mean with those before, whose deviations are `before` (2,)."""
         shared = np.minimum(self.common, before) ** 2

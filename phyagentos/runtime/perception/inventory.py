@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from phyagentos.geometry import compute_rotation, convert_euler
 from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.world.alike import find_alike, find_turned
+from phyagentos.protocol.world.descriptions import add_described
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, PriorKnowledge, Shape
 from phyagentos.protocol.world.scenes import Body, Number3, Placement, SceneSpec, Solid
 from phyagentos.runtime.perception.articulated import Articulated, find_articulated
@@ -29,6 +30,8 @@ from phyagentos.runtime.perception.solids import Array, Solids
 
 ALIKE = 0.15  # of hues, as `colors` measures them: they are taken for each other in bad light
 FILLING_M = 0.03  # smaller things in a vessel are its filling
+MEASURED = ("rgb", "form", "described", "size_std_m")  # of what is in no inventory
+_NOTHING: Mapping[str, Entity] = {}
 WHITE = (1.0, 1.0, 1.0, 1.0)
 
 
@@ -153,12 +156,13 @@ class Inventory:
         return tuple(sorted(name for name, each in known.items() if each.template.movable and name not in entities))
 
 
-def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL) -> Inventory:
-    """The inventory of a scene file, or so much of it as is to be known before the first look."""
+def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[str, Entity] = _NOTHING) -> Inventory:
+    """As much of a scene file as is known before the first look, and the things that are `given` by description."""
+    spec = add_described(spec, given)
     colors: dict[tuple[float, float, float], int] = {}
 
     def register(solid: Solid, body: Body) -> int:
-        if prior is not Prior.FULL:
+        if prior is Prior.SHAPES:
             return colors.setdefault(WHITE[:3], 0)
         material = spec.materials.get(solid.material or body.material or "")
         red, green, blue, _ = material.rgba if material is not None else WHITE
@@ -172,7 +176,8 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL) -> Inventory:
     known: dict[str, Entity] = {}
     parts: dict[str, MapPart] = {}
     map_colors: set[int] = set()
-    for name, body in spec.bodies.items() if prior is not Prior.NONE else ():
+    listed = {name: body for name, body in spec.bodies.items() if body.listed and prior is not Prior.NONE}
+    for name, body in (listed | {name: spec.bodies[name] for name in given}).items():
         indices = [register(solid, body) for solid in body.shapes]
         if _is_known(body):
             known[name] = _make_template(name, body, source="map")
@@ -181,7 +186,9 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL) -> Inventory:
         elif jointed := find_articulated(name, body, _make_template(name, body, source=""), spec):
             articulated[name] = jointed
         else:
-            things[name] = _make_thing(name, body, tuple(dict.fromkeys(indices)), spec)
+            thing = _make_thing(name, body, tuple(dict.fromkeys(indices)), spec)
+            measured = {key: getattr(given[name], key) for key in MEASURED} if name in given else {}
+            things[name] = replace(thing, template=msgspec.structs.replace(thing.template, **measured))
     palette = np.array(list(colors), dtype=np.float64).reshape(-1, 3)
     return Inventory(
         scene=spec.scene,
@@ -192,7 +199,7 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL) -> Inventory:
         map_parts=parts,
         map=join_map(known, parts),
         map_colors=frozenset(map_colors),
-        like_map=_find_lookalikes(palette, map_colors),
+        like_map=_find_lookalikes(palette, map_colors) if listed else frozenset(range(len(palette))),
         palette=palette,
         is_of_thing=np.isin(np.arange(256), [color for thing in things.values() for color in thing.colors]),
         regions=tuple(

@@ -36,7 +36,7 @@ GLANCE_CAMERAS = 1
 LARGE_PX = 1200  # a window of so many pixels shows enough
 THINNED = 3  # of whose rows and columns one is read out
 PROBE_PERIOD_S = 0.5  # between two proofs that the cameras live: a frozen one is believed for twice this at most
-MEMORY = 8  # scenes whose inventory is kept
+MEMORY = 8  # inventories that are kept
 
 
 class PerceivedWorld(WorldModel):
@@ -64,7 +64,7 @@ class PerceivedWorld(WorldModel):
         self._detector = detector
         self._library, self._robot = library, robot
         self._moving, self._max_age_s = frozenset(moving), max_age_s
-        self._pipelines: dict[str, Pipeline] = {}
+        self._pipelines: dict[tuple[object, ...], Pipeline] = {}
         self._belief: Environment | None = None
         self._states: deque[Moment] = deque(maxlen=STATES_KEPT)
         self._look: Look | None = None  # that goes on
@@ -299,16 +299,17 @@ class PerceivedWorld(WorldModel):
         return belief
 
     def _get_pipeline(self) -> Pipeline:
-        name = self._scene.name
-        if name not in self._pipelines:
+        given = {name: each for name, each in self._belief.entities.items() if each.described} if self._belief else {}
+        key = self._scene.name, *((name, each.shapes, each.rgb) for name, each in given.items())
+        if key not in self._pipelines:
             if len(self._pipelines) >= MEMORY:
                 self._pipelines.clear()
-            inventory = build_inventory(read_scene(self._library.get_scene(name)), self._prior)
+            inventory = build_inventory(read_scene(self._library.get_scene(self._scene.name)), self._prior, given)
             segmenter = DetectorSegmenter(self._detector, inventory) if self._detector is not None else None
-            self._pipelines[name] = Pipeline(
+            self._pipelines[key] = Pipeline(
                 inventory, self._robot, self._target, self._max_age_s, segmenter, noisy=self._noisy
             )
-        return self._pipelines[name]
+        return self._pipelines[key]
 
     def _find_state(self, time_s: float) -> TargetState:
         """The target's state nearest to a moment."""

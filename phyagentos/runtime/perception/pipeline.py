@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.settings.perception import Prior
+from phyagentos.protocol.world.descriptions import name_described
 from phyagentos.protocol.world.environment import Entity, Environment, SensorHealth, Status, TargetState
 from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.belief import find_changes, follow_hand, lose_sight, read_regions, update_belief
@@ -52,7 +53,8 @@ class Pipeline:
         self.inventory, self._noisy = inventory, noisy
         self._robot, self._target, self._max_age_s = robot, target, max_age_s
         self._hand = Hand(target=target, reach_m=robot.reach_m)
-        colors = Palette(inventory.palette) if inventory.prior is Prior.FULL else Colorless()
+        is_colorless = inventory.prior is Prior.SHAPES or not len(inventory.palette)
+        colors = Colorless() if is_colorless else Palette(inventory.palette)
         self._segmenter: Segmenter = segmenter or colors
         self.can_confirm = segmenter is None  # a detector is made for whole pictures
 
@@ -118,6 +120,7 @@ class Pipeline:
                 continue  # what is believed without it
             named = {name: entity for name, entity in after.items() if not is_stranger(name)}
             after = named | find_strangers(believed, views, robots, inventory.map, after)
+            after = name_described(after, scene.described)
             break
         sensors = health if not focus else (known.sensors if known is not None else {})
         looked_at_s = time_s if not focus else (known.looked_at_s if known is not None else 0.0)
@@ -133,7 +136,7 @@ class Pipeline:
             sensors=sensors,
             looked_at_s=looked_at_s,
             changes=find_changes(entities, after),
-            never_seen=self.inventory.find_unseen(after),
+            never_seen=tuple(sorted({*self.inventory.find_unseen(after), *(scene.described.keys() - after.keys())})),
             prior=self.inventory.summarise(),
         )
 

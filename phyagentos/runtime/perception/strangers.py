@@ -1,7 +1,7 @@
 """Finds what no model explains: clusters of measured points that are neither the map, the robot, nor a known thing.
 
 Each becomes an entity without a name of its own, as a box that stands on whatever is below it: an obstacle for
-planning, and one of the things that `*` stands for. Nothing is known of its form but what was seen.
+planning, and one of the things that `*` stands for. Nothing is known of its form and colour but what was seen.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import as_pose, compute_rotation, turn
+from phyagentos.protocol.world.descriptions import OR, inscribe, name_color
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Shape, ShapeKind, Status
 from phyagentos.runtime.perception.clusters import find_clusters
 from phyagentos.runtime.perception.doubt import SIGMA
@@ -38,6 +39,8 @@ STD_RAD = 0.2
 CONFIDENCE = 0.7  # of where it is: its points are its own
 REAL_S = 1.0  # a cluster seen in one place for so long is no noise
 GONE_FRACTION = 0.6  # of its surface seen through
+FORM_POINTS, FORM_M = 60, 0.003  # fewer points show no form; nor do such that are farther from all, beside noise
+FORM_OFF = 0.75  # a form is surely another one where that is so much nearer to the points
 
 
 def find_strangers(
@@ -55,10 +58,10 @@ def find_strangers(
     before = {name: entity for name, entity in entities.items() if is_stranger(name)}
     known = [_pose(each) for each in named if each.shapes and each.status is not Status.GONE]
     parts = [_find_unexplained(*each, map_solids, known) for each in zip(frames, views, robots, strict=True)]
-    points = np.concatenate([part for part, _, _ in parts]) if parts else np.zeros((0, 3))
-    is_cut = np.concatenate([cut for _, cut, _ in parts]) if parts else np.zeros(0, np.bool_)
-    camera = np.repeat(np.arange(len(parts)), [len(part) for part, _, _ in parts])
-    noise_m = float(np.median([noise for _, _, noise in parts])) if parts else 0.0
+    points, rgb = (np.concatenate([part[i] for part in parts] or [np.zeros((0, 3))]) for i in (0, 1))
+    is_cut = np.concatenate([part[2] for part in parts] or [np.zeros(0, np.bool_)])
+    camera = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
+    noise_m = float(np.median([part[3] for part in parts])) if parts else 0.0
     time_s = max((frame.time_s for frame in frames), default=0.0)
     found: dict[str, Entity] = {}
     for cluster in find_clusters(points, LINK_M):
@@ -73,11 +76,16 @@ def find_strangers(
             nearest = next(name for name in map(f"{PREFIX}{{}}".format, count(1)) if name not in {*entities, *found})
         was = before.pop(nearest, None)
         is_still = was is not None and _measure_apart(was, position) < STILL_M
+        red, green, blue = (np.median(rgb[cluster], axis=0) / 255.0).round(4).tolist()
+        is_whole = not cut_m and len(cluster) >= FORM_POINTS
         found[nearest] = Entity(
             name=nearest,
             kind=UNNAMED,
             pose=as_pose(rotation, position),
             shapes=(shape,),
+            color=name_color((red, green, blue)),
+            rgb=(red, green, blue),
+            form=_find_form((points[cluster] - position) @ rotation, shape, noise_m) if is_whole else "",
             observed_at_s=time_s,
             still_since_s=was.still_since_s if was is not None and is_still else time_s,
             confidence=CONFIDENCE,
@@ -105,8 +113,8 @@ def is_stranger(name: str) -> bool:
 
 def _find_unexplained(
     frame: Frame, view: CameraView, robot: Solids, map_solids: Solids, known: Sequence[Solids]
-) -> tuple[Array, NDArray[np.bool_], float]:
-    """Measured points (n, 3) that belong to nothing known, which (n,) are at the picture's edge, and the noise [m]."""
+) -> tuple[Array, NDArray[np.uint8], NDArray[np.bool_], float]:
+    """Points (n, 3) of nothing known, their colours (n, 3), which (n,) are at the picture's edge, the noise [m]."""
     rows, columns = np.nonzero(np.isfinite(frame.depth_m[:, ::EVERY]))
     columns *= EVERY
     points = measure_points(frame, view, rows, columns)
@@ -121,7 +129,7 @@ def _find_unexplained(
     is_cut = (np.minimum(rows, frame.height - 1 - rows) < CUT_PX) | (
         np.minimum(columns, frame.width - 1 - columns) < CUT_PX
     )
-    return points[left], is_cut, SIGMA * median_m
+    return points[left], frame.rgb[rows, columns], is_cut, SIGMA * median_m
 
 
 def _is_beyond(points: Array, solids: Solids, margin_m: float) -> NDArray[np.bool_]:
@@ -149,6 +157,14 @@ def _fit_box(
     half = np.maximum(size / 2, SIDE_MIN_M / 2)
     x, y, z = half.tolist()
     return Shape(ShapeKind.BOX, (x, y, z)), rotation, rotation @ ((low + high) / 2)
+
+
+def _find_form(points: Array, box: Shape, noise_m: float) -> str:
+    """The form of points (n, 3) in the frame of the box around them; `box or can` where two are about as near."""
+    solids = {form: Solids.of((inscribe(form, box),)) for form in ("box", "can", "ball")}
+    off = {form: float(np.abs(each.measure(points)).mean()) for form, each in solids.items()}
+    best = min(off.values())
+    return OR.join(form for form in off if FORM_OFF * off[form] <= best) if best < FORM_M + noise_m else ""
 
 
 def _measure_gap(foot: Array, map_solids: Solids, named: Sequence[Entity]) -> float:

@@ -1,7 +1,9 @@
 """The simulator's ground truth as a world model, for scoring and for tests (`sensing: truth`)."""
 
+import msgspec
 from typing_extensions import override
 
+from phyagentos.protocol.world.descriptions import name_described
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.perception.look import FrameSource
 from phyagentos.runtime.perception.world_model import Need, WorldModel
@@ -14,6 +16,7 @@ class TrueWorld(WorldModel):
     def __init__(self, target: str, handle: FrameSource) -> None:
         super().__init__(target, handle)
         self._revision = 0
+        self._names: dict[str, str] = {}  # by description, of bodies
 
     @override
     def observe(self, need: Need) -> Environment:
@@ -27,13 +30,17 @@ class TrueWorld(WorldModel):
 
     def _describe(self, now: Observation | Step) -> Environment:
         entities, regions = (now.entities, now.regions) if isinstance(now, Observation) else ((), ())
+        named = name_described({entity.name: entity for entity in entities}, self._scene.described)
+        given = (entity for entity in named.values() if entity.described)
+        self._names |= {body.name: entity.name for entity in given for body in entities if body.pose is entity.pose}
+        holding = tuple(self._names.get(name, name) for name in now.target.holding)
         return Environment(
             time_s=now.time_s,
             scene=self._scene.name,
             episode=self._scene.episode,
             revision=self._revision,
             sensing="truth",
-            entities={entity.name: entity for entity in entities},
+            entities=named,
             regions={region.name: region for region in regions},
-            targets={self._target: now.target},
+            targets={self._target: msgspec.structs.replace(now.target, holding=holding)},
         )

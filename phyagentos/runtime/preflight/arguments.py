@@ -11,7 +11,8 @@ from phyagentos.geometry import compute_rotation, to_parent
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_mismatch
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.safety import TargetLimits
-from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.descriptions import find_candidates
+from phyagentos.protocol.world.environment import UNNAMED, Environment
 from phyagentos.protocol.world.predicates.exchanges import exchange, find_groups
 from phyagentos.protocol.world.predicates.predicate import Predicate, View, find_formula, iter_entities, parse_predicate
 from phyagentos.protocol.world.predicates.syntax import And, Call, Name, iter_calls
@@ -88,16 +89,29 @@ def iter_name_problems(
                 continue
             reported.add(value)
             names = sorted(known[parameter.type])
-            yield make_unknown("ENTITY_UNKNOWN", f"parameters.{name}", value, names, triggered_by=by)
+            yield _make_missing(session, now, f"parameters.{name}", value, names, by)
     for kind in ("hold", "accept") if is_fresh else ():
         for index, text in enumerate(getattr(session, kind)):
             for name in _find_names(text):
                 if name not in known["place"] and name not in reported:
                     reported.add(name)
                     address = f"{kind}[{index}]"
-                    yield make_unknown(
-                        "ENTITY_UNKNOWN", address, name, sorted(known["place"]), triggered_by=f"{kind}: {text}"
-                    )
+                    yield _make_missing(session, now, address, name, sorted(known["place"]), f"{kind}: {text}")
+
+
+def _make_missing(
+    session: Session, now: Environment, address: str, name: str, known: Iterable[str], by: str
+) -> Problem:
+    """A name that the world does not hold; where it stands for a description, with what that fits."""
+    if (text := session.scene.described.get(name)) is None:
+        return make_unknown("ENTITY_UNKNOWN", address, name, known, triggered_by=by)
+    fitting = find_candidates(text, now.entities)
+    several = len(fitting) > 1 and Truth.TRUE in fitting.values()
+    shown = [each for each in now.entities.values() if (each.name in fitting if fitting else each.kind == UNNAMED)]
+    things = "; ".join(f"{each.name}: {each.color} {each.form or 'thing'}" for each in shown) or "nothing unnamed"
+    found = f"{name!r}, described as {text!r}, and {'perhaps ' if fitting and not several else ''}{things}"
+    fix = "Write `any` where each of them will do." if several else ""
+    return make_problem("AMBIGUOUS" if several else "ENTITY_UNKNOWN", address, found, "one that surely fits", by, fix)
 
 
 def iter_precondition_problems(session: Session, now: Environment) -> Iterator[Problem]:
