@@ -4,7 +4,8 @@
 
 Each instance is a scene of its own and a goal of one node, two replans allowed. *Met* is what the judge finds in the
 recorded end of the last session, whatever the verdict says; a *false success* is a verdict of success that the judge
-contradicts, in any session. With `--spoilt` none can be met: joints are stuck, and what moves freely is too heavy.
+contradicts, in any session of the skill. With `--spoilt` none can be met: joints are stuck, and what moves freely is
+too heavy.
 Development uses the seeds below 1000.
 """
 
@@ -63,7 +64,8 @@ def run_one(agent: Agent, workspace: Workspace, project: Path, each: Instance) -
     unmet = {
         one.id: Judge(workspace.evidence / one.id, workspace.evidence / run[0].id).find_unmet(each.truth) for one in run
     }
-    false = [one.id for one in run if one.verdict == "success" and unmet[one.id]]
+    own = (one for one in run if one.skill == each.skill)  # repairs promise other things
+    false = [one.id for one in own if one.verdict == "success" and unmet[one.id]]
     last = run[-1].id if run else ""
     return {
         "skill": each.skill,

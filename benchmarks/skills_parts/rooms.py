@@ -1,7 +1,7 @@
 """Instances of one skill each, drawn from seeds: a scene, a goal of one node, and what must be true of the world."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ RGB = {
     "green": [0.15, 0.6, 0.27, 1],
     "blue": [0.12, 0.33, 0.78, 1],
     "yellow": [0.95, 0.75, 0.12, 1],
+    "purple": [0.5, 0.2, 0.6, 1],
     "white": [0.93, 0.93, 0.91, 1],
     "slate": [0.38, 0.42, 0.5, 1],
     "wood": [0.86, 0.68, 0.48, 1],
@@ -31,6 +32,7 @@ class Instance:
         arguments: Of the skill.
         accept: Of the node.
         truth: What the judge demands: tuples of a fact's name and its arguments, see `judge.py`.
+        regions: Of the scene file.
     """
 
     skill: str
@@ -39,6 +41,7 @@ class Instance:
     arguments: Mapping[str, Any]
     accept: tuple[str, ...]
     truth: tuple[tuple[Any, ...], ...]
+    regions: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -57,6 +60,7 @@ class Instance:
                 "floor": fix("floor", "floor", (0.4, 0.0, -0.77), [{"kind": "box", "size_m": [3.0, 3.0, 0.02]}]),
                 **self.bodies,
             },
+            "regions": dict(self.regions),
             "cameras": {"overview": {"position_m": [1.85, 0.46, 1.15], "target_m": [0.27, 0.05, 0.26], "fovy_deg": 41}},
             "lights": {"key": {"position_m": [1.2, -1.2, 2.2], "direction": [-0.4, 0.55, -1.0]}},
             "settle_s": 1.0,
@@ -78,7 +82,7 @@ class Instance:
                     "accept": list(self.accept),
                 }
             },
-            "accept": list(self.accept),
+            "accept": [text for text in self.accept if not text.startswith("metric")],
         }
 
 
@@ -247,10 +251,77 @@ def draw_insert(seed: int, rng: Rng) -> Instance:
     return Instance(skill="insert", seed=seed, bodies=bodies, arguments=arguments, accept=accept, truth=truth)
 
 
+def draw_stand_up(seed: int, rng: Rng) -> Instance:
+    """A bottle or a bar that lies, or a knob with a wide foot that lies or stands on its head."""
+    kind, color = str(rng.choice(["bottle", "bar", "knob"])), str(rng.choice(["red", "green", "blue", "yellow"]))
+    on_head, ends = False, False
+    if kind == "bottle":
+        radius, half, neck = rng.uniform(0.022, 0.031), rng.uniform(0.035, 0.05), rng.uniform(0.01, 0.015)
+        shapes = [
+            {"kind": "cylinder", "size_m": [float(radius), float(half)]},
+            {"kind": "cylinder", "size_m": [0.011, float(neck)], "position_m": [0.0, 0.0, float(half + neck)]},
+        ]
+        high = radius
+    elif kind == "bar":
+        a, b, half = rng.uniform(0.016, 0.03), rng.uniform(0.016, 0.03), rng.uniform(0.038, 0.055)
+        shapes, high, ends = [box((a, b, half))], b, True
+    else:
+        foot, flat = rng.uniform(0.028, 0.033), rng.uniform(0.007, 0.011)
+        stem, half = rng.uniform(0.015, 0.018), rng.uniform(0.025, 0.035)
+        shapes = [box((foot, foot, flat), (0, 0, flat - half)), box((stem, stem, half - flat), (0, 0, flat))]
+        on_head = bool(rng.random() < 0.6)
+        high = half if on_head else foot
+    at = (rng.uniform(0.42, 0.56), rng.uniform(-0.25, 0.25), high + 0.001)
+    body = loose(kind, color, at, shapes, rng.uniform(-TURN, TURN), rng.uniform(0.06, 0.25))
+    body["place"]["euler_rad"] = [3.14159265 if on_head else 1.57079633, 0.0, 0.0]
+    return Instance(
+        skill="stand_up",
+        seed=seed,
+        bodies={kind: body},
+        arguments={"object": kind, "support": "table"},
+        accept=(f"upright({kind})", f"on({kind}, table)"),
+        truth=(("upright", kind, ends), ("borne", kind, "table")),
+    )
+
+
+def draw_wipe(seed: int, rng: Rng) -> Instance:
+    """An area of the table with a crumb in each of four cells, and a sponge on a dish beside it."""
+    x, y, side = rng.uniform(0.44, 0.52), rng.uniform(-0.03, 0.1), float(rng.choice([1, -1]))
+    half = rng.uniform(0.05, 0.075, 2)
+    bodies = {"dish": fix("dish", "slate", (rng.uniform(0.42, 0.52), -side * 0.26, 0.004), [box((0.07, 0.06, 0.004))])}
+    wide, long, tall = rng.uniform(0.014, 0.024), rng.uniform(0.034, 0.045), rng.uniform(0.03, 0.04)
+    dish_x, dish_y = bodies["dish"]["place"]["position_m"][:2]
+    at = (dish_x, dish_y, 0.009 + tall)
+    bodies["sponge"] = loose("sponge", "yellow", at, [box((long, wide, tall))], rng.uniform(-TURN, TURN), 0.06)
+    cells = [(i, j) for i in (-1, 1) for j in (-1, 1)]
+    for color, (i, j) in zip(("red", "green", "blue", "purple"), rng.permutation(cells), strict=True):
+        small = rng.uniform(0.006, 0.009)
+        place = (x + i * rng.uniform(0.15, 0.85) * half[0], side * y + j * rng.uniform(0.15, 0.85) * half[1], small)
+        turned = rng.uniform(-TURN, TURN)
+        bodies[f"{color}_crumb"] = loose("crumb", color, place, [box((small,) * 3)], turned, rng.uniform(0.002, 0.008))
+    center = [float(x), float(side * y), 0.03]
+    crumbs = [name for name in bodies if name.endswith("crumb")]
+    return Instance(
+        skill="wipe",
+        seed=seed,
+        bodies=bodies,
+        arguments={"object": "sponge", "area": "spot", "support": "table", "rest": "dish"},
+        accept=("not inside(*, spot)", "on(sponge, dish)", "metric(peak_force_n) <= 60"),
+        truth=(
+            ("borne", "sponge", "dish"),
+            ("swept", "sponge", *center[:2], *half.tolist()),
+            *(("beside", name, *center[:2], *half.tolist()) for name in crumbs),
+        ),
+        regions={"spot": {"center_m": center, "half_m": [*half.tolist(), 0.03]}},
+    )
+
+
 DRAWERS: Mapping[str, Callable[[int, Rng], Instance]] = {
     "unstack": draw_unstack,
     "press": draw_press,
     "insert": draw_insert,
+    "stand_up": draw_stand_up,
+    "wipe": draw_wipe,
     "open_hinged": lambda seed, rng: draw_hinged(seed, rng, opens=True),
     "close_hinged": lambda seed, rng: draw_hinged(seed, rng, opens=False),
 }

@@ -68,6 +68,7 @@ class Placement(Authored):
         area: Name of an area to draw x and y from instead.
         frame: Name of an earlier body in whose frame the position is meant.
         yaw_rad: Lowest and highest turn about z.
+        euler_rad: Turns about x, y and z before the yaw, of what lies or stands on its head.
     """
 
     position_m: Number3 = (0.0, 0.0, 0.0)
@@ -75,6 +76,7 @@ class Placement(Authored):
     area: str | None = None
     frame: str | None = None
     yaw_rad: Span = (0.0, 0.0)
+    euler_rad: Number3 = (0.0, 0.0, 0.0)
 
 
 class Inside(Authored):

@@ -52,17 +52,17 @@ class PlacedBody:
     @property
     def quaternion_wxyz(self) -> tuple[float, float, float, float]:
         """(4,) of the start."""
-        upright = _about_z(self.yaw_rad)
+        closed = multiply(_about_z(self.yaw_rad), convert_euler(self.body.place.euler_rad))
         joint = self.body.joint
         if joint is None or joint.kind == "slide" or self.opening is None:
-            return upright
+            return closed
         half_rad = joint.travel * self.opening / 2
         x, y, z = (float(np.sin(half_rad)) * each for each in joint.axis)
-        return multiply(upright, (float(np.cos(half_rad)), x, y, z))
+        return multiply(closed, (float(np.cos(half_rad)), x, y, z))
 
     def place(self, point_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """(3,) a point of this body's frame, in the world."""
-        if self.body.joint is not None and self.body.joint.kind == "hinge":
+        if any(self.body.place.euler_rad) or (self.body.joint is not None and self.body.joint.kind == "hinge"):
             return compute_rotation(self.quaternion_wxyz) @ point_m + self.position_m
         return _turn(point_m, self.yaw_rad) + self.position_m
 
@@ -260,7 +260,7 @@ def _add_body(robot: mujoco.MjSpec, item: PlacedBody, bodies: Set[str], spec: Sc
     if item.body.part_of is None:
         body = robot.worldbody.add_body(name=item.name, pos=item.position_m, quat=item.quaternion_wxyz)
     else:
-        turn = convert_euler((0.0, 0.0, place.yaw_rad[0]))
+        turn = multiply(convert_euler((0.0, 0.0, place.yaw_rad[0])), convert_euler(place.euler_rad))
         body = robot.body(item.body.part_of).add_body(name=item.name, pos=place.position_m, quat=turn)
     if item.body.joint is not None and item.opening is not None:
         _add_joint(body, item.name, item.body.joint, item.opening)

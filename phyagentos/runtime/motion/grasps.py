@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, rotate
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_extent
@@ -39,6 +39,8 @@ SOLID_OPEN_M = 0.016  # further open than a single solid is wide: there is littl
 LEANS = (1.0, 0.5, 0.0)  # of the hand with a leaning wall: as it leans, by half, upright
 UP_AXIS = np.array((0.0, 0.0, 1.0))
 SOLID_MAX_M = 0.03  # a thicker solid is no wall or handle
+TURNED_COS = 0.3  # least, of the way that the hand points with straight down once the thing is turned
+UP_COS = 0.966  # 15 degrees: the side that is up by that much need not be brought up
 ALONG_COS = 0.9  # of the closing axis with the direction that is asked for
 LEVEL_SINE, DOWN_COS = 0.6, 0.7  # of the closing axis, and of the way down to a single solid
 
@@ -62,28 +64,32 @@ def find_grasps(
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     tried: set[str] = set()
     dead, dead_ends = set[str](), list[list[Approach]]()
+    turns = request.then is not None and request.then.up is not None
     for batch in _iter_batches(ways, corners, solids, entity):
-        wanted = [
-            way for way in batch if way.label not in {*request.avoid, *dead} and _closes_along(way, request.along)
-        ]
+        wanted = [way for way in batch if way.label not in {*request.avoid, *dead} and _is_wanted(way, entity, request)]
         tried.update(way.label for way in wanted)
         found = find_approaches(
             wanted, q_rad=request.q_rad, seeds=seeds, kinematics=kinematics, scene=scene, job=job, count=request.count
         )
         if found:
             leading = _drop_dead_ends(found, place)
-            if leading or len(dead_ends) == DEAD_ENDS_MAX:
+            if leading or (len(dead_ends) == DEAD_ENDS_MAX and not turns):
                 return Approaches(approaches=tuple(leading or dead_ends[0]), timing=job.timing, stages=job.stages)
             dead_ends.append(found)
             dead.update(approach.label for approach in found)
-    if dead_ends:
+    if dead_ends and not turns:
         return Approaches(approaches=tuple(dead_ends[0]), timing=job.timing, stages=job.stages)
     avoided = f"; {', '.join(request.avoid)} avoided" if request.avoid else ""
     return job.fail("NO_IK", f"None of {len(tried)} ways to grasp {entity.name} works{avoided}.")
 
 
-def _closes_along(way: Way, along: tuple[float, float, float] | None) -> bool:
-    return along is None or abs(float(way.end[:3, 1] @ np.array(along))) > ALONG_COS
+def _is_wanted(way: Way, entity: Entity, request: FindGrasps) -> bool:
+    """Whether it closes as asked, and the hand still points down once another side of the thing is up."""
+    if request.then is not None and request.then.up is not None:
+        up = np.array(rotate(entity.pose.quaternion_wxyz, request.then.up))
+        if up[2] > UP_COS or up @ way.end[:3, 2] > -TURNED_COS:
+            return False
+    return request.along is None or abs(float(way.end[:3, 1] @ np.array(request.along))) > ALONG_COS
 
 
 def _drop_dead_ends(found: list[Approach], place: Callable[[Approach], Approaches | NoPlan | None]) -> list[Approach]:

@@ -1,9 +1,10 @@
 """Tool poses that put a held entity onto a free site.
 
-The entity keeps the attitude in which it is held, and the hand its tilt. Eight yaws, counted from the destination, are
-tried at each site, and those that lay its faces along the walls. The fingers open as far as they can; where a wall is
-in their way, a little further than around the entity. Where the hand does not go down between the walls of a
-container, the entity is let go as little above its floor as is possible, if the walls keep what falls.
+The entity keeps the attitude in which it is held, and the hand its tilt, unless another side shall be up. Eight yaws,
+counted from the destination, are tried at each site, and those that lay its faces along the walls. The fingers open as
+far as they can; where a wall is in their way, a little further than around the entity. Where the hand does not go down
+between the walls of a container, the entity is let go as little above its floor as is possible, if the walls keep what
+falls.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -20,7 +21,7 @@ from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approache
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
-from phyagentos.runtime.motion.poses import measure_tilt, point_tool_down
+from phyagentos.runtime.motion.poses import DOWN, measure_tilt, point_tool_down, point_up
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPlacements, NoPlan
 from phyagentos.runtime.motion.shapes import compute_bounds
 from phyagentos.runtime.motion.sites import Footprint, Site, Sites, Space, find_sites, find_space, measure_footprint
@@ -46,12 +47,12 @@ def find_placements(
     """Approaches to free sites of the destination, the nearest first."""
     world_T_tcp = kinematics.chain.compute_tcp(request.q_rad)
     tcp_T_entity = compute_matrix(request.payload.tcp_T_entity)
-    footprint = measure_footprint(held, world_T_tcp[:3, :3] @ tcp_T_entity[:3, :3])
     with job.stage("sites"):
         space = find_space(request, held)
         if space is None:
             return job.fail("NO_SPACE", f"{request.destination} has no interior to put things into.")
-        tilt = measure_tilt(world_T_tcp)
+        tilt = measure_tilt(world_T_tcp) if request.up is None else point_up(tcp_T_entity[:3, :3] @ request.up)
+        footprint = measure_footprint(held, DOWN @ tilt @ tcp_T_entity[:3, :3])
         attitudes = _list_attitudes(tilt @ tcp_T_entity[:3, :3])
         groups = find_sites(request, space, held, attitudes, footprint, world_T_tcp[:3, 3], job)
         fitted = (fit_tight(request, space, held, attitudes, group, job) for group in groups)
@@ -144,7 +145,7 @@ class _Search:
 
 def _list_attitudes(tcp_R_entity: Array, step_deg: int = 45) -> dict[int, Array]:
     """Yaws of the tool [degrees] -> attitude (3, 3) of the payload: every `step_deg`, and faces along the walls."""
-    level = point_tool_down(0.0, np.zeros(3))[:3, :3] @ tcp_R_entity
+    level = DOWN @ tcp_R_entity
     side = int(np.argmax(np.linalg.norm(level[:2], axis=0)))
     off = round(np.degrees(np.arctan2(level[1, side], level[0, side]))) % 45
     aligned = range(-off, 360 - off, 90) if ALIGNED_DEG <= off <= 45 - ALIGNED_DEG else range(0)

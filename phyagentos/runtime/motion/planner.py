@@ -148,6 +148,7 @@ class MotionPlanner:
             destination=request.then.name,
             relation=request.then.relation,
             near=request.then.near,
+            up=request.then.up,
             q_rad=approach.line_rad[0],
             seed=request.seed,
             count=1,

@@ -6,6 +6,7 @@ from phyagentos.geometry import compute_rotation_vector, turn
 from phyagentos.runtime.motion.requests import Array
 
 SLIGHT_RAD = 0.05  # less is the error of a posture
+DOWN = np.diag((1.0, -1.0, -1.0))  # (3, 3) of a tool that points straight down, at yaw 0
 
 
 def point_tool_down(yaw_rad: float, position_m: Array) -> Array:
@@ -34,6 +35,13 @@ def measure_tilt(T: Array) -> Array:
     yaw_rad = float(np.arctan2(T[0, 1], -T[1, 1]))
     tilt: Array = point_tool_down(yaw_rad, T[:3, 3])[:3, :3].T @ T[:3, :3]
     return tilt if np.abs(tilt - np.eye(3)).max() > SLIGHT_RAD else np.eye(3)
+
+
+def point_up(direction: Array) -> Array:
+    """(3, 3) rotation of a tool beyond pointing straight down that lets a direction (3,) of its frame point up."""
+    axis = np.cross(direction, DOWN[2])
+    sine, cosine = float(np.linalg.norm(axis)), float(direction @ DOWN[2])
+    return turn(np.arctan2(sine, cosine) * (axis / sine if sine > SLIGHT_RAD else np.array((1.0, 0.0, 0.0))))
 
 
 def raise_pose(T: Array, height_m: float) -> Array:

@@ -85,11 +85,12 @@ class Trajectory(msgspec.Struct, frozen=True):
 
 
 class Destination(msgspec.Struct, frozen=True):
-    """Where a thing is put after it was grasped; as in `FindPlacements`."""
+    """Where a thing is put after it was grasped, and which side up; as in `FindPlacements`."""
 
     name: str
     relation: str = "inside"
     near: tuple[float, float, float] | None = None
+    up: tuple[float, float, float] | None = None
 
 
 class FindGrasps(msgspec.Struct, frozen=True, tag=True):
@@ -122,6 +123,7 @@ class FindPlacements(msgspec.Struct, frozen=True, tag=True):
         destination: An entity with an interior, an entity to stand on (`relation` "on"), or a region.
         relation: `inside` or `on`.
         near: (3,) point; sites are at most `near_radius_m` from it.
+        up: (3,) direction in the entity's frame that shall point up; as it is held if unset.
         may_fall: Whether it may be let go above the floor of a container whose walls keep it.
     """
 
@@ -133,6 +135,7 @@ class FindPlacements(msgspec.Struct, frozen=True, tag=True):
     relation: str = "inside"
     near: tuple[float, float, float] | None = None
     near_radius_m: float = 0.12
+    up: tuple[float, float, float] | None = None
     avoid: tuple[str, ...] = ()
     hover_m: float = 0.07
     count: int = 4

@@ -8,7 +8,7 @@ from math import sqrt
 import numpy as np
 from msgspec.structs import replace
 
-from phyagentos.geometry import compute_matrix
+from phyagentos.geometry import compute_matrix, turn
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.requests import Array
@@ -17,6 +17,7 @@ SUPPORT_DOUBT_M = 0.015  # between the believed lowest point of a thing and what
 SETTLED_M = 0.003  # less is what perception says of its own error
 ON_AXIS_M = 1e-4  # a solid whose middle is this near to the axis is round about it
 ROUND_KINDS = (ShapeKind.CYLINDER, ShapeKind.CAPSULE, ShapeKind.SPHERE)
+LYING_SINE = 0.1  # of the angle between the axis of a round thing and the vertical
 _compute_frame = lru_cache(maxsize=256)(compute_matrix)  # of a shape's pose, which seldom changes
 
 
@@ -46,9 +47,21 @@ class Box:
 def compute_shape_boxes(entity: Entity) -> list[Box]:
     """One oriented box for each solid of an entity."""
     world_T_entity = compute_matrix(entity.pose)
+    poses = [(world_T_entity @ _compute_frame(shape.pose), shape) for shape in entity.shapes]
     return [
-        Box(world_T_entity @ _compute_frame(shape.pose), np.array(compute_half_box(shape))) for shape in entity.shapes
+        Box(_level(pose) if shape.kind in ROUND_KINDS else pose, np.array(compute_half_box(shape)))
+        for pose, shape in poses
     ]
+
+
+def _level(pose: Array) -> Array:
+    """The pose (4, 4) of a round thing that lies, turned about its z axis until x is level; others as they are."""
+    x, y = pose[2, :2]
+    if np.hypot(x, y) < LYING_SINE:
+        return pose
+    leveled = pose.copy()
+    leveled[:3, :3] = pose[:3, :3] @ turn((0.0, 0.0, -np.arctan(x / y) if y else np.pi / 2))
+    return leveled
 
 
 def compute_bounds(shapes: tuple[Shape, ...]) -> tuple[Array, Array]:
@@ -67,7 +80,7 @@ def compute_entity_box(entity: Entity) -> Box:
     center, half = compute_bounds(entity.shapes)
     pose = compute_matrix(entity.pose)
     pose[:3, 3] += pose[:3, :3] @ center
-    return Box(pose, half)
+    return Box(_level(pose) if is_round(entity) else pose, half)
 
 
 def settle(entity: Entity, others: Iterable[Entity]) -> Entity:

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.geometry import compute_rotation, convert_euler
+from phyagentos.geometry import compute_rotation, convert_euler, multiply
 from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.world.alike import find_alike, find_turned
 from phyagentos.protocol.world.descriptions import add_described
@@ -234,10 +234,11 @@ def _is_known(body: Body) -> bool:
 def _make_template(name: str, body: Body, source: str) -> Entity:
     inside = body.interior
     yaw = sum(body.place.yaw_rad) / 2
+    turned = multiply((float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))), convert_euler(body.place.euler_rad))
     return Entity(
         name=name,
         kind=body.kind,
-        pose=Pose(body.place.position_m, (float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2)))),
+        pose=Pose(body.place.position_m, turned),
         movable=not body.fixed,
         shapes=tuple(_make_shape(solid) for solid in body.shapes if not solid.decor),
         interior=Interior(inside.center_m, inside.half_m) if inside else None,

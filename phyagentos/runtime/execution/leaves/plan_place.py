@@ -17,6 +17,7 @@ class PlanPlace(ApproachPlanningLeaf):
             data_type=tuple, required=False, description="Point to stay close to, world frame [m]."
         ),
         "near_radius_m": PortInformation(data_type=float, default_value=0.12, description="How close [m]."),
+        "up": PortInformation(data_type=tuple, required=False, description="Direction in its frame to point up."),
         "hover_m": PortInformation(data_type=float, default_value=0.07, description="Length of the approach [m]."),
         "may_fall": PortInformation(
             data_type=bool, default_value=True, description="Whether it may be let go above a walled floor."
@@ -36,6 +37,7 @@ class PlanPlace(ApproachPlanningLeaf):
             seed=self.context.draw_seed(self.path),
             near=None if near is None else (float(near[0]), float(near[1]), float(near[2])),
             near_radius_m=self.read("near_radius_m"),
+            up=self.find("up"),
             avoid=self.context.session.strategy.avoid_sites,
             hover_m=self.read("hover_m"),
             may_fall=self.read("may_fall"),
