@@ -20,7 +20,7 @@ RGB = {
 }
 SURFACES = {"wood": "wood", "floor": "wood", "slate": "ceramic"}
 TURN = 3.14159
-STUCK, HEAVY_KG = 200.0, 9.0  # [N] or [N m]; no friction of the fingers holds so much
+STUCK, HEAVY_KG = 200.0, 40.0  # [N] or [N m]; no friction of the fingers holds so much
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +33,7 @@ class Instance:
         accept: Of the node.
         truth: What the judge demands: tuples of a fact's name and its arguments, see `judge.py`.
         regions: Of the scene file.
+        spoilt: Bodies that a spoilt instance changes; all where none is named.
     """
 
     skill: str
@@ -42,6 +43,7 @@ class Instance:
     accept: tuple[str, ...]
     truth: tuple[tuple[Any, ...], ...]
     regions: Mapping[str, Any] = field(default_factory=dict)
+    spoilt: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -313,6 +315,7 @@ def draw_wipe(seed: int, rng: Rng) -> Instance:
             *(("beside", name, *center[:2], *half.tolist()) for name in crumbs),
         ),
         regions={"spot": {"center_m": center, "half_m": [*half.tolist(), 0.03]}},
+        spoilt=tuple(crumbs),
     )
 
 
@@ -330,8 +333,12 @@ DRAWERS: Mapping[str, Callable[[int, Rng], Instance]] = {
 def draw(skill: str, seed: int, *, spoilt: bool = False) -> Instance:
     """The instance of a seed; a spoilt one cannot be met: joints are stuck, and what moves freely is too heavy."""
     instance = DRAWERS[skill](seed, np.random.default_rng([seed, *skill.encode()]))
-    return (
-        replace(instance, bodies={name: _spoil(body) for name, body in instance.bodies.items()}) if spoilt else instance
+    if not spoilt:
+        return instance
+    changed = instance.spoilt or tuple(instance.bodies)
+    return replace(
+        instance,
+        bodies={name: _spoil(body) if name in changed else body for name, body in instance.bodies.items()},
     )
 
 
