@@ -26,7 +26,6 @@ from phyagentos.runtime.targets.wire import ReplyT
 
 EXPIRY_PERIODS = 3  # an older command was made for a state that has passed
 REPLY_TIMEOUT_S = 10.0  # a control period takes milliseconds
-SHARED_TIMEOUT_S = 600.0  # time may stand so long for other targets of a shared world: one plans, one is judged
 LOAD_TIMEOUT_S = 120.0  # a scene with meshes compiles in seconds
 
 OPERATIONS: dict[type[wire.Request], str] = {  # of a session; other requests belong to the worker
@@ -335,9 +334,9 @@ class TargetSessionHandle:
     def _receive(self, request: wire.Request, timeout_s: float = REPLY_TIMEOUT_S) -> wire.Reply:
         """The next reply, which is that of `request`."""
         if self._local is not None:
-            return self._local.ask(request)
+            return self._local.ask(request, self.is_ending)
         if self._shares_time and isinstance(request, wire.MOTIONS):
-            return wire.await_reply(self._connection, SHARED_TIMEOUT_S, self.is_ending)
+            return wire.await_reply(self._connection, wire.SHARED_TIMEOUT_S, self.is_ending)
         return wire.await_reply(self._connection, timeout_s)
 
     def _expect(self, request: wire.Request, reply: wire.Reply, expected: type[ReplyT]) -> ReplyT:

@@ -33,6 +33,7 @@ class RemoteDriver(TargetDriver):
         self._time_s = math.nan
         self._step: wire.Step | None = None  # not reported yet
         self._is_moving = False
+        self._motion_s = REPLY_S  # the longest that a motion may take
 
     @property
     @override
@@ -52,6 +53,7 @@ class RemoteDriver(TargetDriver):
     @override
     def describe(self) -> wire.Description:
         there = self._ask(wire.Describe(), wire.Description)
+        self._motion_s = wire.SHARED_TIMEOUT_S if there.shares_time else REPLY_S
         return msgspec.structs.replace(there, driver=f"remote/{there.driver}")
 
     @override
@@ -132,4 +134,8 @@ class RemoteDriver(TargetDriver):
         return step
 
     def _ask(self, request: wire.Request, expected: type[wire.ReplyT], timeout_s: float = REPLY_S) -> wire.ReplyT:
-        return wire.require(request, wire.exchange(self._channel, request, timeout_s), expected)
+        if isinstance(request, wire.MOTIONS):
+            reply = wire.exchange(self._channel, request, self._motion_s, self.is_ending)
+        else:
+            reply = wire.exchange(self._channel, request, timeout_s)
+        return wire.require(request, reply, expected)

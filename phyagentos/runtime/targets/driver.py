@@ -5,7 +5,7 @@ it); gym's `step` (no authority, no expiry, no halt).
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from phyagentos.errors import ExecutionError
@@ -17,7 +17,13 @@ class TargetDriver(ABC):
 
     A method refuses by an ExecutionError with a code; nothing has moved then. Units are SI, joints are in the order of
     the profile, poses are in the world frame.
+
+    Attributes:
+        is_ending: Whether the session is to end; a motion that waits for other targets calls it, and refuses with
+            `ABORTED` then.
     """
+
+    is_ending: Callable[[], bool] = staticmethod(lambda: False)
 
     @property
     @abstractmethod

@@ -70,7 +70,8 @@ class ServedTarget:
         return self.driver.is_moving
 
     def listen(self, client: PeerChannel, tokens: Tokens) -> None:
-        """A client was admitted; a target that waits for others looks at both meanwhile."""
+        """A client was admitted; a motion that waits for other targets looks at both meanwhile, and for stops."""
+        self.driver.is_ending = lambda: self._is_estopped() or tokens.is_stale or client.poll()
 
     def withdraw(self) -> None:
         """Halt when the client disconnects; its authority ends."""
@@ -129,7 +130,8 @@ class ServedTarget:
                 case _:
                     reply = self._authority.check(request.session, request.epoch) or self._bring_to_rest(request)
         except ExecutionError as error:
-            reply = wire.Refused(error.code, str(error).removeprefix(f"{error.code}: "))
+            code = "ESTOPPED" if error.code == "ABORTED" and self.look_for_stops() else error.code
+            reply = wire.Refused(code, str(error).removeprefix(f"{error.code}: "))
         except DefinitionError as error:
             reply = wire.Refused(error.problems[0].code, str(error))
         except (OSError, ValueError, TypeError, msgspec.ValidationError) as error:

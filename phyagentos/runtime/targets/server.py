@@ -109,8 +109,9 @@ class Loopback:
         self._target = target
         self._replies: deque[bytes] = deque()
 
-    def ask(self, request: Request) -> Reply:
-        """The reply to one request."""
+    def ask(self, request: Request, on_wait: Callable[[], bool] = lambda: False) -> Reply:
+        """The reply to one request; `on_wait` as of `wire.await_reply`."""
+        self._target.driver.is_ending = on_wait
         return self._target.handle(request)
 
     def send_bytes(self, message: bytes, /) -> None:

@@ -24,6 +24,7 @@ Colours = NDArray[np.uint8]
 Depths = NDArray[np.float32]
 Crop = tuple[int, int, int, int]  # left, top, width, height [pixels]
 WAIT_SLICE_S = 0.2  # interval of heartbeats during a long wait
+SHARED_TIMEOUT_S = 600.0  # time may stand so long for other targets of a shared world: one plans, one is judged
 WIRE_VERSION = handshake.WIRE_VERSION
 NPZ = "application/x-npz"
 RENDER = "render"  # tool: a picture for people; arguments `camera`, `width`, `height`; artefact `picture.png`

@@ -1,6 +1,8 @@
 """Two arms at one table: one model and one time, but each its own authority, limits, stops and log."""
 
+import contextlib
 import threading
+from functools import partial
 from multiprocessing import Pipe
 
 import mujoco
@@ -15,11 +17,14 @@ from phyagentos.runtime.channel import Link
 from phyagentos.runtime.drivers.mujoco.shared_target import SharedTarget, keep_pace
 from phyagentos.runtime.drivers.mujoco.simulation import POLL_S
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
+from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.handshake import Tokens, make_key, mint
+from phyagentos.runtime.targets.handshake import Tokens, greet, make_key, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
-from phyagentos.runtime.targets.server import UnixDoor, serve
+from phyagentos.runtime.targets.served_target import ServedTarget
+from phyagentos.runtime.targets.server import Loopback, UnixDoor, serve
+from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocket
 
 pytestmark = pytest.mark.sim
 
@@ -59,7 +64,7 @@ class Table:
         qd[:, joint] = 0.1 * steps / 0.002
         return [self.command(target, q[at : at + 10], qd[at : at + 10], session) for at in range(0, rows, 10)]
 
-    def command(self, target, q, qd, session="s"):
+    def command(self, target, q, qd, session="s", ask=None):
         name = target.robot.profile.target
         self.sequences[name] += 1
         command = wire.Command(
@@ -71,7 +76,7 @@ class Table:
             qd_rad_s=qd,
             gripper_width_m=np.full(len(q), 0.08),
         )
-        return target.handle(command)
+        return (ask or target.handle)(command)
 
     def together(self, *works):
         """Each on a thread of its own; what they gave."""
@@ -232,7 +237,7 @@ def test_a_client_that_goes_away_in_mid_motion_leaves_an_arm_that_comes_to_rest_
     assert np.abs(table.right.robot.physics.qd_rad_s).max() < 0.01
 
 
-def set_in_motion(table):
+def set_in_motion(table, ask_right=None):
     """The right arm in the middle of a motion, the left one standing; the next command of the right one."""
     q = np.tile(np.array(table.right.robot.controller.q_rad), (20, 1))
     qd = np.zeros_like(q)
@@ -240,21 +245,57 @@ def set_in_motion(table):
     qd[:, 1] = 1e-5 * np.arange(1, 21) / 0.002
     hold = np.tile(np.array(table.left.robot.controller.q_rad), (10, 1))
     table.together(
-        lambda: table.command(table.right, q[:10], qd[:10]), lambda: table.command(table.left, hold, 0.0 * hold)
+        lambda: table.command(table.right, q[:10], qd[:10], ask=ask_right),
+        lambda: table.command(table.left, hold, 0.0 * hold),
     )
     assert table.right.is_moving
     return q[10:], qd[10:]
 
 
-def test_a_command_that_waits_is_given_up_when_its_session_is_to_end_and_the_other_arm_goes_on_later(library, tmp_path):
-    table, tokens = Table(library), Tokens(key := make_key())
-    door = UnixDoor(str(tmp_path / "right"), spin_s=0.0)
-    served = threading.Thread(target=serve, args=(table.right, door, tokens), daemon=True)
-    served.start()
-    channel = connect_to_world(str(tmp_path / "right"), mint(key), SystemClock())
-    for target in table.targets:
-        table.begin(target)
-    q, qd = set_in_motion(table)
+@pytest.fixture
+def connect(tmp_path):
+    """Serves one target on a thread; gives a channel to it, over UNIX or WebSocket, and the key that admits."""
+    opened = contextlib.ExitStack()
+
+    def connect_to(target, transport):
+        tokens, place = Tokens(key := make_key()), str(tmp_path / "right")
+        door = UnixDoor(place, spin_s=0.0) if transport == "unix" else WebSocketDoor()
+        served = threading.Thread(target=serve, args=(target, door, tokens), daemon=True)
+        served.start()
+        opened.callback(served.join, 10.0)
+        if transport == "unix":
+            channel = connect_to_world(place, mint(key), SystemClock())
+        else:
+            greet(channel := connect_websocket(door.endpoint), mint(key))
+        opened.callback(channel.close)
+        opened.callback(wire.exchange, channel, wire.Shutdown(), 30.0)
+        return channel, key
+
+    with opened:
+        yield connect_to
+
+
+def open_remote(table, connect, **options):
+    """The right arm as a commander elsewhere has it, with its scene."""
+    driver = RemoteDriver(table.right.robot.profile, *connect(table.right, "websocket"))
+    there = ServedTarget(driver, ReceiveLog(None), **options)
+    there.handle(wire.Describe())
+    there.handle(LOAD)
+    return there
+
+
+@pytest.mark.parametrize("transport", ["unix", "websocket"])
+def test_a_command_that_waits_is_given_up_when_its_session_is_to_end_and_the_other_arm_goes_on_later(
+    library, connect, transport
+):
+    table = Table(library)
+    if transport == "unix":
+        ask = partial(wire.exchange, connect(table.right, transport)[0], timeout_s=30.0)
+    else:
+        ask = Loopback(open_remote(table, connect)).ask
+    table.begin(table.left)
+    assert ask(wire.Begin("s", 1)) == wire.Ack()
+    q, qd = set_in_motion(table, ask)
     command = wire.Command("s", 1, 2, table.simulation.time_s + 1.0, q, qd, np.full(10, 0.08))
     time_s, left_rad, looks = table.simulation.time_s, table.left.robot.physics.q_rad, []
 
@@ -262,21 +303,18 @@ def test_a_command_that_waits_is_given_up_when_its_session_is_to_end_and_the_oth
         looks.append(SystemClock().now_s())
         return True
 
-    refused = wire.exchange(channel, command, 30.0, is_ending)
+    refused = ask(command, on_wait=is_ending)
     assert refused.code == "ABORTED"
     assert SystemClock().now_s() - looks[0] < 5 * POLL_S
     assert table.simulation.time_s == time_s
-    assert isinstance(wire.exchange(channel, wire.Halt("s", 1), 30.0, is_ending), wire.Step)
-    assert isinstance(wire.exchange(channel, wire.Settle("s", 1, 0.3), 30.0, is_ending), wire.Step)
-    assert isinstance(wire.exchange(channel, wire.End("s", 1), 30.0), wire.Ended)
+    assert isinstance(ask(wire.Halt("s", 1), on_wait=is_ending), wire.Step)
+    assert isinstance(ask(wire.Settle("s", 1, 0.3), on_wait=is_ending), wire.Step)
+    assert isinstance(ask(wire.End("s", 1)), wire.Ended)
 
     assert not table.right.is_moving
     assert table.simulation.time_s > time_s + 0.3
     assert np.abs(table.left.robot.physics.q_rad - left_rad).max() < 1e-3
     assert all(reply.stopped == "" for reply in table.swing(table.left))
-    wire.exchange(channel, wire.Shutdown(), 30.0)
-    channel.close()
-    served.join(10.0)
 
 
 def test_an_aborted_arm_waits_for_one_in_mid_motion(library):
@@ -315,6 +353,26 @@ def test_an_emergency_stop_is_heard_by_a_command_that_waits(library):
     assert not table.right.is_moving
     assert isinstance(table.right.handle(wire.Settle("s", 1, 0.1)), wire.Step)  # though the left arm stands
     theirs.close()
+
+
+def test_an_emergency_stop_here_ends_a_command_that_waits_there(library, connect):
+    table, latched = Table(library), []
+    there = open_remote(table, connect, is_estopped=lambda: bool(latched))
+    for target in (table.left, there):
+        assert target.handle(wire.Begin("s", 1)) == wire.Ack()
+    q, qd = set_in_motion(table, there.handle)
+    ours, _theirs = Pipe()
+    there.listen(Link(ours), Tokens())
+    replies = []
+    waits = threading.Thread(target=lambda: replies.append(table.command(table.right, q, qd, ask=there.handle)))
+    waits.start()
+    waits.join(2 * POLL_S)
+    assert waits.is_alive()
+
+    latched.append(True)
+    waits.join(30.0)
+    assert replies[0].code == "ESTOPPED"
+    assert not table.right.is_moving
 
 
 def test_an_emergency_stop_brings_both_to_rest_and_both_logs_say_so(library, tmp_path):

@@ -55,9 +55,7 @@ class SharedTarget(ServedTarget):
 
     @override
     def listen(self, client: PeerChannel, tokens: Tokens) -> None:
-        self.robot.world.simulation.listeners[self.robot.profile.target] = lambda: (
-            self.look_for_stops() or tokens.is_stale or client.poll()
-        )
+        self.robot.is_ending = lambda: self.look_for_stops() or tokens.is_stale or client.poll()
 
     @override
     def withdraw(self) -> None:

@@ -37,6 +37,10 @@ class Body(Protocol):
     def controller(self) -> JointController:
         """Of the present episode."""
 
+    @property
+    def is_ending(self) -> Callable[[], bool]:
+        """Called by a motion that waits: whether its session is to end."""
+
 
 @dataclass(slots=True)
 class _Move:
@@ -60,7 +64,6 @@ class Simulation:
         control_period_s: Of all robots [s].
         is_paced: Whether `pass_period` alone moves time, by the wall clock.
         lock: Guards a shared world.
-        listeners: Called by a motion that waits, by robot: whether its session is to end.
         ending: Robots whose session is to end; they come to rest while the others stand.
     """
 
@@ -70,7 +73,6 @@ class Simulation:
     control_period_s: float = math.nan
     is_paced: bool = False
     lock: threading.Condition = field(default_factory=threading.Condition)
-    listeners: dict[str, Callable[[], bool]] = field(default_factory=dict)
     ending: set[str] = field(default_factory=set)
     _moves: dict[str, _Move] = field(default_factory=dict)
     _standing: dict[str, Motion] = field(default_factory=dict)
@@ -117,7 +119,7 @@ class Simulation:
                 self._step_until_an_end()
                 self.lock.notify_all()
             elif not self.lock.wait(POLL_S):
-                if name in self.listeners and self.listeners[name]():
+                if self.bodies[name].is_ending():
                     self.ending.add(name)
                 if agreed is not None:
                     patience = PATIENCE if agreed.get(name, "") == self.bodies[name].session else patience - 1
