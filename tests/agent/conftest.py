@@ -127,8 +127,8 @@ def catalogue(library: Library) -> Catalogue:
 @pytest.fixture(autouse=True)
 def known_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     """The scene `table` without a file: its names are those of the synthetic world."""
-    names = frozenset((*TRAYS, *CUBES, "bottle"))
-    monkeypatch.setattr(Catalogue, "find_scene_names", lambda self, scene: names if scene == "table" else None)
+    kinds = {**dict.fromkeys(TRAYS, "tray"), **dict.fromkeys(CUBES, "cube"), "bottle": "bottle"}
+    monkeypatch.setattr(Catalogue, "find_kinds", lambda self, scene: kinds if scene == "table" else None)
     monkeypatch.setattr("phyagentos.agent.goals.catalogue._find_scenes", lambda library: {"table": Path("table.yaml")})
 
 

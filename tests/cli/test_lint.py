@@ -163,6 +163,14 @@ def test_a_kind_is_found_by_name_then_keys_then_folder(write, name, text, kind):
     assert find_kind(write(name, text)) is kind
 
 
+def test_a_thing_of_a_kind_that_the_skill_does_not_take_is_refused_with_those_it_takes(paos, write):
+    shipped = (ROOT / "goal_graphs" / "insert_peg.yaml").read_text()
+    path = write("goal_graphs/insert_peg.yaml", shipped.replace("socket: socket}", "socket: peg}"))
+    result = paos("lint", path)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert f"{path}:11:25: INVALID_PARAMETER: found 'peg', of kind peg; expected of kind socket: socket" in result.err
+
+
 def test_one_of_two_alike_things_is_warned_of_with_both_names(paos, write):
     shipped = (ROOT / "scenes" / "tabletop" / "cubes_and_trays.yaml").read_text()
     write(

@@ -59,15 +59,16 @@ class Catalogue:
             scenes=_find_scenes(workspace.library()),
         )
 
-    def find_scene_names(self, scene: str) -> frozenset[str] | None:
-        """Listed entities and regions of a scene by name; None when it cannot be read, which is reported elsewhere."""
+    def find_kinds(self, scene: str) -> dict[str, str] | None:
+        """Kind of each listed body, `region` of each region; None when the scene cannot be read, reported elsewhere."""
         if scene not in self.scenes:
             return None
         try:
             content = read_scene(self.scenes[scene])
         except DefinitionError:
             return None
-        return frozenset((*(name for name, body in content.bodies.items() if body.listed), *content.regions))
+        listed = {name: body.kind for name, body in content.bodies.items() if body.listed}
+        return dict.fromkeys(content.regions, "region") | listed
 
     def find_alike(self, scene: str) -> dict[str, frozenset[str]]:
         """Things of a scene that no picture tells from others, and those; empty when it cannot be read."""

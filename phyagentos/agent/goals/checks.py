@@ -26,8 +26,8 @@ class Checks:
 
     def __init__(self, spec: GoalSpec, nodes: Mapping[str, Node], located: Located, catalogue: Catalogue) -> None:
         self.spec, self.nodes, self.located, self.catalogue = spec, nodes, located, catalogue
-        self._listed = catalogue.find_scene_names(spec.scene)
-        self._names = None if self._listed is None else self._listed | spec.described.keys()
+        self._listed = catalogue.find_kinds(spec.scene)
+        self._kinds = None if self._listed is None else self._listed | dict.fromkeys(spec.described, "")
         self._alike = catalogue.find_alike(spec.scene)
 
     def check_spec(self) -> Iterator[Problem]:
@@ -123,11 +123,11 @@ class Checks:
         """Groups of two or more things of the scene that look alike."""
         for index, names in enumerate(self.spec.interchangeable):
             path: Path = ("interchangeable", index)
-            if self._names is None:
+            if self._kinds is None:
                 return
             for name in names:
-                if name not in self._names:
-                    yield self._unknown("UNKNOWN_ENTITY", path, name, self._names)
+                if name not in self._kinds:
+                    yield self._unknown("UNKNOWN_ENTITY", path, name, self._kinds)
                 elif len(names) < 2 or set(names) - {name} - self._alike.get(name, frozenset()):
                     alike = format_names(self._alike.get(name, ()))
                     yield self.located.problem("NOT_ALIKE", path, f"{name!r} in {list(names)}", f"alike are {alike}")
@@ -170,7 +170,7 @@ class Checks:
             yield from error.problems
             return
         for reference in predicate.iter_references():
-            known = targets if reference.kind is ArgumentKind.TARGET else self._names
+            known = targets if reference.kind is ArgumentKind.TARGET else self._kinds
             if known is None or reference.name in known:
                 continue
             code = "UNKNOWN_TARGET" if reference.kind is ArgumentKind.TARGET else "UNKNOWN_ENTITY"
@@ -193,10 +193,15 @@ class Checks:
                 continue  # a data edge: its type is checked with the output
             elif expected := find_mismatch(parameter, value):
                 yield self.located.problem("INVALID_PARAMETER", path, repr(value), expected, parameter.description)
-            elif parameter.type in {"entity", "entities", "place"} and self._names is not None:
+            elif parameter.type in {"entity", "entities", "place"} and self._kinds is not None:
                 for name in [value] if isinstance(value, str) else value:
-                    if name not in self._names:
-                        yield self._unknown("UNKNOWN_ENTITY", path, str(name), self._names)
+                    if name not in self._kinds:
+                        yield self._unknown("UNKNOWN_ENTITY", path, str(name), self._kinds)
+                    elif parameter.kinds and (kind := self._kinds[name]) and kind not in parameter.kinds:
+                        fitting = [each for each, other in self._kinds.items() if other in parameter.kinds]
+                        expected = f"of kind {' or '.join(parameter.kinds)}: {format_names(fitting)}"
+                        found = f"{name!r}, of kind {kind}"
+                        yield self.located.problem("INVALID_PARAMETER", path, found, expected, parameter.description)
 
     def _check_data_edges(self, node: Node, runtime: SkillRuntime, choices: Mapping[str, Choice]) -> Iterator[Problem]:
         for edge in node.data:
