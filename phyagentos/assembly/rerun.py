@@ -1,5 +1,6 @@
 """A recorded session, carried out once more from its own workspace: what `paos rerun` does."""
 
+import math
 import shutil
 import tempfile
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from phyagentos.protocol.sessions.session import Execution, SessionId, SessionSt
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision.workers import Worker
-from phyagentos.runtime.worker.orders import Check, Checked, Finished, Run, ToWorker
+from phyagentos.runtime.worker.orders import Check, Checked, Finished, Renew, Run, ToWorker
 from phyagentos.runtime.worker.rerun import find_differences
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import choose_partition
@@ -87,13 +88,13 @@ def _refuse_shared(workspace: Workspace, status: SessionStatus) -> None:
 def _order(worker: Worker, status: SessionStatus, folder: Path) -> Execution:
     """Have a worker check and run a recorded session from its recorded start."""
     session, epoch = status.contract, max(status.epoch, 1)
-    orders: tuple[ToWorker, ...] = (
-        Check(session=session, epoch=epoch, restore=str(folder / evidence.INITIAL)),
-        Run(session=session, epoch=epoch, evidence=f"evidence/{session.id}"),
-    )
+    check = Check(session=session, epoch=epoch, restore=str(folder / evidence.INITIAL))
+    run = Run(session=session, epoch=epoch, evidence=f"evidence/{session.id}")
+    steps: tuple[tuple[ToWorker, ...], ...] = ((check,), (run, Renew(until_s=math.inf)))
     answer = worker.receive()  # ready
-    for order in orders:
-        worker.send(order)
+    for orders in steps:
+        for order in orders:
+            worker.send(order)
         answer = worker.receive()
         if isinstance(answer, Checked) and answer.problems:
             raise DefinitionError(answer.problems)

@@ -69,16 +69,22 @@ class Employed:
         return receive_answer(self.ours)
 
     def start(self) -> None:
+        self.order_run()
+        self.renew(LEASE_S)
+        self.wait_for(self.bench.target.commands)
+
+    def order_run(self) -> None:
         bench, session = self.bench, self.session
         bench.handle.load(session.scene)
         self.ours.send_bytes(encode(Check(session=session, epoch=1)))
         assert isinstance(self.hear(), Checked)
-        self.ours.send_bytes(
-            encode(Run(session=session, epoch=1, evidence="evidence/s", until_s=self.clock.now_s() + LEASE_S))
-        )
-        self.wait_for(bench.target.commands)
+        self.ours.send_bytes(encode(Run(session=session, epoch=1, evidence="evidence/s")))
 
-    def wait_for_a_renewal(self) -> None:
+    def renew(self, lease_s) -> None:
+        self.ours.send_bytes(encode(Renew(until_s=self.clock.now_s() + lease_s)))
+
+    def renew_and_wait(self) -> None:
+        self.renew(1.5 * LEASE_S)
         self.wait_for(lambda: self.worker._lease_until_s >= self.clock.now_s() + 1.5 * LEASE_S)
 
     def wait_for(self, is_so) -> None:
@@ -103,6 +109,17 @@ def employed(build_bench, plant, build_session, tmp_path):
     employed.close()
 
 
+def test_a_session_opens_its_bundle_and_takes_no_authority_before_its_first_lease(employed):
+    employed.order_run()
+    employed.wait_for((employed.bench.workspace / "evidence/s" / "fingerprint.json").exists)
+
+    assert not any(isinstance(request, wire.Begin) for request in employed.bench.target.requests)
+    employed.renew(LEASE_S)
+    employed.wait_for(employed.bench.target.commands)
+    employed.ours.send_bytes(encode(Stop(session=employed.session.id, reason="stalled")))
+    employed.hear()
+
+
 def test_a_worker_whose_lease_nobody_renews_brings_its_target_to_rest_and_says_why(employed):
     employed.start()
     employed.clock.advance(LEASE_S + 0.1)
@@ -118,8 +135,7 @@ def test_a_worker_whose_lease_nobody_renews_brings_its_target_to_rest_and_says_w
 def test_a_worker_whose_lease_is_renewed_goes_on_until_it_is_asked_to_stop(employed):
     employed.start()
     for _ in range(5):
-        employed.ours.send_bytes(encode(Renew(until_s=employed.clock.now_s() + 1.5 * LEASE_S)))
-        employed.wait_for_a_renewal()
+        employed.renew_and_wait()
         employed.clock.advance(LEASE_S)
     assert not employed.ours.poll(0.1)
     employed.ours.send_bytes(encode(Stop(session=employed.session.id, reason="stalled")))
@@ -162,8 +178,7 @@ def test_a_session_ends_while_its_command_waits_for_other_targets(employed, why,
     employed.bench.handle._connection = standing = Standing(target)
     target.commands = standing.is_waiting.is_set
     employed.start()
-    employed.ours.send_bytes(encode(Renew(until_s=employed.clock.now_s() + 1.5 * LEASE_S)))
-    employed.wait_for_a_renewal()  # heard while the command waits
+    employed.renew_and_wait()  # heard while the command waits
     if why == "lease":
         employed.clock.advance(2.0 * LEASE_S)
     else:

@@ -25,6 +25,7 @@ from phyagentos.runtime.worker.orders import (
     Finished,
     Ready,
     Reconcile,
+    Renew,
     Run,
     encode,
     receive_answer,
@@ -32,6 +33,8 @@ from phyagentos.runtime.worker.orders import (
 from phyagentos.runtime.worker.worker import WorkerLoop
 
 from .test_watchdog import PLAN, TOOLS, make_session
+
+LEASE = Renew(until_s=float("inf"))
 
 
 class Steps:
@@ -48,7 +51,8 @@ class Steps:
         self.told.append(f"check {session.id}")
         return Finding(plan=PLAN, tools=TOOLS)
 
-    def run(self, session, epoch, plan, *, evidence, cancel, beat, **_) -> Execution:
+    def run(self, session, epoch, plan, *, evidence, cancel, beat, await_lease) -> Execution:
+        await_lease()
         self.told.append(f"begin {session.id}")
         self.may_end.wait(10.0)
         reason = cancel()
@@ -131,9 +135,11 @@ def test_a_check_that_comes_during_a_run_is_made_in_the_world_that_it_leaves(pla
     place.ask(check("g.a"))
     assert isinstance(place.hear(), Checked)
 
-    place.ask(run("g.a"), check("g.b"), run("g.b"))
+    place.ask(run("g.a"), LEASE, check("g.b"), run("g.b"))
     place.steps.may_end.set()
-    answers = place.hear(), place.hear(), place.hear()
+    answers = [place.hear(), place.hear()]
+    place.ask(LEASE)
+    answers.append(place.hear())
 
     assert [answer.session for answer in answers] == ["g.a", "g.b", "g.b"]
     assert place.steps.told == ["check g.a", "begin g.a", "end g.a", "check g.b", "begin g.b", "end g.b"]
@@ -159,7 +165,7 @@ def test_a_watchdog_that_goes_right_after_a_session_leaves_its_bundle_sealed(pla
     place.steps.may_end.set()
     place.ask(check("g.a"))
     place.hear()
-    place.ask(run("g.a"))
+    place.ask(run("g.a"), LEASE)
     place.hear()
     place.close()
 

@@ -4,6 +4,7 @@ The phase is a statechart (`target_phase`), the session's state another (`lifecy
 their tables.
 
 Only `start` waits for the disk before anything moves: a record that a power cut could take back commands no target.
+Meanwhile the worker opens the bundle; the first lease lets it begin.
 `claim` and `check` stand in the same batch, unless the check takes noticeably long; until then nothing has moved, and
 another watchdog may claim the session first. `halt` stands in the batch of `finish`, unless the supervisor orders the
 stop. `finish` is covered by the verdict, which rests on it. After a power cut in between, the session counts as
@@ -232,12 +233,12 @@ class TargetSupervisor:
         else:
             start = Entry(id, "start", answer.describe_grant(), epoch)
             self._journal.record(*self._journal.open_check(id, epoch), start, durable=False)
-            self._journal.sync()  # nothing moves on what a power cut could take back
             self.session = self._journal.ledger.sessions[id].contract  # limits may have been amended until the claim
             self._lost_targets = 0
+            self.worker.send(Run(session=self.session, epoch=epoch, evidence=f"evidence/{id}"))
+            self._journal.sync()  # no lease, so no motion, on what a power cut could take back
+            self.worker.send(Renew(until_s=self._grant_lease()))
             self._fire("start")
-            until_s = self._grant_lease()
-            self.worker.send(Run(session=self.session, epoch=epoch, evidence=f"evidence/{id}", until_s=until_s))
 
     def _on_finished(self, session: Session, answer: Finished) -> None:
         if answer.is_target_lost:

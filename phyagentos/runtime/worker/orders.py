@@ -31,25 +31,23 @@ class Check(msgspec.Struct, frozen=True, tag=True):
 
 
 class Run(msgspec.Struct, frozen=True, tag=True):
-    """Carry out the session that was checked last. Answer: `Finished`.
+    """Open the bundle of the session that was checked last; carry it out from its first `Renew` on. Answer: `Finished`.
 
     Attributes:
-        until_s: End of the lease, by the monotonic clock of this machine [s]; a wall clock that jumps changes nothing.
         token: Of the epoch, for the target (`handshake.mint`).
     """
 
     session: Session
     epoch: int
     evidence: str
-    until_s: float = float("inf")
     token: bytes = b""
 
 
 class Renew(msgspec.Struct, frozen=True, tag=True):
-    """Renew the lease of the running session; without it the worker brings its target to rest.
+    """Grant the running session a lease, or renew it; without one the worker brings its target to rest.
 
     Attributes:
-        until_s: As of `Run`.
+        until_s: Its end, by the monotonic clock of this machine [s]; a wall clock that jumps changes nothing.
     """
 
     until_s: float

@@ -88,7 +88,15 @@ class SessionRunner:
         self._open_criteria: tuple[str, ...] = ()
 
     def run(
-        self, session: Session, epoch: int, plan: Mapping[str, Any], *, evidence: str, cancel: Cancel, beat: Beat
+        self,
+        session: Session,
+        epoch: int,
+        plan: Mapping[str, Any],
+        *,
+        evidence: str,
+        cancel: Cancel,
+        beat: Beat,
+        await_lease: Callable[[], None] = lambda: None,
     ) -> Execution:
         """Carry out one session and leave its bundle.
 
@@ -99,13 +107,16 @@ class SessionRunner:
             evidence: Folder of the bundle, relative to the workspace.
             cancel: Called in every turn; a reason (`cancelled`, `timed_out`, `stalled`) ends the execution.
             beat: Called in every turn.
+            await_lease: Called when the bundle is open, before anything is asked of the target.
 
         Returns:
             How the execution ended. Never raises for what the world, a leaf or a tree did.
         """
-        began_s, self._open_criteria = self._clock.now_s(), ()
+        self._open_criteria = ()
         recorder = self._bundles.open(evidence)
         recorder.write_contract(session, epoch, plan, self._bundles.settings_sha256)
+        await_lease()
+        began_s = self._clock.now_s()
         try:
             run = self._open(session, epoch, plan, recorder, cancel, beat)
         except (DefinitionError, ExecutionError) as error:

@@ -112,7 +112,7 @@ class WorkerLoop:
             if isinstance(order, Check):
                 self._control.send_bytes(encode(self._check(order)))
             elif isinstance(order, Run):
-                checked, self._checked, self._lease_until_s = self._checked, None, order.until_s
+                checked, self._checked, self._lease_until_s = self._checked, None, 0.0
                 self._handle.token = order.token
                 if checked is not None and (checked.session.id, checked.epoch) == (order.session.id, order.epoch):
                     done = self._runner.run(
@@ -122,6 +122,7 @@ class WorkerLoop:
                         evidence=order.evidence,
                         cancel=self._find_stop,
                         beat=self._heartbeat.beat,
+                        await_lease=self._await_lease,
                     )
                 else:
                     done = Execution(
@@ -212,6 +213,11 @@ class WorkerLoop:
         with contextlib.suppress(ExecutionError):
             self._world.enter(scene)
             publish(self._workspace.environment, render_environment(self._world.observe(WORLD)))
+
+    def _await_lease(self) -> None:
+        """Wait for the first lease: the watchdog grants it when `start` is on the disk."""
+        while not self._lease_until_s:
+            self._obey(receive_order(self._control))
 
     def _find_stop(self) -> EndRequest | None:
         """Why the session has to end, if it has; called in every turn of the runner's loop. Waits during a pause."""

@@ -20,15 +20,24 @@ SABOTAGES = (
     ),
     Sabotage(
         name="start_before_the_disk",
-        lie="A motion is ordered before its start is on the disk.",
+        lie="A session has its lease before its start is on the disk.",
         edits=(
             Edit(
                 "phyagentos.runtime.supervision.target_supervisor",
-                "self._journal.sync()  # nothing moves",
-                "pass  # nothing moves",
+                "self._journal.sync()  # no lease",
+                "pass  # no lease",
             ),
         ),
-        tests=("tests/runtime/test_starts.py::test_a_run_is_ordered_only_when_its_start_is_on_the_disk",),
+        tests=("tests/runtime/test_starts.py::test_a_session_has_its_first_lease_only_when_its_start_is_on_the_disk",),
+    ),
+    Sabotage(
+        name="first_lease_not_awaited",
+        lie="A worker begins a session before it has a lease.",
+        edits=(Edit("phyagentos.runtime.worker.worker", "while not self._lease_until_s:", "while False:"),),
+        tests=(
+            "tests/runtime/test_leases.py::"
+            "test_a_session_opens_its_bundle_and_takes_no_authority_before_its_first_lease",
+        ),
     ),
     Sabotage(
         name="crc_not_checked",
