@@ -29,7 +29,7 @@ from benchmarks.diagnosis_parts.cases import CASES, Case
 from benchmarks.diagnosis_parts.drawn import DrawnCase, iter_drawn
 from benchmarks.diagnosis_parts.model import serve_model
 from benchmarks.diagnosis_parts.policies import MANNERS, serve_policies
-from phyagentos.agent.judging.causes import classify_refusal
+from benchmarks.diagnosis_parts.refusals import classify_refusal
 from phyagentos.agent.mission.mission import Mission
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project

@@ -6,7 +6,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from phyagentos.agent.judging.causes import Cause, CauseClass, classify_refusal
+from benchmarks.diagnosis_parts.refusals import classify_refusal
+from phyagentos.agent.judging.causes import Cause, CauseClass
 from phyagentos.agent.judging.diagnosis import diagnose, diagnose_after_looking
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage

@@ -1,9 +1,6 @@
 """Causes of a missed objective, and the classes that benchmarks count them in. Each cause is also an error code."""
 
-from collections.abc import Sequence
 from enum import StrEnum
-
-from phyagentos.errors import Problem
 
 
 class Cause(StrEnum):
@@ -81,32 +78,3 @@ _CLASSES = {
     CauseClass.MACHINE: (Cause.RUNNER_LOST, Cause.TARGET_LOST, Cause.STALLED),
 }
 CLASSES = {cause: kind for kind, causes in _CLASSES.items() for cause in causes}
-
-
-_REFUSALS = {
-    "OBSERVATION_": CauseClass.PERCEPTION,
-    "SENSOR_": CauseClass.PERCEPTION,
-    "POLICY_": CauseClass.POLICY,
-    "OUT_OF_REACH": CauseClass.PLANNING,
-    "OUTSIDE_WORKSPACE": CauseClass.PLANNING,
-    "TOO_WIDE": CauseClass.PLANNING,
-    "TOO_HEAVY": CauseClass.PLANNING,
-    "TOO_SLIPPERY": CauseClass.PLANNING,
-    "NO_SPACE": CauseClass.PLANNING,
-    "NO_FREE_SITE": CauseClass.PLANNING,
-    "START_OUTSIDE": CauseClass.SAFETY,
-    "LIMIT_": CauseClass.SAFETY,
-    "TARGET_UNAVAILABLE": CauseClass.MACHINE,
-    "TARGET_LOST": CauseClass.MACHINE,
-    "PRECONDITION_UNMET": CauseClass.DISTURBANCE,
-}
-"""Codes of preflight, or how they begin, and their class."""
-
-
-def classify_refusal(problems: Sequence[Problem]) -> CauseClass:
-    """The class of what preflight refused, by the first problem; what does not fit is the adapters'."""
-    code = problems[0].code if problems else ""
-    for prefix, kind in _REFUSALS.items():
-        if code.startswith(prefix):
-            return kind
-    return CauseClass.ADAPTER if code else CauseClass.OTHER

@@ -218,7 +218,11 @@ class Recovery:
     def _restore_for(self, refused: SessionStatus) -> list[Entry]:
         """Reopens finished nodes for a session that preflight refused; empty when none can help."""
         node, world = refused.contract.node, self.evidence.find_latest(refused.contract.scene.episode)
-        if world is None or not _is_unmet(refused) or not self.facts.has_replans(node):
+        if (
+            world is None
+            or not any(each.code == _UNMET for each in refused.problems)
+            or not self.facts.has_replans(node)
+        ):
             return []
         lost = {each.text for each in find_lost_preconditions(refused.contract, world) if each.is_lasting}
         restorers = self._find_restorers(node, lost)
@@ -297,10 +301,6 @@ def is_look(session: Session) -> bool:
 
 def _iter_things(session: Session) -> Iterator[str]:
     return (value for value in session.parameters.values() if isinstance(value, str))
-
-
-def _is_unmet(refused: SessionStatus) -> bool:
-    return any(problem.code == _UNMET for problem in refused.problems)
 
 
 def _find_unmet(refused: SessionStatus) -> frozenset[str]:

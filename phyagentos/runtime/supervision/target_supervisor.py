@@ -152,8 +152,8 @@ class TargetSupervisor:
         """Order the check of a session under the epoch that its claim will have."""
         ledger = self._journal.ledger
         self.session, self.epoch = session, ledger.sessions[session.id].epoch + 1
-        self._fire("check")
         self.worker.send(Check(session=session, epoch=self.epoch, may_reset=compute_may_reset(session, ledger)))
+        self._fire("check")
 
     def adopt(self, status: SessionStatus, reason: str) -> None:
         """Observe, as soon as the worker is ready, what a session of an earlier watchdog left."""

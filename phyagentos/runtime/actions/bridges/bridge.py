@@ -44,16 +44,11 @@ class ActionBridge(ABC):
 
     @abstractmethod
     def invert(self, rows: Array, before: Array) -> Array:
-        """Convert a chunk back."""
+        """Convert a chunk back; where `apply` keeps less than it was given, to one that converts alike."""
 
     @abstractmethod
     def __str__(self) -> str:
         """A few words, as a chain prints them (`units deg->rad`)."""
-
-    @property
-    def lossless(self) -> bool:
-        """Whether `invert` restores every chunk; otherwise applying is a projection."""
-        return True
 
     def carry_back(self, before: Array) -> Array:
         """The set-point before the chunk, in the source space."""

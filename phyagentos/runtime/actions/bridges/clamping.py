@@ -35,11 +35,6 @@ class ClampBridge(ActionBridge):
             return Problem("CLAMP_UNBOUNDED", "clamp", "a target without bounds", "minimum and maximum", hint)
         return cls(source, replace_space(source, clamp=False), low, high)
 
-    @property
-    @override
-    def lossless(self) -> bool:
-        return False
-
     @override
     def apply(self, rows: Array, before: Array) -> Array:
         return np.clip(rows, self.low, self.high)

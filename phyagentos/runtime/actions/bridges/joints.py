@@ -80,11 +80,6 @@ class ProjectionBridge(ActionBridge):
         rest = 0.0 if source.delta else 1.0  # a change of nothing keeps a joint where it stands
         return cls(source, converted, kept, rest * np.array([source.fixed[joint] for joint in absent]))
 
-    @property
-    @override
-    def lossless(self) -> bool:
-        return False
-
     @override
     def apply(self, rows: Array, before: Array) -> Array:
         still = np.broadcast_to(self.rest, (len(rows), self.rest.size))

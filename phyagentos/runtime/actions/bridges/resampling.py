@@ -53,11 +53,6 @@ class ResampleBridge(ActionBridge):
             )
         return cls(source, replace_space(source, rate_hz=rate, chunk_length=length), factor, up)
 
-    @property
-    @override
-    def lossless(self) -> bool:
-        return self.up
-
     @override
     def apply(self, rows: Array, before: Array) -> Array:
         return self._refine(rows, before) if self.up else rows[self.factor - 1 :: self.factor]
