@@ -109,15 +109,23 @@ def employed(build_bench, plant, build_session, tmp_path):
     employed.close()
 
 
-def test_a_session_opens_its_bundle_and_takes_no_authority_before_its_first_lease(employed):
+def test_a_session_opens_its_bundle_and_takes_no_authority_before_its_first_lease(employed, monkeypatch):
+    handle, leases = employed.bench.target.handle, []
+
+    def note(request):
+        if isinstance(request, wire.Begin):
+            leases.append(employed.worker._lease_until_s)
+        return handle(request)
+
+    monkeypatch.setattr(employed.bench.target, "handle", note)
     employed.order_run()
     employed.wait_for((employed.bench.workspace / "evidence/s" / "fingerprint.json").exists)
-
-    assert not any(isinstance(request, wire.Begin) for request in employed.bench.target.requests)
     employed.renew(LEASE_S)
     employed.wait_for(employed.bench.target.commands)
     employed.ours.send_bytes(encode(Stop(session=employed.session.id, reason="stalled")))
     employed.hear()
+
+    assert leases == [LEASE_S]
 
 
 def test_a_worker_whose_lease_nobody_renews_brings_its_target_to_rest_and_says_why(employed):
