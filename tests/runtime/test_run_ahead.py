@@ -211,3 +211,18 @@ def test_the_time_limit_is_kept_to_the_period(move):
 
     assert execution.ended is Ended.TIMED_OUT
     assert len(bench.target.commands()) == 13
+
+
+@pytest.mark.parametrize("leaf", ["close_gripper", "open_gripper"])
+def test_fingers_move_while_the_worker_records(build_bench, build_session, plant, doubles, profile, monkeypatch, leaf):
+    library, ticks = plant([leaf]), []
+    for number, can_run_ahead in enumerate((True, False)):
+        monkeypatch.setattr(TargetSessionHandle, "can_run_ahead", property(lambda _, can=can_run_ahead: can))
+        bench = build_bench(doubles.PerfectTarget(profile, [doubles.build_cube()]), library=library)
+        bench.target.width_m = 0.04
+        tap = bench.handle._connection = Tap(bench.handle._connection)
+        execution = bench.run(build_session(skill="planted", parameters={}, id=f"tidy-1.n{number}"))
+        ticks.append(execution.ticks)
+
+        assert (execution.ended, tap.most) == (Ended.COMPLETED, 1 + can_run_ahead)
+    assert 0 <= ticks[0] - ticks[1] <= 1  # the end is seen one period later

@@ -36,7 +36,7 @@ class CommandBuffer:
         self._acceleration = acceleration_rad_s2
         self._arm: tuple[Array, Array] | None = None
         self._gripper: Array | None = None
-        self._goes_on = False
+        self._ends = False  # a channel that is set may end, or change, with the next report
         self.goes_on = False
 
     @property
@@ -56,29 +56,32 @@ class CommandBuffer:
 
     def set_arm(self, q_rad: Array, qd_rad_s: Array, *, goes_on: bool = False) -> None:
         """Set this tick's arm rows, each (n_steps, n_joints); `goes_on` where the next rows are fixed already."""
-        self._arm, self._goes_on = (q_rad, qd_rad_s), goes_on
+        self._arm, self._ends = (q_rad, qd_rad_s), self._ends or not goes_on
 
-    def set_gripper(self, width_m: Array) -> None:
-        """Set this tick's gripper rows, (n_steps,)."""
-        self._gripper = width_m
+    def set_gripper(self, width_m: Array, *, goes_on: bool = False) -> None:
+        """Set this tick's gripper rows, (n_steps,); `goes_on` where the next rows are fixed already."""
+        self._gripper, self._ends = width_m, self._ends or not goes_on
 
     def hold(self) -> None:
         """Command the present set-points once more where the arm rests and none are set."""
         if self._arm is None and self.at_rest:
-            self.set_arm(np.tile(self._q, (self.n_steps, 1)), np.zeros((self.n_steps, self._q.size)))
+            self.set_arm(*self._rest())
 
     def take(self) -> SetPoints | None:
         """The merged period, or None when no channel was set; empties the channels."""
-        self.goes_on = self._goes_on and self._gripper is None
-        self._goes_on = False
-        if self._arm is None and self._gripper is None and self.at_rest:
+        is_braking, is_unset = self._arm is None and not self.at_rest, self._arm is None and self._gripper is None
+        self.goes_on, self._ends = not (self._ends or is_braking or is_unset), False
+        if is_unset and not is_braking:
             return None
-        self.hold()
-        q, qd = self._arm if self._arm is not None else self._compute_brake()
+        q, qd = self._arm or (self._compute_brake() if is_braking else self._rest())
         width = self._gripper if self._gripper is not None else np.full(self.n_steps, self._width_m)
         self._arm, self._gripper = None, None
         self._q, self._qd, self._width_m = q[-1].copy(), qd[-1].copy(), float(width[-1])
         return SetPoints(q_rad=q, qd_rad_s=qd, gripper_width_m=width)
+
+    def _rest(self) -> tuple[Array, Array]:
+        """Rows at the present arm set-point."""
+        return np.tile(self._q, (self.n_steps, 1)), np.zeros((self.n_steps, self._q.size))
 
     def _compute_brake(self) -> tuple[Array, Array]:
         """Rows that ramp the velocity down to zero: qd(t) = qd0 (1 - t / T), each joint within its limit."""

@@ -23,7 +23,7 @@ from phyagentos.runtime.perception.displacement import DISPLACED
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.look import FrameSource, Look, Moment, RecordedFrames
 from phyagentos.runtime.perception.pipeline import MAX_AGE_S, Pipeline
-from phyagentos.runtime.perception.regions_of_interest import Extrinsics, find_regions_of_interest, is_overlapping
+from phyagentos.runtime.perception.regions_of_interest import Extrinsics, find_regions_of_interest
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.segmentation import DetectorSegmenter
 from phyagentos.runtime.perception.sensor_health import AHEAD_S, check_probes, find_probe_regions
@@ -227,13 +227,6 @@ class PerceivedWorld(WorldModel):
             return None
         if not all(is_settled(entities[name], things.get(name)) for name in loose):
             return None
-        held = [name for name, entity in entities.items() if entity.status is Status.HELD and name in things]
-        cameras = {
-            camera: place for camera in regions if (place := Extrinsics.find(carried.sensors[camera])) is not None
-        }
-        hands = find_regions_of_interest(held, entities, pipeline.inventory, cameras, len(cameras))
-        if any(is_overlapping(regions[camera], hand) for camera, hand in hands.items()):
-            return None  # what the hand holds is looked at as well
         area = min(width * height for _, _, width, height in regions.values())
         return Capture(cameras=tuple(regions), crops=regions, every=THINNED if area >= LARGE_PX else 1)
 

@@ -59,11 +59,6 @@ def find_regions_of_interest(
     return {camera: region for camera, region in regions.items() if region is not None}
 
 
-def is_overlapping(one: Crop, other: Crop) -> bool:
-    """Whether two regions of one picture have pixels in common."""
-    return all(one[axis] < other[axis] + other[axis + 2] and other[axis] < one[axis] + one[axis + 2] for axis in (0, 1))
-
-
 def _rank(entity: Entity, cameras: Mapping[str, Extrinsics]) -> list[str]:
     """Cameras by the thing's area in their latest pictures, largest first."""
     areas = dict.fromkeys(cameras, 0)

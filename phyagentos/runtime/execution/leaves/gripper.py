@@ -7,6 +7,7 @@ from phyagentos.runtime.motion.requests import Approach
 
 OPEN_TOLERANCE_M = 0.001  # a gripper this close to the wanted opening is open
 SETTLE_S = 0.1  # after the drive has arrived
+FIXED_PERIODS = 2  # commanded still, whatever the next report says, where the end is no nearer
 
 
 class _GripperLeaf(Leaf):
@@ -27,7 +28,9 @@ class _GripperLeaf(Leaf):
         if self._until_s is None and self._has_arrived(now_s):
             self._until_s = now_s + self._settle_s
         if self._until_s is None or now_s < self._until_s:
-            commands.set_gripper(np.full(commands.n_steps, self._width_m))
+            soon_s = now_s + FIXED_PERIODS * self.context.profile.control_period_s
+            goes_on = soon_s < (now_s + self._settle_s if self._until_s is None else self._until_s)
+            commands.set_gripper(np.full(commands.n_steps, self._width_m), goes_on=goes_on)
             return Status.RUNNING
         return self.on_settled(self.context.step.target.gripper_width_m)
 
