@@ -240,6 +240,8 @@ def test_what_preflight_does_not_see_is_looked_at_and_then_tried_again(make_stag
         ("two-7.red.r1", "inspect"),
         ("two-7.red.r2", ""),
     ]
+    tried_again = stage.make_mission().ledger.goals["two-7"].nodes["red"].replans[-1]
+    assert "two-7.red.r1 has prepared it" in tried_again.reason  # the node was not done by the look
 
 
 def test_what_the_goal_asks_and_two_looks_do_not_show_ends_it_with_the_cause(make_stage, two):

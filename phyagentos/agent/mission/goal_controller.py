@@ -138,8 +138,7 @@ class GoalController:
         for status in waiting[:BATCH]:
             node = status.contract.node
             bundle, attempt = self._judge(status)
-            finishes = not status.contract.purpose or is_look(status.contract)
-            if _lets_go_on(attempt, bundle) and finishes:
+            if _lets_go_on(attempt, bundle) and not self._recovery.prepares(status):
                 fresh[node] = bundle.execution.outputs
                 done = self._drafter.note(node, GoalEvent.NODE_DONE, attempt.reason)
                 freed = self._find_freed_by(node, fresh)
