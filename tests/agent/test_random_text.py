@@ -27,7 +27,6 @@ from phyagentos.agent.repair.other_means import propose_other_skill, propose_oth
 from phyagentos.agent.repair.recovery_policies import GENERATORS
 from phyagentos.agent.repair.resume_held import propose_resume_held
 from phyagentos.agent.repair.retrying import propose_retry
-from phyagentos.clock import ManualClock
 from phyagentos.codes import CODES
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.library import Library
@@ -35,6 +34,7 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
+from tests.clocks import ManualClock
 
 from .conftest import add_skills, make_unmet, make_world
 from .test_diagnosis import COURSES, JUDGING, criterion, make_bundle, moved

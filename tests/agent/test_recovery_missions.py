@@ -12,7 +12,6 @@ from phyagentos.agent.judging.review import review_session
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.memory.advice import Advice
 from phyagentos.cli.history import read_ledger
-from phyagentos.clock import ManualClock
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
@@ -22,6 +21,7 @@ from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Journal
+from tests.clocks import ManualClock
 
 from .conftest import Play, add_skills, hold, make_world, put, remove, succeed
 

@@ -8,7 +8,6 @@ import pytest
 
 from phyagentos.cli.app import main
 from phyagentos.cli.progress import RunFold
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Execution, Scene
@@ -16,6 +15,7 @@ from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Entry, Journal
+from tests.clocks import ManualClock
 from tests.contracts import make_contract
 
 

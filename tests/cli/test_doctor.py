@@ -9,7 +9,8 @@ import pytest
 
 from phyagentos.cli import doctor
 from phyagentos.cli.doctor import Grade, iter_findings
-from phyagentos.clock import ManualClock, SystemClock
+from phyagentos.clock import SystemClock
+from tests.clocks import ManualClock
 
 pytestmark = pytest.mark.fast
 

@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 from phyagentos.cli.app import main
 from phyagentos.cli.tree_drawing import Drawing
 from phyagentos.cli.tree_drawing import render_mermaid as render_tree
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -27,6 +26,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.views.renderer import Views
 from phyagentos.store.views.tasks import render_graph, render_tasks
+from tests.clocks import ManualClock
 
 BLOCK = re.compile(r"^```mermaid\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 HARD_NAMES = [

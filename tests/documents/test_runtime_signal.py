@@ -7,7 +7,6 @@ import sys
 import msgspec
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import publish_health, read_target_registry
 from phyagentos.protocol.capabilities.targets import Health, TargetHealth, read_targets
@@ -18,6 +17,7 @@ from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal, take_
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.signal_intake import SignalIntake
 from phyagentos.store.views.runtime_signal import PERIOD_S, RENEWAL_S, SILENCE_S, RuntimeSignal
+from tests.clocks import ManualClock
 
 
 @pytest.fixture

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 import phyagentos
-from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.watch import Watch
+from tests.clocks import ManualClock
 
 from . import second_reader
 from .workloads import DAY_S, LANE, NOON_S, identify, make_submit

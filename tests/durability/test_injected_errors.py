@@ -6,10 +6,10 @@ import shutil
 
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.journal import Journal
+from tests.clocks import ManualClock
 
 from . import second_reader
 from .interception import Calls, intercept

@@ -4,12 +4,12 @@ import random
 import shutil
 from collections import Counter
 
-from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
 from phyagentos.store.follower import Follower
 from phyagentos.store.inspection import inspect_partition
 from phyagentos.store.repair import repair_partition
 from phyagentos.store.segments import SystemIO
+from tests.clocks import ManualClock
 
 from . import damages, second_reader
 from .test_damage_and_checkpoint import KeptPatient

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
 from phyagentos.store.journal import Entry, Journal
+from tests.clocks import ManualClock
 
 from .workloads import LANE, NOON_S, make_submit
 

@@ -5,12 +5,12 @@ import json
 
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.estop import Latch, latch, reset
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Entry, Journal
+from tests.clocks import ManualClock
 from tests.contracts import make_contract
 
 from .hook import iter_new_workspaces

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.estop import (
     LATCH,
@@ -19,6 +18,7 @@ from phyagentos.protocol.sessions.estop import (
     read_latch,
     reset,
 )
+from tests.clocks import ManualClock
 
 
 def test_the_first_latch_stays(tmp_path):

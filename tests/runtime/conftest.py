@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
@@ -31,6 +30,7 @@ from phyagentos.runtime.targets import wire
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.recorder import Bundles
 from phyagentos.runtime.worker.runner import SessionRunner
+from tests.clocks import ManualClock
 
 STEP_S = 0.002
 N_STEPS = 10

@@ -7,7 +7,7 @@ from multiprocessing import Pipe
 import msgspec
 import pytest
 
-from phyagentos.clock import ManualClock, SystemClock
+from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Limits
@@ -30,6 +30,7 @@ from phyagentos.runtime.worker.orders import (
 )
 from phyagentos.runtime.worker.worker import WorkerLoop
 from phyagentos.store.journal import Entry, Journal
+from tests.clocks import ManualClock
 
 from .test_watchdog import ScriptedWorker, make_session, stand  # noqa: F401 - a fixture
 

@@ -3,10 +3,10 @@
 import msgspec
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.session import Limits
 from phyagentos.runtime.supervision.liveness import HeartbeatMonitor, Sign
+from tests.clocks import ManualClock
 
 LIMITS = Limits(heartbeat_s=3.0, stall_s=5.0, think_s=12.0)
 PID = 41

@@ -4,9 +4,9 @@ import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.session import Limits, SessionStatus
 from phyagentos.runtime.supervision.queues import SLACK, Queues
+from tests.clocks import ManualClock
 
 from .test_watchdog import make_session
 

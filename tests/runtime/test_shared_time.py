@@ -4,12 +4,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.lifecycle import SessionState, Side
 from phyagentos.runtime.supervision.shared_time import AGENT_S, SharedTime, find_running
 from phyagentos.runtime.supervision.target_phase import Phase
 from phyagentos.runtime.targets.agreement import AgreementReceiver
 from phyagentos.store.turn_marks import TurnMarks
+from tests.clocks import ManualClock
 
 ARMS = ("left", "right")
 

@@ -9,13 +9,14 @@ import sys
 import pytest
 
 from phyagentos.assembly.runtime_plane import declare_world
-from phyagentos.clock import ManualClock, SystemClock
+from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.workspace.process_lock import become_sole, find_sole, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision.world_process import get_lock
+from tests.clocks import ManualClock
 
 HOLD = """
 import sys

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyagentos.clock import ManualClock
 from phyagentos.runtime.supervision.target_phase import (
     FAILURES,
     PHASE_TRANSITIONS,
@@ -16,6 +15,7 @@ from phyagentos.runtime.supervision.target_phase import (
     PhaseLog,
     fire_phase,
 )
+from tests.clocks import ManualClock
 
 TRIGGERS = sorted({row.trigger for row in PHASE_TRANSITIONS})
 

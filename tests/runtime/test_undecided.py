@@ -7,7 +7,6 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
@@ -15,6 +14,7 @@ from phyagentos.runtime.execution.open_criteria import find_open_criteria, is_ma
 from phyagentos.runtime.supervision.target_phase import Phase
 from phyagentos.runtime.supervision.target_supervisor import VERDICT_S, Supervision, TargetSupervisor
 from phyagentos.store.ledger import Ledger
+from tests.clocks import ManualClock
 from tests.contracts import make_contract
 
 SESSION = make_contract(accept=("inside(red_cube, tray)", "visible(tray)"))

@@ -3,10 +3,10 @@
 import msgspec
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Scene, Session
 from phyagentos.store.journal import Entry, Journal
+from tests.clocks import ManualClock
 
 
 def make_session(id="tidy-7.red", **changes):

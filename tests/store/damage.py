@@ -1,12 +1,12 @@
 """What rots in a journal, and what is done about it."""
 
-from phyagentos.clock import ManualClock
 from phyagentos.store.checkpoint import start_reading, write_checkpoint
 from phyagentos.store.journal import Entry
 from phyagentos.store.records import encode_record
 from phyagentos.store.repair import repair_partition
 from phyagentos.store.segments import SystemIO
 from phyagentos.store.statistics import HashingFollower
+from tests.clocks import ManualClock
 
 from .conftest import make_submit
 

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import msgspec
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import (
@@ -21,6 +20,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.retention import apply_retention
+from tests.clocks import ManualClock
 
 MODEL = b"model" * 40_000
 DAY_S = 86_400.0

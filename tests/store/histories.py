@@ -2,10 +2,10 @@
 
 from hypothesis import strategies as st
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS, IllegalTransition, Side
 from phyagentos.store.journal import Entry, Fenced, IllegalEvent, Journal
 from phyagentos.store.ledger import Ledger
+from tests.clocks import ManualClock
 
 EXECUTION = {"ended": "completed", "evidence": "evidence/s", "outputs": {"place_site": [0.1, float("inf"), None]}}
 ATTEMPT = {

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
 from phyagentos.store.checkpoint import NAME, start_reading
 from phyagentos.store.follower import Follower
@@ -14,6 +13,7 @@ from phyagentos.store.history import Histories
 from phyagentos.store.journal import Entry
 from phyagentos.store.maintenance import Maintenance, archive_segments
 from phyagentos.store.segments import SystemIO, list_all_segments, list_segments
+from tests.clocks import ManualClock
 
 from .histories import STEPS, Story, fold
 

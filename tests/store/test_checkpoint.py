@@ -8,7 +8,6 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
 from phyagentos.store import ledger as ledger_module
@@ -18,6 +17,7 @@ from phyagentos.store.journal import Entry, IllegalEvent, Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.maintenance import PERIOD_RECORDS, PERIOD_S, Maintenance
 from phyagentos.store.segments import SystemIO
+from tests.clocks import ManualClock
 
 from .histories import STEPS, Story, fold
 

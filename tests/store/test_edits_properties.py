@@ -7,7 +7,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Execution, Limits
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
@@ -17,6 +16,7 @@ from phyagentos.store.edits.reading import decode, read_sheet
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.views.sessions import END_MARK, render_sessions
+from tests.clocks import ManualClock
 
 FAST = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 TOKEN = "zqxw"

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.compaction import compact_partition
@@ -20,6 +19,7 @@ from phyagentos.store.records import frame_payload, read_record
 from phyagentos.store.repair import repair_partition
 from phyagentos.store.segments import Front, SystemIO, create_segment, locate
 from phyagentos.store.statistics import HashingFollower
+from tests.clocks import ManualClock
 
 from .conftest import make_submit
 

@@ -164,8 +164,8 @@ def test_a_repair_changes_nobody(open_journal, submit):
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_the_fold_agrees_with_the_journal_after_any_history(tmp_path_factory, submit, data):
-    from phyagentos.clock import ManualClock
     from phyagentos.store.journal import Journal
+    from tests.clocks import ManualClock
 
     root = tmp_path_factory.mktemp("lane")
     journals = {s: Journal(root, side=s, by=s.value, clock=ManualClock(), durable=False) for s in Side}

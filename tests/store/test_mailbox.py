@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions import stop_signals as mailbox
 from phyagentos.protocol.sessions.stop_signals import DONE_KEPT, Signal, SignalReader, drop_signal, take_signals
+from tests.clocks import ManualClock
 
 
 def make_old(path):

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.sessions.estop import Latch, latch, read_latch, reset
@@ -14,6 +13,7 @@ from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RequestS
 from phyagentos.protocol.sessions.stop_signals import Signal, SignalReader, drop_signal, take_signals
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.views.runtime_signal import RuntimeSignal
+from tests.clocks import ManualClock
 
 ODD = ["arm too close\x7f", "one \x9b, two \ufffe", "nothing \x00\x1b[0m", "half of \ud83d", "Gef\udce4\udcdf"]
 NAMES = [b"n" * 255, b"n" * 250 + b".yaml", b"\xff\xfe.yaml", b"two\nlines"]

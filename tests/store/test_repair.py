@@ -7,7 +7,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.compaction import compact_partition
@@ -19,6 +18,7 @@ from phyagentos.store.records import frame_payload, read_record
 from phyagentos.store.salvage import list_segment_files
 from phyagentos.store.segments import SystemIO
 from phyagentos.store.statistics import HashingFollower
+from tests.clocks import ManualClock
 from tests.documents.test_log import tell
 
 from .conftest import make_submit

@@ -6,9 +6,9 @@ import threading
 
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.store import watch as watch_module
 from phyagentos.store.watch import Watch
+from tests.clocks import ManualClock
 
 SOON_S = 5.0  # far longer than a wake-up takes: a test that waits as long has failed
 

@@ -59,7 +59,8 @@ def render_skill_registry(library: Library) -> str:
 
 def render_skills(skills: Sequence[SkillRuntime]) -> str:
     """SKILLRUNTIME.md."""
-    rows = [(each.skill, each.description, _code(each.guarantees), each.tree) for each in skills]
+    promises = [", ".join(f"`{text}`" for text in each.guarantees) for each in skills]
+    rows = [(each.skill, each.description, text, each.tree) for each, text in zip(skills, promises, strict=True)]
     return _render(SKILLRUNTIME, _SKILLS_HEAD, ("skill", "does", "guarantees", "tree"), rows, skills)
 
 
@@ -171,7 +172,3 @@ def _describe_health(health: TargetHealth) -> str:
     since = f" since {format_moment(health.since)}" if health.since else ""
     session = f" ({health.session})" if health.session else ""
     return f"{health.state.value.replace('_', ' ')}{session}{since}"
-
-
-def _code(texts: Iterable[str]) -> str:
-    return ", ".join(f"`{text}`" for text in texts)

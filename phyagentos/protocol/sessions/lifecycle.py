@@ -192,6 +192,7 @@ def find_cancel(state: str) -> str | None:
     return next((trigger for trigger in ("cancel", "request_cancel") if trigger in list_triggers(state)), None)
 
 
+@cache
 def render_mermaid() -> str:
     """The statechart as a Mermaid diagram; each arrow carries its trigger and its sides."""
     lines = ["stateDiagram-v2", f"    [*] --> {SessionState.PENDING}: submit (agent, operator)"]

@@ -26,7 +26,7 @@ class DebugDriver(TargetDriver):
     """
 
     def __init__(self, profile: TargetProfile, library: Library) -> None:
-        self._profile, self._library = profile, library
+        self.profile, self._library = profile, library
         self._steps = round(profile.control_period_s / profile.physics_step_s)
         self._fixed: tuple[Entity, ...] = ()
         self._riding: tuple[Entity, ...] = ()
@@ -38,12 +38,7 @@ class DebugDriver(TargetDriver):
     @property
     @override
     def time_s(self) -> float:
-        return self._tick * self._profile.physics_step_s
-
-    @property
-    @override
-    def control_period_s(self) -> float:
-        return self._profile.control_period_s
+        return self._tick * self.profile.physics_step_s
 
     @property
     @override
@@ -52,7 +47,7 @@ class DebugDriver(TargetDriver):
 
     @override
     def describe(self) -> wire.Description:
-        profile, n = self._profile, len(self._profile.arm.joints)
+        profile, n = self.profile, len(self.profile.arm.joints)
         return wire.Description(
             target=profile.target,
             n_joints=n,
@@ -81,7 +76,7 @@ class DebugDriver(TargetDriver):
 
     @override
     def load(self, request: wire.LoadScene) -> wire.Loaded:
-        tick, q = 0, np.array(self._profile.arm.home_rad, dtype=np.float64)
+        tick, q = 0, np.array(self.profile.arm.home_rad, dtype=np.float64)
         if request.snapshot:
             state = decode_arrays(request.snapshot).get("state", np.empty(0))
             if state.shape != (1 + q.size,) or not np.isfinite(state).all():
@@ -113,7 +108,7 @@ class DebugDriver(TargetDriver):
 
     @override
     def hold(self, duration_s: float) -> None:
-        self._tick += round(duration_s / self._profile.physics_step_s)
+        self._tick += round(duration_s / self.profile.physics_step_s)
 
     @override
     def halt(self, category: int = 2) -> None:
@@ -124,7 +119,7 @@ class DebugDriver(TargetDriver):
         return wire.Step(time_s=self.time_s, target=self._read_target(), tracking_error_rad=0.0)
 
     def _read_target(self) -> TargetState:
-        x, y, z = self._profile.mount_position_m
+        x, y, z = self.profile.mount_position_m
         q = tuple(self._q.tolist())
         zeros = (0.0,) * len(q)
         return TargetState(q_rad=q, qd_rad_s=zeros, gripper_width_m=self._width_m, tcp=Pose((x, y, z + q[0])))

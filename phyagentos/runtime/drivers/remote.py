@@ -28,7 +28,7 @@ class RemoteDriver(TargetDriver):
     """
 
     def __init__(self, profile: TargetProfile, channel: Channel, key: bytes) -> None:
-        self._profile, self._channel, self._key = profile, channel, key
+        self.profile, self._channel, self._key = profile, channel, key
         self._session, self._epoch = "", 0
         self._time_s = math.nan
         self._step: wire.Step | None = None  # not reported yet
@@ -39,11 +39,6 @@ class RemoteDriver(TargetDriver):
     @override
     def time_s(self) -> float:
         return self._time_s
-
-    @property
-    @override
-    def control_period_s(self) -> float:
-        return self._profile.control_period_s
 
     @property
     @override

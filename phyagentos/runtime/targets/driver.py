@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.targets import wire
 
 
@@ -19,10 +20,12 @@ class TargetDriver(ABC):
     the profile, poses are in the world frame.
 
     Attributes:
+        profile: Of the body.
         is_ending: Whether the session is to end; a motion that waits for other targets calls it, and refuses with
             `ABORTED` then.
     """
 
+    profile: TargetProfile
     is_ending: Callable[[], bool] = staticmethod(lambda: False)
 
     @property
@@ -31,9 +34,9 @@ class TargetDriver(ABC):
         """Time of the body [s]; NaN while no scene is loaded."""
 
     @property
-    @abstractmethod
     def control_period_s(self) -> float:
         """Length of one command [s]."""
+        return self.profile.control_period_s
 
     @property
     @abstractmethod

@@ -5,7 +5,6 @@ The same text is an input: what a person changes in it is merged by `edits`.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import islice
 from typing import Any
 
@@ -91,7 +90,7 @@ def render_page(page: Page, cache: Cache | None = None) -> str:
     front = render_front(FrontMatter(phy="sessions/1", view=page.seq))
     parts = [front, *(f"{NOTE_MARK}{' '.join(note.split())}\n" for note in page.notes)]
     parts += ["\n"] if page.notes else []
-    parts += [_INTRODUCTION, _draw_statechart(), "```\n\n", *_render_overview(texts, page.total)]
+    parts += [_INTRODUCTION, render_mermaid(), "```\n\n", *_render_overview(texts, page.total)]
     return "".join([*parts, *(text.block for text in texts), END_MARK])
 
 
@@ -164,11 +163,6 @@ def _render_attempt(number: int, attempt: Attempt, folder: str) -> str:
     told = f"Sensing: {attempt.sensing}." + (f" Idealised: {idealised}." if idealised else "")
     verdict = " ".join(f"{describe_attempt(attempt)} {told}".split())
     return f"**Verdict {number}:** {verdict}\n\n" + render_criteria(attempt.criteria, folder)
-
-
-@cache
-def _draw_statechart() -> str:
-    return render_mermaid()
 
 
 def _render_row(status: SessionStatus) -> str:

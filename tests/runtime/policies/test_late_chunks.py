@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange, describe_target_space
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
@@ -13,6 +12,7 @@ from phyagentos.runtime.execution.lag import Lag
 from phyagentos.runtime.execution.skill_runtime import SkillStatus
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.policy_runtime import PolicyParts, PolicySkillRuntime
+from tests.clocks import ManualClock
 
 PERIOD_S = 0.02
 INFERENCE_S = 0.1

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from phyagentos.assembly.processes import connect_to_world
-from phyagentos.clock import ManualClock, SystemClock
+from phyagentos.clock import SystemClock
 from phyagentos.runtime.targets import realtime, wire
 from phyagentos.runtime.targets.handshake import Tokens, make_key, mint
 from phyagentos.runtime.targets.realtime import Pace, serve_realtime
 from phyagentos.runtime.targets.server import UnixDoor
+from tests.clocks import ManualClock
 
 PERIOD_S = 0.02
 REAL = SystemClock()

@@ -6,9 +6,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from phyagentos.clock import ManualClock
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog, Reception
+from tests.clocks import ManualClock
 
 
 @contextmanager

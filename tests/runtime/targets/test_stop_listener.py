@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.clock import ManualClock, SystemClock
+from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.estop import RESERVE, Latch, is_latched, latch, read_latch, reset
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal, take_signals
 from phyagentos.runtime.targets.stop_listener import StopListener
+from tests.clocks import ManualClock
 
 
 @pytest.fixture

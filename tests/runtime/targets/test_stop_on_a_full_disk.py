@@ -5,10 +5,11 @@ import errno
 import numpy as np
 import pytest
 
-from phyagentos.clock import ManualClock, SystemClock
+from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.estop import is_latched
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
 from phyagentos.runtime.targets import stop_listener, wire
+from tests.clocks import ManualClock
 
 pytestmark = pytest.mark.sim
 

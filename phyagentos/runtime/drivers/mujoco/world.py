@@ -188,11 +188,6 @@ class MujocoDriver(TargetDriver):
 
     @property
     @override
-    def control_period_s(self) -> float:
-        return self.profile.control_period_s
-
-    @property
-    @override
     def is_moving(self) -> bool:
         return self._present is not None and self._present.controller.is_moving
 
