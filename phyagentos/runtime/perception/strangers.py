@@ -30,11 +30,12 @@ EVERY = 2  # of so many columns one is read
 LINK_M = 0.02
 POINTS_MIN, SIDE_MIN_M, SIDE_MAX_M = 12, 0.012, 0.5  # fewer points are noise, larger clusters the room
 SAME_M, STILL_M = 0.05, 0.015  # between the middles of one stranger in two looks, and of one that stays
-STANDS_M, STEP_M = 0.05, 0.002  # so far below its lowest seen point it is looked for what it stands on
+STANDS_M, STEP_M = SIDE_MAX_M, 0.002  # nothing hovers: it stands on what is so far below its lowest seen point
 SIDE_STD_M, SIDE_NOISE = 0.0025, 1.4  # doubt of a side: of its outline, and per noise of depth
 PLACE = 0.8  # of the middle, in doubts of a side
 CUT_PX, CUT_STD_M = 2, 0.03  # this near to the edge of a picture the rest may be outside of it, which adds this doubt
-BULGE = 1.5  # noises of depth by which the highest points are above the top
+CUT_PERCENT = 2  # of the points at either end of a side, which may be stray
+BULGE, BLUR = 1.5, 1.2  # noises of depth by which the highest points are above the top, and an outline is too wide
 STD_RAD = 0.2
 CONFIDENCE = 0.7  # of where it is: its points are its own
 REAL_S = 1.0  # a cluster seen in one place for so long is no noise
@@ -65,7 +66,7 @@ def find_strangers(
     time_s = max((frame.time_s for frame in frames), default=0.0)
     found: dict[str, Entity] = {}
     for cluster in find_clusters(points, LINK_M):
-        box = _fit_box(points[cluster], noise_m, map_solids, named) if len(cluster) >= POINTS_MIN else None
+        box = fit_box(points[cluster], noise_m, map_solids, named) if len(cluster) >= POINTS_MIN else None
         if box is None:
             continue
         shape, rotation, position = box
@@ -141,17 +142,18 @@ def _is_beyond(points: Array, solids: Solids, margin_m: float) -> NDArray[np.boo
     return beyond
 
 
-def _fit_box(
+def fit_box(
     points: Array, noise_m: float, map_solids: Solids, named: Sequence[Entity]
 ) -> tuple[Shape, Array, Array] | None:
     """An upright box around points (n, 3), with its pose; None where they are noise or the room."""
     _, _, degrees = cv2.minAreaRect(points[:, :2].astype(np.float32))
     rotation = turn(np.array([0.0, 0.0, float(np.radians(degrees))]))
-    low, high = np.percentile(points @ rotation, (2, 98), axis=0)
+    low, high = np.percentile(points @ rotation, (CUT_PERCENT, 100 - CUT_PERCENT), axis=0)
     high[2] = max(high[2] - BULGE * noise_m, low[2])
     foot = rotation @ np.array([*(low + high)[:2] / 2, low[2]])
     low[2] -= _measure_gap(foot, map_solids, named)
     size = high - low
+    size[:2] = np.maximum(size[:2] - BLUR * noise_m, 0.0) / (1.0 - CUT_PERCENT / 50)
     if np.median(size) < SIDE_MIN_M or size.max() > SIDE_MAX_M:
         return None
     half = np.maximum(size / 2, SIDE_MIN_M / 2)

@@ -3,14 +3,17 @@
 import math
 
 import msgspec
+import numpy as np
 import pytest
 
-from phyagentos.protocol.world.environment import Status
+from phyagentos.protocol.world.environment import Pose, Shape, ShapeKind, Status
 from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pipeline import Pipeline
+from phyagentos.runtime.perception.solids import Solids
+from phyagentos.runtime.perception.strangers import fit_box
 from tests.runtime.perception.conftest import SCENE, Stage, open_library
 
 pytestmark = pytest.mark.sim
@@ -64,6 +67,18 @@ def test_a_thing_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is
     entity = msgspec.structs.replace(entity, still_since_s=entity.observed_at_s - 2.0)
     stage.belief = msgspec.structs.replace(seen_once, entities={**seen_once.entities, "unknown_1": entity})
     assert stage.look().entities["unknown_1"].status is Status.GONE, "it was real, and is somewhere else"
+
+
+@pytest.mark.parametrize("height_m", [0.03, 0.09])
+@pytest.mark.parametrize(("noise_m", "off_m"), [(0.0005, 0.002), (0.002, 0.002), (0.007, 0.003)])
+def test_a_thing_whose_top_alone_is_seen_stands_on_the_table_and_noise_does_not_widen_it(height_m, noise_m, off_m):
+    rng = np.random.default_rng(0)
+    top = rng.uniform(-1.0, 1.0, (400, 3)) * (0.025, 0.02, 0.0) + (0.5, 0.0, height_m)
+    table = Solids.of((Shape(ShapeKind.BOX, (1.0, 1.0, 0.01), Pose((0.0, 0.0, -0.01))),))
+    shape, _, position = fit_box(top + rng.normal(0.0, noise_m, (400, 3)), noise_m, table, ())
+    assert sorted(shape.size_m[:2]) == pytest.approx((0.02, 0.025), abs=off_m)
+    assert shape.size_m[2] == pytest.approx(height_m / 2, abs=1.5 * off_m)
+    assert abs(position[2] - shape.size_m[2]) < 0.003
 
 
 def test_a_stranger_that_gets_a_name_is_no_stranger_any_more(library):
