@@ -16,7 +16,7 @@ from benchmarks.unseen_parts.rooms import Room, Thing, find_twin
 REACH_M = 0.90  # level distance of a fingertip from the base: 0.70 to the wrist, then flange and hand laid flat
 OPENING_M = 0.080
 FORCE_N = 70.0  # of a finger, at most
-PAYLOAD_KG = 3.0
+PAYLOAD_KG = 3.0 - 0.73  # of the arm, less the hand that hangs on it
 LIFTING = frozenset({"pick_and_place", "pick", "stack", "set_aside"})
 ROUND_TOPS = frozenset({"ball", "rod"})
 

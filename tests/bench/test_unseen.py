@@ -113,9 +113,9 @@ PUT = Node("n1", "pick_and_place", {"object": "thing", "destination": "tray"}, (
         (make_thing(form=make_box(0.081, 0.11, 0.05)), "81 mm wide"),
         (make_thing(at=(0.8, 0.3)), None),
         (make_thing(at=(0.8, 0.5)), "0.94 m from the base"),
-        (make_thing(mass_kg=3.1, grip=(0.9, 1.0)), "the arm carries 3.0 kg"),
-        (make_thing(mass_kg=2.8, grip=(0.15, 0.19)), "friction of both fingers"),
-        (make_thing(mass_kg=2.8, grip=(0.15, 0.21)), None),
+        (make_thing(mass_kg=2.3, grip=(0.9, 1.0)), "the arm carries 2.27 kg"),
+        (make_thing(mass_kg=2.2, grip=(0.12, 0.15)), "friction of both fingers"),
+        (make_thing(mass_kg=2.2, grip=(0.12, 0.16)), None),
     ],
 )
 def test_reach_opening_payload_and_friction_decide(thing, said):

@@ -32,6 +32,7 @@ from phyagentos.runtime.targets.wire import Step
 
 SAMPLE_PERIODS = 5  # control periods between samples, unless given
 BRIDGED_S = 1.5  # nothing is carried away, brought back and let go within
+COARSE_S = 0.5  # so long a window may leave open what a look at everything may decide; between two such looks
 PEAK_FORCE, PEAK_FORCE_ERROR = "peak_force_n", "peak_force_n_error"
 SampleKey = tuple[str, LookRole]  # the condition, and whether its worst or its first unknown sample
 
@@ -48,7 +49,7 @@ class HoldMonitor:
     """Monitors the predicates that must be true throughout a session, sampled every so many control periods.
 
     Attributes:
-        need: What a sample has to show.
+        need: What the next sample has to show; everything where windows measured too coarsely to decide.
         every: Control periods between samples.
         samples: The worst and the first unknown sample of each condition.
     """
@@ -69,7 +70,8 @@ class HoldMonitor:
         self._initial = initial
         self._target = target
         names = frozenset(name for _, predicate in self._predicates for name in iter_entities(predicate))
-        self.need = Need(things=names) if names else WORLD
+        self._named = self.need = Need(things=names) if names else WORLD
+        self._looked_s = initial.time_s  # at everything, or so that all was decided
         self._peaks: dict[str, float] = {}
         self._worst: dict[str, tuple[Evaluation, float]] = {}
         self._known_s: dict[str, float] = {}
@@ -89,7 +91,8 @@ class HoldMonitor:
         if not self._predicates or force_n is None or force_n <= self._peaks.get(PEAK_FORCE, -1.0):
             return None
         self._peaks |= {PEAK_FORCE: force_n, PEAK_FORCE_ERROR: step.contact_force_error_n}
-        return self._evaluate(self._felt, observe(BELIEF)) if self._felt else None
+        now = observe(BELIEF) if self._felt else self._initial
+        return self._note(self._evaluate(self._felt, now), now)
 
     def shows_violation(self, now: Environment) -> bool:
         """Whether a look at no more than it needs shows a condition that is false: a reason to look at everything."""
@@ -102,20 +105,26 @@ class HoldMonitor:
         `now` was observed with `need`, from `look` where the world is perceived. What the last sample of a session does
         not show stays unknown.
         """
-        return self._evaluate(self._seen, now, look, is_last=is_last)
+        evaluations = self._evaluate(self._seen, now)
+        is_coarse = any(evaluation.is_marginal for _, evaluation in evaluations)
+        self._looked_s = self._looked_s if is_coarse and self.need is self._named else now.time_s
+        self.need = WORLD if is_coarse and now.time_s - self._looked_s >= COARSE_S else self._named
+        return self._note(evaluations, now, look, is_last=is_last)
 
-    def _evaluate(
+    def _evaluate(self, predicates: Iterable[tuple[str, Predicate]], now: Environment) -> list[tuple[str, Evaluation]]:
+        view = self._view(now)
+        return [(text, predicate.evaluate(view)) for text, predicate in predicates]
+
+    def _note(
         self,
-        predicates: Iterable[tuple[str, Predicate]],
+        evaluations: Iterable[tuple[str, Evaluation]],
         now: Environment,
         look: Look | None = None,
         *,
         is_last: bool = False,
     ) -> Criterion | None:
         violated: Criterion | None = None
-        view = self._view(now)
-        for text, predicate in predicates:
-            evaluation = predicate.evaluate(view)
+        for text, evaluation in evaluations:
             if evaluation.truth is not Truth.UNKNOWN:
                 self._known_s[text] = now.time_s
                 self._unseen.pop(text, None)
@@ -152,7 +161,7 @@ class HoldMonitor:
         A session that ended before its first sample was due is judged on its initial snapshot.
         """
         if not self._worst and not self._unseen:
-            self._evaluate(self._seen, self._initial, is_last=True)
+            self._note(self._evaluate(self._seen, self._initial), self._initial, is_last=True)
         for text, (evaluation, time_s) in self._unseen.items():
             before = self._worst.setdefault(text, (evaluation, time_s))
             if worse(before[0], evaluation) is evaluation:

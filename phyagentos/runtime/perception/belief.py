@@ -38,6 +38,7 @@ HAND_M = 0.008
 SUNK_DOUBT_M = 0.015  # a pose so deep in another solid is hardly believed
 SEEN_MOVED_M = 0.01  # less than this is the noise of looking
 CHANGES_MAX = 40  # a longer list helps no reader
+SHOWS_MORE = 1.5  # as many pixels: what another pose explained as well before, such a look may exclude
 SPEED_S = (0.08, 2.0)  # a speed needs two looks this far apart
 
 
@@ -173,7 +174,8 @@ def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, 
             gain = doubt.compute_gain(before)
             position = np.array(entity.pose.position_m) + gain[0] * moved
             freely = turn(gain[1] * turned) @ was
-            stds, other_rad = doubt.fuse(before), max(other_rad, _find_other_tilt(entity))
+            stds, kept_rad = doubt.fuse(before), _find_other_tilt(entity)
+            other_rad = other_rad if _shows_more(evidence, entity.evidence) else max(other_rad, kept_rad)
         elif entity.looks and SPEED_S[0] <= time_s - entity.observed_at_s <= SPEED_S[1]:
             speed = moved_m / (time_s - entity.observed_at_s)
     place_m, turn_rad = stds.tolist()
@@ -204,6 +206,13 @@ def _find_other_tilt(entity: Entity) -> float:
     """The part of a stated doubt of the tilt that comes from another pose that fits as well [rad]."""
     square = entity.tilt_std_rad**2 - entity.turn_std_rad**2 - sum(each * each for each in entity.lean_rad)
     return 2.0 * math.sqrt(max(square, 0.0))
+
+
+def _shows_more(evidence: Collection[str], before: Collection[str]) -> bool:
+    """Whether a look shows a thing to a camera that did not see it, and in half as many pixels again."""
+    now, then = ({each.partition("@")[0]: each.rsplit(",", 2)[1:] for each in part} for part in (evidence, before))
+    areas = [sum(int(width) * int(height) for width, height in part.values()) for part in (now, then)]
+    return bool(now.keys() - then.keys()) and areas[0] > SHOWS_MORE * areas[1]
 
 
 def _see(

@@ -343,6 +343,21 @@ SABOTAGES = (
         tests=(f"{UNCHANGED_TESTS}::test_a_small_thing_that_leans_is_not_walked_upright_by_looking_again[7.6]",),
     ),
     Sabotage(
+        name="other_pose_forgotten",
+        lie="That another pose explained a thing as well is forgotten with the next look, whatever that shows.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.belief",
+                "other_rad if _shows_more(evidence, entity.evidence) else max(other_rad, kept_rad)",
+                "other_rad",
+            ),
+        ),
+        tests=(
+            f"{UNCHANGED_TESTS}::"
+            "test_what_another_pose_explained_as_well_is_excluded_by_a_look_that_shows_more_and_by_no_other",
+        ),
+    ),
+    Sabotage(
         name="looks_wear_errors_away",
         lie="Each look at an unchanged thing halves what its pose may be off.",
         edits=(

@@ -13,9 +13,9 @@ from phyagentos.runtime.targets.wire import Step
 TEXT = "tilt(cup) <= 0.35"
 
 
-def build_world(time_s, tilt_rad):
+def build_world(time_s, tilt_rad, tilt_std_rad=0.0):
     pose = Pose((0.5, 0.0, 0.1), (math.cos(tilt_rad / 2), math.sin(tilt_rad / 2), 0.0, 0.0))
-    cup = Entity(name="cup", kind="cup", pose=pose, observed_at_s=time_s)
+    cup = Entity(name="cup", kind="cup", pose=pose, observed_at_s=time_s, tilt_std_rad=tilt_std_rad)
     return Environment(time_s=time_s, scene="s", episode="e", revision=1, sensing="truth", entities={"cup": cup})
 
 
@@ -44,6 +44,18 @@ def test_samples_are_due_as_often_as_asked_and_never_without_conditions():
     assert [tick for tick in range(1, 16) if HoldMonitor([TEXT], world, "panda").is_due(tick)] == [5, 10, 15]
     assert [tick for tick in range(1, 6) if HoldMonitor([TEXT], world, "panda", every=2).is_due(tick)] == [2, 4]
     assert not HoldMonitor([], world, "panda").is_due(5)
+
+
+def test_what_windows_measure_too_coarsely_is_looked_at_with_everything_every_half_second():
+    monitor = HoldMonitor([TEXT], build_world(0.0, 0.0), "panda")
+    wanted = []
+    for tick in range(1, 14):
+        monitor.sample(build_world(tick / 8, 0.3, tilt_std_rad=0.05))
+        wanted.append(monitor.need.everything)
+    assert [tick for tick, is_wanted in enumerate(wanted, 1) if is_wanted] == [4, 9]
+
+    monitor.sample(build_world(14 / 8, 0.0))
+    assert not monitor.need.everything
 
 
 def test_of_a_session_that_ended_before_the_first_sample_the_snapshot_before_it_tells():

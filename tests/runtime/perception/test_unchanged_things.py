@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -64,6 +65,25 @@ def test_a_small_thing_that_leans_is_not_walked_upright_by_looking_again(library
         assert claim is not (Truth.FALSE if tilt_deg < 15.0 else Truth.TRUE), stated
     assert all(abs(found - stated[0][0]) < 2.5 * math.hypot(std, stated[0][1]) for found, std in stated)
     assert stated[-1][1] > 0.3  # what all looks have in common stays
+
+
+def test_the_start_of_a_fit_that_leads_to_the_same_pose_is_no_other_pose(library):
+    stage = Stage(library, "test/leaning")
+    stage.put("cube", 0.48, -0.1, 0.022, yaw_rad=0.6, tilt_rad=math.radians(23.0))
+    entity = stage.look().entities["cube"]
+    assert abs(compute_tilt(entity.pose) - math.radians(23.0)) < 3 * entity.tilt_std_rad
+    assert entity.tilt_std_rad == pytest.approx(entity.turn_std_rad)
+
+
+def test_what_another_pose_explained_as_well_is_excluded_by_a_look_that_shows_more_and_by_no_other(library):
+    stage = Stage(library, "test/leaning")
+    seen = stage.look().entities["mug"]
+    for evidence, stays in ((seen.evidence, True), (seen.evidence[:1], False)):
+        doubtful = msgspec.structs.replace(seen, tilt_std_rad=math.pi / 2, evidence=evidence)
+        stage.belief = msgspec.structs.replace(stage.belief, entities=stage.belief.entities | {"mug": doubtful})
+        entity = stage.look().entities["mug"]
+        assert (entity.tilt_std_rad > 1.5) is stays
+        assert seen.tilt_std_rad < 0.1
 
 
 def test_an_open_vessel_is_not_pulled_through_its_walls_and_its_handle_is_where_it_is(library):
