@@ -209,10 +209,10 @@ def _find_other_tilt(entity: Entity) -> float:
 
 
 def _shows_more(evidence: Collection[str], before: Collection[str]) -> bool:
-    """Whether a look shows a thing to a camera that did not see it, and in half as many pixels again."""
+    """Whether a look shows a thing to all the cameras that saw it and another one, and in half as many pixels again."""
     now, then = ({each.partition("@")[0]: each.rsplit(",", 2)[1:] for each in part} for part in (evidence, before))
     areas = [sum(int(width) * int(height) for width, height in part.values()) for part in (now, then)]
-    return bool(now.keys() - then.keys()) and areas[0] > SHOWS_MORE * areas[1]
+    return now.keys() > then.keys() and areas[0] > SHOWS_MORE * areas[1]
 
 
 def _see(

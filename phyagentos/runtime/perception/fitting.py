@@ -172,10 +172,11 @@ def fit(
     own, limit_m = _tilt(thing, best.rotation), ranked[0][0] + _compute_alike(best.rms_m, len(few.points_m))
     alike_m, other_tilt_rad = best.cost_m + _compute_alike(best.rms_m, best.count), 0.0
     for cost_m, turned, moved in ranked:
-        if cost_m < limit_m and abs(_tilt(thing, turned) - own) > best.doubt.total[1]:  # of a start, which may go on
-            other = _finish(thing, patch, views, turned, moved, obstacle)
-            if other.cost_m < alike_m:
-                other_tilt_rad = max(other_tilt_rad, abs(_tilt(thing, other.rotation) - own))
+        if cost_m < limit_m and abs(_tilt(thing, turned) - own) > best.doubt.total[1]:  # by few points: ask all of them
+            free = UPRIGHT if _is_standing(turned) else FREE
+            pose = refine(thing.solids, patch, turned, moved, free, 8)
+            if _weigh(thing, patch, views, *pose, obstacle)[0] < alike_m:
+                other_tilt_rad = max(other_tilt_rad, abs(_tilt(thing, pose[0]) - own))
     best = replace(best, other_tilt_rad=other_tilt_rad)
     return compare_lookalikes(thing, patch, views, best, obstacle, keep=prior is not None)
 
