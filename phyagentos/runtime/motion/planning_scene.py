@@ -19,7 +19,7 @@ from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.requests import Array, Payload, World
 from phyagentos.runtime.motion.robot_model import ROBOT_BIT, WORLD_BIT, RobotModel
-from phyagentos.runtime.motion.room import BALL_M, UNBOUNDED, is_wall
+from phyagentos.runtime.motion.room import BALL_M, is_wall, iter_walls
 from phyagentos.runtime.motion.shapes import compute_bounds
 
 Pair = tuple[str, str]
@@ -238,10 +238,8 @@ def _compile(robot: RobotModel, entities: Sequence[Entity], payload_shapes: Shap
 
 def _add_room(spec: mujoco.MjSpec, robot: RobotModel) -> None:
     """The walls of the tool's room, and the ball that meets nothing else."""
-    if robot.room == UNBOUNDED:
-        return
     bits = {"condim": 1, "mass": 0.001, "contype": ROOM_BIT, "conaffinity": ROOM_BIT}
-    for name, center_m, half_m in robot.room.iter_walls():
+    for name, center_m, half_m in iter_walls(robot.room):
         wall = spec.body(name) or spec.worldbody.add_body(name=name)
         wall.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half_m, pos=center_m, **bits)
     site = spec.site(robot.profile.tcp)

@@ -21,7 +21,7 @@ from phyagentos.clock import Clock, SystemClock
 from phyagentos.runtime.channel import SPIN_S, Child
 from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.motion.requests import Cancel, MotionAnswer, MotionRequest, NoPlan, Timing
-from phyagentos.runtime.motion.room import UNBOUNDED, Room
+from phyagentos.runtime.motion.room import UNBOUNDED, Corners, Room
 
 if TYPE_CHECKING:
     from phyagentos.runtime.motion.planner import MotionPlanner
@@ -235,7 +235,7 @@ def main() -> None:
     parser.add_argument("--room", required=True, help="where the tool may be, as JSON")
     parser.add_argument("--descriptor", type=int, required=True, help="socket to the worker, inherited")
     arguments = parser.parse_args()
-    room = msgspec.json.decode(arguments.room, type=Room)
+    room = msgspec.json.decode(arguments.room, type=dict[str, Corners])
     serve(arguments.profile, room, Connection(arguments.descriptor))
 
 

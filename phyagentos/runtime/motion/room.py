@@ -3,58 +3,41 @@
 The numbers are those of safety.yaml. The guard shares no code with this and enforces them on every command.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import cast
 
-import msgspec
 import numpy as np
 
-from phyagentos.protocol.settings.safety import Limit, TargetLimits
+from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.runtime.motion.requests import Array
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
+Room = Mapping[str, Corners]
+"""Least and greatest corner in the world [m] of `workspace_box`, which the point stays in, and of `keep_out.<name>`."""
 
+UNBOUNDED: Room = {}
 BALL_M = 0.01  # its radius: a measured tool is beside the planned one by tracking and by the noise of its encoders
 WALL_M = 10.0  # half thickness of what surrounds the workspace: no arm reaches through it
 WORKSPACE, KEEP_OUT = "workspace_box", "keep_out."
 
 
-class Room(msgspec.Struct, frozen=True):
-    """Limits of the tool centre point; boxes by their least and greatest corner, world frame [m].
-
-    Attributes:
-        workspace: It stays inside; None where nothing bounds it.
-        keep_out: It stays outside of each, by name.
-    """
-
-    workspace: Corners | None = None
-    keep_out: dict[str, Corners] = {}
-
-    @classmethod
-    def of(cls, limits: TargetLimits) -> "Room":
-        """The room that safety.yaml leaves a target."""
-        keep_out = {name: _read_corners(limit) for name, limit in limits.keep_out.items()}
-        return cls(_read_corners(limits.workspace_box), keep_out)
-
-    def iter_walls(self) -> Iterator[tuple[str, Array, Array]]:
-        """Boxes that the ball must not meet: `workspace_box` or `keep_out.<name>`, centre (3,), half extents (3,)."""
-        for axis in range(3) if self.workspace is not None else ():
-            for corner, side in zip(np.array(self.workspace), (-1.0, 1.0), strict=True):
-                center = np.zeros(3)
-                center[axis] = corner[axis] + side * WALL_M
-                yield WORKSPACE, center, np.full(3, WALL_M)
-        for name, corners in self.keep_out.items():
-            low, high = np.array(corners)
-            yield f"{KEEP_OUT}{name}", (low + high) / 2.0, (high - low) / 2.0
+def read_room(limits: TargetLimits) -> dict[str, Corners]:
+    """The room that safety.yaml leaves a target."""
+    boxes = {WORKSPACE: limits.workspace_box} | {KEEP_OUT + name: each for name, each in limits.keep_out.items()}
+    return {name: cast("Corners", limit.value) for name, limit in boxes.items()}
 
 
-UNBOUNDED = Room()
+def iter_walls(room: Room) -> Iterator[tuple[str, Array, Array]]:
+    """Boxes that the ball must not meet: name of the limit, centre (3,), half extents (3,) [m]."""
+    for name, corners in room.items():
+        low, high = np.array(corners)
+        if name != WORKSPACE:
+            yield name, (low + high) / 2.0, (high - low) / 2.0
+            continue
+        for corner, side in ((low, -WALL_M), (high, WALL_M)):
+            yield from ((name, axis * (corner + side), np.full(3, WALL_M)) for axis in np.eye(3))
 
 
 def is_wall(name: str) -> bool:
     """Whether a solid of a planning scene is one of these limits."""
     return name == WORKSPACE or name.startswith(KEEP_OUT)
-
-
-def _read_corners(limit: Limit) -> Corners:
-    (a, b, c), (x, y, z) = np.asarray(limit.value, dtype=np.float64).tolist()
-    return (a, b, c), (x, y, z)

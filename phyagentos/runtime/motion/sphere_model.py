@@ -17,7 +17,7 @@ from phyagentos.runtime.motion.chain import Chain, compute_links
 from phyagentos.runtime.motion.planning_scene import FIXED_MARGIN_M, MOVABLE_MARGIN_M, PAYLOAD_SCALE, PlanningScene
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.robot_model import RobotModel
-from phyagentos.runtime.motion.room import BALL_M
+from phyagentos.runtime.motion.room import BALL_M, iter_walls
 from phyagentos.runtime.motion.shapes import compute_shape_boxes
 
 Integers = NDArray[np.int64]
@@ -203,11 +203,11 @@ def _bound(spheres: Array) -> Array:
 def _box_obstacles(scene: PlanningScene) -> tuple[Array, Integers]:
     rows, kinds = [], []
     for entity in scene.obstacles:
-        margin_m = MOVABLE_MARGIN_M if entity.movable else FIXED_MARGIN_M
+        margin_m, kind = (MOVABLE_MARGIN_M, _MOVABLE) if entity.movable else (FIXED_MARGIN_M, _FIXED)
         for box in compute_shape_boxes(entity):
             rows.append(_make_row(box.pose[:3, 3], box.pose[:3, :3], box.half_m + margin_m))
-            kinds.append(_MOVABLE if entity.movable else _FIXED)
-    for _, center_m, half_m in scene.robot.room.iter_walls():
+            kinds.append(kind)
+    for _, center_m, half_m in iter_walls(scene.robot.room):
         rows.append(_make_row(center_m, np.eye(3), half_m))
         kinds.append(_WALL)
     return np.array(rows).reshape(-1, 16), np.array(kinds, dtype=np.int64)
