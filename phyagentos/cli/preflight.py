@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from phyagentos.runtime.worker.orders import Checked
 
 OPEN = "${"  # begins a reference to an output that does not exist yet
-# earlier sessions may change it
-OF_THE_MOMENT = frozenset({"PRECONDITION_UNMET", "NO_FREE_SITE", "OUT_OF_REACH", "OUTSIDE_WORKSPACE"})
+OF_THE_MOMENT = frozenset({"PRECONDITION_UNMET", "NO_FREE_SITE", "OUT_OF_REACH", "OUTSIDE_WORKSPACE"})  # may change
 
 
 def preflight(

@@ -91,8 +91,7 @@ class HoldMonitor:
         if not self._predicates or force_n is None or force_n <= self._peaks.get(PEAK_FORCE, -1.0):
             return None
         self._peaks |= {PEAK_FORCE: force_n, PEAK_FORCE_ERROR: step.contact_force_error_n}
-        now = observe(BELIEF) if self._felt else self._initial
-        return self._note(self._evaluate(self._felt, now), now)
+        return self._note(self._evaluate(self._felt, now := observe(BELIEF)), now) if self._felt else None
 
     def shows_violation(self, now: Environment) -> bool:
         """Whether a look at no more than it needs shows a condition that is false: a reason to look at everything."""
@@ -112,8 +111,7 @@ class HoldMonitor:
         return self._note(evaluations, now, look, is_last=is_last)
 
     def _evaluate(self, predicates: Iterable[tuple[str, Predicate]], now: Environment) -> list[tuple[str, Evaluation]]:
-        view = self._view(now)
-        return [(text, predicate.evaluate(view)) for text, predicate in predicates]
+        return [(text, predicate.evaluate(self._view(now))) for text, predicate in predicates]
 
     def _note(
         self,

@@ -45,7 +45,7 @@ from phyagentos.runtime.motion.requests import (
     World,
 )
 from phyagentos.runtime.motion.robot_model import build_robot_model
-from phyagentos.runtime.motion.room import UNBOUNDED, Room
+from phyagentos.runtime.motion.room import ANYWHERE, Room
 from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, time_path
 from phyagentos.runtime.motion.touches import find_touch
@@ -56,9 +56,7 @@ _Placed = FindGrasps | FindPlacements | FindLine | FindPush | FindTouch | PlanMo
 class MotionPlanner:
     """The motion functions of one robot; the clock only measures stages."""
 
-    def __init__(
-        self, profile: TargetProfile, folder: Path, clock: Clock | None = None, room: Room = UNBOUNDED
-    ) -> None:
+    def __init__(self, profile: TargetProfile, folder: Path, clock: Clock | None = None, room: Room = ANYWHERE) -> None:
         self._clock = clock or SystemClock()
         self.robot = build_robot_model(profile, folder, room)
         self._chain = build_chain(self.robot)
@@ -68,7 +66,7 @@ class MotionPlanner:
         self._limits = JointLimits.from_profile(profile)
 
     @classmethod
-    def open(cls, profile_file: Path, clock: Clock | None = None, room: Room = UNBOUNDED) -> "MotionPlanner":
+    def open(cls, profile_file: Path, clock: Clock | None = None, room: Room = ANYWHERE) -> "MotionPlanner":
         """The planner of `robots/<name>/target.yaml`, whose tool centre point stays in `room`."""
         return cls(validate(TargetProfile, read_yaml(profile_file)), profile_file.parent, clock, room)
 

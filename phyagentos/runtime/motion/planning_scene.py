@@ -158,8 +158,7 @@ class PlanningScene:
 
     def is_of_tool_pose(self, pair: Pair) -> bool:
         """Whether a contact follows from the tool's pose alone, whatever the arm's posture."""
-        is_outside = pair[1] in self._mocap or is_wall(pair[1])
-        return is_outside and (pair[0] == PAYLOAD or pair[0] in self.robot.hand)
+        return (pair[0] == PAYLOAD or pair[0] in self.robot.hand) and (pair[1] in self._mocap or is_wall(pair[1]))
 
     def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = 0.03) -> bool:
         """Whether the straight joint motion after `start_rad` is free, at the given resolution; coarse to fine."""

@@ -21,7 +21,7 @@ from phyagentos.clock import Clock, SystemClock
 from phyagentos.runtime.channel import SPIN_S, Child
 from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.motion.requests import Cancel, MotionAnswer, MotionRequest, NoPlan, Timing
-from phyagentos.runtime.motion.room import UNBOUNDED, Corners, Room
+from phyagentos.runtime.motion.room import ANYWHERE, Corners, Room
 
 if TYPE_CHECKING:
     from phyagentos.runtime.motion.planner import MotionPlanner
@@ -101,7 +101,7 @@ class NoModel:
 class PlannerProcess:
     """A planner in its own process, replaced when it dies or ignores a cancellation; `room` bounds its tool."""
 
-    def __init__(self, profile_file: Path, room: Room = UNBOUNDED, *, clock: Clock | None = None) -> None:
+    def __init__(self, profile_file: Path, room: Room = ANYWHERE, *, clock: Clock | None = None) -> None:
         command = [sys.executable, "-m", "phyagentos.runtime.motion.process", "--profile", str(profile_file)]
         command += ["--room", msgspec.json.encode(room).decode()]
         self._start = partial(Child, command, spin_s=SPIN_S)

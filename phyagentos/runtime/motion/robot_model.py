@@ -16,7 +16,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.allowed_collisions import exclude_pairs, sample_collision_matrix
 from phyagentos.runtime.models.robot import read_robot
 from phyagentos.runtime.motion.requests import Array
-from phyagentos.runtime.motion.room import UNBOUNDED, Room
+from phyagentos.runtime.motion.room import ANYWHERE, Room
 
 ROBOT_BIT, WORLD_BIT = 1, 2
 
@@ -79,7 +79,7 @@ def _iter_finger_bounds(robot: RobotModel) -> Iterator[Array]:
             yield np.array((center - half, center + half))
 
 
-def build_robot_model(profile: TargetProfile, folder: Path, room: Room = UNBOUNDED) -> RobotModel:
+def build_robot_model(profile: TargetProfile, folder: Path, room: Room = ANYWHERE) -> RobotModel:
     """Read the profile's MJCF in `folder` and strip it to what planning needs.
 
     Raises:

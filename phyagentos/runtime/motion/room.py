@@ -15,7 +15,7 @@ Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 Room = Mapping[str, Corners]
 """Least and greatest corner in the world [m] of `workspace_box`, which the point stays in, and of `keep_out.<name>`."""
 
-UNBOUNDED: Room = {}
+ANYWHERE: Room = {}
 BALL_M = 0.01  # its radius: a measured tool is beside the planned one by tracking and by the noise of its encoders
 WALL_M = 10.0  # half thickness of what surrounds the workspace: no arm reaches through it
 WORKSPACE, KEEP_OUT = "workspace_box", "keep_out."

@@ -173,8 +173,7 @@ def fit(
     alike_m, other_tilt_rad = best.cost_m + _compute_alike(best.rms_m, best.count), 0.0
     for cost_m, turned, moved in ranked:
         if cost_m < limit_m and abs(_tilt(thing, turned) - own) > best.doubt.total[1]:  # by few points: ask all of them
-            free = UPRIGHT if _is_standing(turned) else FREE
-            pose = refine(thing.solids, patch, turned, moved, free, 8)
+            pose = refine(thing.solids, patch, turned, moved, UPRIGHT if _is_standing(turned) else FREE, 8)
             if _weigh(thing, patch, views, *pose, obstacle)[0] < alike_m:
                 other_tilt_rad = max(other_tilt_rad, abs(_tilt(thing, pose[0]) - own))
     best = replace(best, other_tilt_rad=other_tilt_rad)

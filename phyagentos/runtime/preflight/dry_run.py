@@ -56,7 +56,6 @@ PROOFS = {  # codes of the planner that prove a motion impossible -> code of the
     "UNKNOWN_ENTITY": "ENTITY_UNKNOWN",
 }
 REACH_REASONS = {"ik"}  # every candidate was rejected for reach alone, none for a contact
-SITE_REASONS = {"ik", "occupied", "far"}  # of sites that are none, or have no posture
 ON_AXIS_M = 1e-6
 _PASSED_OVER = STILL | {Role.MOVE}  # between grasp and place they move nothing but what is held
 _POINT = Parameter(type="point")
@@ -352,7 +351,7 @@ def _judge(name: str, answer: MotionAnswer | None, ms: float, *, proves: bool = 
     walls = {reason for reason in answer.rejected if is_wall(reason.partition("|")[2])}
     if answer.code == "NO_IK" and answer.rejected and set(answer.rejected) <= REACH_REASONS:
         code = "OUT_OF_REACH"
-    elif answer.code == "NO_IK" and walls and set(answer.rejected) <= SITE_REASONS | walls:
+    elif answer.code == "NO_IK" and walls and set(answer.rejected) <= walls | {"ik", "occupied", "far"}:
         code = "OUTSIDE_WORKSPACE"
     if not proves or not code:
         return Trial(motion=name, outcome="undecided", code=answer.code, message=answer.message, ms=ms)
