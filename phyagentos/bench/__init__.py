@@ -1,1 +1,0 @@
-"""The ordinary path, run many times, and what came of it in numbers."""
