@@ -110,6 +110,19 @@ class Judge:
             if np.linalg.norm(taken[:3, 3]) < HELD_M:  # else something else is held
                 yield tool @ taken
 
+    def _is_poured(self, cup: str, bowl: str, least: int) -> bool:
+        """At least so many of the cup's balls at rest, and borne by nothing but the bowl and each other."""
+        balls = [index for index in range(self._model.nbody) if self._model.body(index).name.startswith(f"{cup}.")]
+        pairs = [set(self._model.geom_bodyid[contact.geom].tolist()) for contact in self._now.contact]
+        inside, grown = {self._model.body(bowl).id}, True
+        while grown:  # what touches the bowl, what touches that, ...
+            reached = {ball for ball in balls for pair in pairs if ball in pair and pair & inside} - inside
+            inside, grown = inside | reached, bool(reached)
+        others = {body for pair in pairs if pair & set(balls) for body in pair} - {*balls, self._model.body(bowl).id}
+        stray = {ball for ball in balls for pair in pairs if ball in pair and pair & others}
+        still = [b for b in balls if b in inside - stray and self._speed(self._model.body(b).name) < REST_M_S]
+        return len(still) >= least
+
     def _is_kept(self, thing: str) -> bool:
         """Where it was, and as it was turned."""
         body = self._model.body(thing).id

@@ -319,10 +319,52 @@ def draw_wipe(seed: int, rng: Rng) -> Instance:
     )
 
 
+def ring(radius: float, wall: float, half: float, floor: float, sides: int = 8) -> list[dict[str, Any]]:
+    """An open vessel with flat walls around a round floor, from its lower end up; the radius is the inner one."""
+    wide = (radius + wall) * np.tan(np.pi / sides)
+    plate = {
+        "kind": "cylinder",
+        "size_m": [float(radius + wall / 2), float(floor / 2)],
+        "position_m": [0, 0, floor / 2],
+    }
+    shapes = [plate]
+    for turn in (2 * np.pi * index / sides for index in range(sides)):
+        at = ((radius + wall / 2) * np.cos(turn), (radius + wall / 2) * np.sin(turn), floor + half)
+        shapes.append(box((wall / 2, wide, half), at) | {"euler_rad": [0.0, 0.0, float(turn)]})
+    return shapes
+
+
+def draw_pour(seed: int, rng: Rng) -> Instance:
+    """A cup with small balls, and a bowl; three quarters of the balls and more shall come to lie in the bowl."""
+    count, ball, side = int(rng.integers(12, 21)), rng.uniform(0.005, 0.0065), float(rng.choice([1, -1]))
+    colors = rng.permutation(["red", "green", "blue", "yellow"])  # white is the floor's
+    bodies: dict[str, dict[str, Any]] = {}
+    for name, sign, color, radius, half, mass in (
+        ("cup", -1, colors[0], rng.uniform(0.024, 0.029), rng.uniform(0.033, 0.045), rng.uniform(0.08, 0.2)),
+        ("bowl", 1, colors[1], rng.uniform(0.05, 0.065), rng.uniform(0.016, 0.024), rng.uniform(0.25, 0.5)),
+    ):
+        at = (rng.uniform(0.42, 0.55), sign * side * rng.uniform(0.1, 0.25), 0.0005)
+        bodies[name] = loose(name, str(color), at, ring(radius, 0.003, half, 0.004), rng.uniform(-TURN, TURN), mass)
+        wide = float(radius)
+        bodies[name]["interior"] = {"center_m": [0, 0, 0.004 + float(half)], "half_m": [wide, wide, float(half)]}
+    bodies["cup"]["contents"] = {"count": count, "radius_m": float(ball), "material": str(colors[2])}
+    least = int(np.ceil(0.75 * count))
+    return Instance(
+        skill="pour",
+        seed=seed,
+        bodies=bodies,
+        arguments={"object": "cup", "into": "bowl", "least": least},
+        accept=(f"contains(bowl, {least})", "upright(cup)"),
+        truth=(("poured", "cup", "bowl", least), ("upright", "cup", False)),
+        spoilt=("bowl",),
+    )
+
+
 DRAWERS: Mapping[str, Callable[[int, Rng], Instance]] = {
     "unstack": draw_unstack,
     "press": draw_press,
     "insert": draw_insert,
+    "pour": draw_pour,
     "stand_up": draw_stand_up,
     "wipe": draw_wipe,
     "open_hinged": lambda seed, rng: draw_hinged(seed, rng, opens=True),
@@ -331,7 +373,7 @@ DRAWERS: Mapping[str, Callable[[int, Rng], Instance]] = {
 
 
 def draw(skill: str, seed: int, *, spoilt: bool = False) -> Instance:
-    """The instance of a seed; a spoilt one cannot be met: joints are stuck, and what moves freely is too heavy."""
+    """The instance of a seed; a spoilt one cannot be met: stuck joints, heavy things, bowls without room."""
     instance = DRAWERS[skill](seed, np.random.default_rng([seed, *skill.encode()]))
     if not spoilt:
         return instance
@@ -343,6 +385,9 @@ def draw(skill: str, seed: int, *, spoilt: bool = False) -> Instance:
 
 
 def _spoil(body: dict[str, Any]) -> dict[str, Any]:
+    if body["kind"] == "bowl":  # for five balls at most
+        inside = {"center_m": [0.0, 0.0, 0.009], "half_m": [0.014, 0.014, 0.005]}
+        return body | {"shapes": ring(0.014, 0.003, 0.005, 0.004), "interior": inside}
     if "joint" in body:
         return body | {"joint": body["joint"] | {"friction": STUCK}}
     if body.get("fixed") or "part_of" in body:

@@ -7,6 +7,7 @@ import msgspec
 import pytest
 
 from phyagentos.protocol.world.environment import (
+    Contents,
     Entity,
     Environment,
     Pose,
@@ -288,3 +289,15 @@ def test_the_extent_of_round_and_turned_solids_is_exact():
         observed_at_s=10.0,
     )
     assert value("height(can) < 1", world(lying)).measured["height_m"] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("least", "most", "asked", "expected"),
+    [(16, 20, 16, Truth.TRUE), (15, 20, 16, Truth.UNKNOWN), (15, 16, 16, Truth.UNKNOWN), (3, 15, 16, Truth.FALSE)],
+)
+def test_contains_is_decided_by_the_least_and_the_most(least, most, asked, expected):
+    bowl = msgspec.structs.replace(tray(), contents=Contents(least, most, 10.0))
+    now = msgspec.structs.replace(world(bowl), time_s=10.5)
+    assert truth(f"contains(tray, {asked})", now) is expected
+    assert truth(f"contains(tray, {asked})", msgspec.structs.replace(now, time_s=12.0)) is Truth.UNKNOWN
+    assert truth("contains(tray, 1)", world(tray())) is Truth.UNKNOWN

@@ -5,11 +5,12 @@ import pytest
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
-from phyagentos.protocol.world.scenes import Body, Inside, Joint, SceneSpec, Solid
+from phyagentos.protocol.world.scenes import Body, Contents, Inside, Joint, SceneSpec, Solid
 from phyagentos.runtime.preflight.needs import iter_payload_problems
 
 PROFILE = read_target(find_shipped_root() / "robots" / "panda" / "target.yaml")
 HOLLOW = Inside(center_m=(0.0, 0.0, 0.0), half_m=(0.05, 0.05, 0.05))
+SHOT = Contents(count=20, radius_m=0.01, mass_kg=0.02, material="lead")
 SLIDE = Joint(kind="slide", axis=(1.0, 0.0, 0.0), travel=0.1)
 SKILL = SkillRuntime(skill="pick", description="d", tree="pick")
 
@@ -27,6 +28,7 @@ def make_body(**facts) -> Body:
         ({"handle": make_body(mass_kg=0.1, mass_span_kg=(0.1, 4.0))}, ["up to 4 kg"]),
         ({"pot": make_body(mass_kg=3.0), "handle": make_body(mass_kg=0.5, part_of="pot")}, ["up to 3.5 kg"]),
         ({"handle": make_body(mass_kg=2.0), "lid": make_body(mass_kg=2.0, part_of="handle")}, ["up to 4 kg"]),
+        ({"handle": make_body(mass_kg=2.0, interior=HOLLOW, contents=SHOT)}, ["up to 2.4 kg"]),
         ({"drawer": make_body(mass_kg=9.0, joint=SLIDE), "handle": make_body(part_of="drawer")}, []),
         ({"handle": make_body(mass_kg=9.0, fixed=True)}, []),
         ({"other": make_body(mass_kg=9.0)}, []),

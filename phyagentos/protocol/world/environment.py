@@ -75,6 +75,20 @@ class Interior(msgspec.Struct, frozen=True):
     half_m: tuple[float, float, float]
 
 
+class Contents(msgspec.Struct, frozen=True):
+    """Small, equal, nameless balls in a vessel.
+
+    Attributes:
+        least: So many are surely in it.
+        most: More are surely not.
+        observed_at_s: When that was so [s].
+    """
+
+    least: int
+    most: int
+    observed_at_s: float
+
+
 class Mechanism(msgspec.Struct, frozen=True):
     """How a thing with a joint opens.
 
@@ -117,6 +131,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         joint: Opening as a fraction 0..1 for things with a joint (drawer, door), absent for others.
         mechanism: How it opens, for these things.
         part_of: Name of the thing that it is fixed to.
+        contents: Balls in its interior; absent where it has none, and in a scene without balls.
         observed_at_s: Simulated or robot time of the observation [s]: that of the frames, not that of the question.
         confidence: 0..1.
         source: Sensor or pipeline of this fact.
@@ -155,6 +170,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     joint: float | None = None
     mechanism: Mechanism | None = None
     part_of: str = ""
+    contents: Contents | None = None
     observed_at_s: float = 0.0
     confidence: float = 1.0
     source: str = ""

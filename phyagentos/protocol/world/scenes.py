@@ -3,6 +3,7 @@
 Sizes are half extents in metres, angles radians, poses in the frame `world` (z up; the robot's base is at its mount).
 """
 
+import math
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -18,6 +19,8 @@ Number3 = tuple[float, float, float]
 Span = tuple[float, float]
 Color = tuple[float, float, float, float]
 
+GOLDEN_RAD = 2.399963  # between two balls of a layer: in a lattice, pixels would count them wrongly
+APART, LAYER = 1.32, 2.04  # scale of the spiral, and height of a layer, in radii of a ball: they do not touch
 _SIZES = {ShapeKind.BOX: 3, ShapeKind.CYLINDER: 2, ShapeKind.CAPSULE: 2, ShapeKind.SPHERE: 1}
 
 
@@ -86,6 +89,15 @@ class Inside(Authored):
     half_m: Number3
 
 
+class Contents(Authored):
+    """Equal small balls, of `mass_kg` each, that lie loosely in a vessel; they have no names and are counted."""
+
+    count: int = pydantic.Field(ge=1, le=99)
+    radius_m: float = pydantic.Field(ge=0.003, le=0.015)
+    mass_kg: float = pydantic.Field(default=0.002, gt=0.0)
+    material: str
+
+
 class Joint(Authored):
     """One degree of freedom against the world: a drawer or a button that slides, a door or a lid that turns.
 
@@ -129,6 +141,7 @@ class Body(Authored):
         grip_span: Least and greatest coefficient of friction against the finger pads, where it is not that of the pair
             of surfaces; each seed draws the true one. Without a surface it holds against everything.
         joint: How it moves against the world; absent for what stands fixed or moves freely.
+        contents: What its interior is filled with, from its floor up, when the scene begins.
         part_of: Name of an earlier body that it is fixed to, such as a handle to its drawer. It is a thing of its own:
             it can be seen, grasped and pushed. Its place is meant in that body's frame, without jitter.
         listed: Whether the inventory names it; what is not listed is seen as an unnamed thing.
@@ -147,6 +160,7 @@ class Body(Authored):
     mass_span_kg: Span | None = None
     grip_span: Span | None = None
     joint: Joint | None = None
+    contents: Contents | None = None
     part_of: str | None = None
     listed: bool = True
 
@@ -156,7 +170,23 @@ class Body(Authored):
             raise ValueError("what has a joint is neither fixed nor part of another body")
         if self.part_of and (self.fixed or self.place.area or self.place.frame or any(self.place.jitter_m)):
             raise ValueError("a part stands where place.position_m says in the frame of its whole, and is not fixed")
+        if self.contents and len(places := self.list_places()) < self.contents.count:
+            raise ValueError(f"the interior has room for {len(places)} of {self.contents.count} balls")
         return self
+
+    def list_places(self) -> list[Number3]:
+        """Centres of balls of its contents in its frame, in layers of sunflower spirals; empty without contents."""
+        if self.contents is None or self.interior is None:
+            return []
+        radius_m, (x_m, y_m, z_m), half_m = self.contents.radius_m, self.interior.center_m, self.interior.half_m
+        layers = 1 + int(2.0 * (half_m[2] - radius_m) / (LAYER * radius_m))
+        turns = int(((min(half_m[:2]) - radius_m) / (APART * radius_m)) ** 2 + 0.5)
+        spiral = [(APART * radius_m * math.sqrt(index + 0.5), GOLDEN_RAD * index) for index in range(turns)]
+        return [
+            (x_m + r * math.cos(turn), y_m + r * math.sin(turn), z_m - half_m[2] + radius_m * (1.0 + LAYER * layer))
+            for layer in range(layers)
+            for r, turn in spiral
+        ]
 
 
 class Area(Authored):
@@ -212,6 +242,21 @@ class SceneSpec(Authored):
             raise ValueError(f"friction: unknown pairs {', '.join(unknown)}; a pair is written as {PAIRS[1]!r}")
         return self
 
+    def list_balls(self) -> dict[str, Body]:
+        """Every ball of the contents of a vessel as a body of its own: `cup.1`, `cup.2`, ..."""
+        return {
+            f"{name}.{index + 1}": Body(
+                kind="ball",
+                mass_kg=body.contents.mass_kg,
+                material=body.contents.material,
+                shapes=(Solid(kind=ShapeKind.SPHERE, size_m=(body.contents.radius_m,)),),
+                place=Placement(frame=name, position_m=place_m),
+            )
+            for name, body in self.bodies.items()
+            if body.contents is not None
+            for index, place_m in enumerate(body.list_places()[: body.contents.count])
+        }
+
 
 def read_scene(path: Path) -> SceneSpec:
     """Read one scene; raises DefinitionError with every problem, dangling names too, at file:line:column."""
@@ -246,6 +291,8 @@ def _find_dangling(spec: SceneSpec, located: Located) -> list[Problem]:
 
     for name, body in spec.bodies.items():
         require("MATERIAL", body.material, spec.materials, "bodies", name, "material")
+        if body.contents is not None:
+            require("MATERIAL", body.contents.material, spec.materials, "bodies", name, "contents", "material")
         require("AREA", body.place.area, spec.areas, "bodies", name, "place", "area")
         earlier = dict.fromkeys(list(spec.bodies)[: list(spec.bodies).index(name)])
         require("BODY", body.place.frame, earlier, "bodies", name, "place", "frame")

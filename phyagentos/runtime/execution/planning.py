@@ -148,7 +148,7 @@ class LinePlanningLeaf(PlanningLeaf[Approaches]):
 class CandidatePlanningLeaf(PlanningLeaf[Approaches]):
     """A leaf that requests one candidate after the other until the planner finds a way.
 
-    Authors write `count_candidates`, `compose` for candidate number `tried`, and `on_found`.
+    Authors write `count_candidates`, `compose` for candidate number `tried`, and `on_found`, which may `ask` again.
     """
 
     tried = 0
@@ -172,9 +172,9 @@ class CandidatePlanningLeaf(PlanningLeaf[Approaches]):
 
     @final
     def on_answer(self, answer: Approaches) -> Status:
-        """Use the way; the next activation begins with the first candidate."""
+        """Use the way; unless more is asked of the candidate, the next activation begins with the first one."""
         status = self.on_found(answer)
-        self.tried = 0
+        self.tried = self.tried if status is Status.RUNNING else 0
         return status
 
 

@@ -61,6 +61,7 @@ def _believe_body(body: Body, entity: Entity) -> Body:
             "place": Placement(position_m=entity.pose.position_m, yaw_rad=(yaw, yaw)),
             "shapes": tuple(map(_believe_shape, entity.shapes)) or body.shapes,  # else nothing was measured
             "stretch_z": None,
+            "contents": None if entity.contents is not None and not entity.contents.most else body.contents,
             "mass_span_kg": _narrow(body.mass_span_kg),
             "grip_span": _narrow(body.grip_span),
         }
@@ -103,6 +104,8 @@ def settle_estimate(physics: Physics, environment: Environment, profile: TargetP
     for joint in range(model.njnt):
         if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
             name = model.body(int(model.jnt_bodyid[joint])).name
+            if name in physics.scene.balls:
+                continue  # in their vessel
             pose = environment.entities[name].pose
             start = int(model.jnt_qposadr[joint])
             data.qpos[start : start + 7] = (*pose.position_m, *pose.quaternion_wxyz)

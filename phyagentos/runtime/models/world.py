@@ -23,6 +23,7 @@ from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.models.scene import add_scene, draw_bodies, read_regions
 from phyagentos.runtime.models.surfaces import add_pairs, find_idealised
 
+BALL_SOLREF = (0.005, 1.0)  # softer, a ball that falls 15 cm goes through the floor of a bowl
 Robot = tuple[TargetProfile, Path]
 
 
@@ -37,6 +38,7 @@ class CompiledScene:
     regions: tuple[Region, ...]
     model_sha256: str
     seed: int
+    balls: tuple[str, ...]  # bodies of the contents of vessels
     idealised: tuple[str, ...] = ()  # bodies whose friction is not by pairs of surfaces
     _files: dict[str, bytes] = field(default_factory=dict)
 
@@ -59,6 +61,8 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
         DefinitionError: `PERIODS_DIFFER` when the robots have different control periods or physics steps.
         ExecutionError: `SCENE_OVERFULL`.
     """
+    balls = spec.list_balls()
+    spec = spec.model_copy(update={"bodies": spec.bodies | balls})
     placed = draw_bodies(spec, seed)
     world = _join(robots)
     world.option.timestep = robots[0][0].physics_step_s
@@ -71,12 +75,16 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
     world.visual.map.znear = 0.01
     add_scene(world, spec, placed)
     add_pairs(world, spec, {item.name: item.grip for item in placed}, _list_pads(robots), seed)
+    for pair in world.pairs:
+        if pair.geomname1 in balls or pair.geomname2 in balls:
+            pair.solref = BALL_SOLREF
     model = world.compile()
     return CompiledScene(
         spec=world,
         model=model,
         data=mujoco.MjData(model),
-        entities=tuple(item.as_entity() for item in placed),
+        entities=tuple(item.as_entity() for item in placed if item.name not in balls),
+        balls=tuple(balls),
         regions=read_regions(spec, placed),
         model_sha256=hashlib.sha256(_read_bytes(model)).hexdigest(),
         seed=seed,

@@ -15,6 +15,7 @@ from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import LIFTED_M, Change, Entity, Pose, Region, Shape, Status, TargetState
 from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.association import Match, associate, exchange_doubts
+from phyagentos.runtime.perception.contents import count_balls
 from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, is_upright, stand_up
 from phyagentos.runtime.perception.fixed_things import measure_fixed
 from phyagentos.runtime.perception.forms import Form
@@ -92,6 +93,9 @@ def update_belief(
             entities[name] = _see(thing, entities.get(name), spilt[name], outside, views, time_s)
         else:
             _fill(thing, entities, filled, time_s)
+    for name, contents in count_balls(inventory, entities, cloud, views, time_s).items() if inventory.balls else ():
+        if not focus or name in focus:
+            entities[name] = msgspec.structs.replace(entities[name], contents=contents)
     return _carry_contents(inventory, before, place_articulated(inventory.articulated, entities))
 
 

@@ -118,7 +118,8 @@ class Inventory:
         map_colors: Palette indices of the map.
         like_map: Other palette indices that resemble these.
         palette: (k, 3) colours of all surfaces, 0..1.
-        is_of_thing: (256,) whether a thing to be found has the colour of this index.
+        is_of_thing: (256,) whether a thing to be found, or a ball, has the colour of this index.
+        balls: Radius [m] and number of small balls by palette index; empty where another thing has such a colour.
     """
 
     scene: str
@@ -132,6 +133,7 @@ class Inventory:
     like_map: frozenset[int]
     palette: Array
     is_of_thing: NDArray[np.bool_]
+    balls: dict[int, tuple[float, int]]
     regions: tuple[RegionPrior, ...]
 
     def summarise(self) -> PriorKnowledge:
@@ -189,6 +191,11 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
             thing = _make_thing(name, body, tuple(dict.fromkeys(indices)), spec)
             measured = {key: getattr(given[name], key) for key in MEASURED} if name in given else {}
             things[name] = replace(thing, template=msgspec.structs.replace(thing.template, **measured))
+    balls: dict[int, tuple[float, int]] = {}
+    for ball in spec.list_balls().values() if prior is Prior.FULL else ():
+        radius_m, count = balls.get(color := register(ball.shapes[0], ball), (0.0, 0))
+        balls[color] = max(radius_m, ball.shapes[0].size_m[0]), count + 1  # of larger ones fewer are seen
+    of_things = {color for thing in things.values() for color in thing.colors}
     palette = np.array(list(colors), dtype=np.float64).reshape(-1, 3)
     return Inventory(
         scene=spec.scene,
@@ -201,7 +208,8 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         map_colors=frozenset(map_colors),
         like_map=_find_lookalikes(palette, map_colors) if listed else frozenset(range(len(palette))),
         palette=palette,
-        is_of_thing=np.isin(np.arange(256), [color for thing in things.values() for color in thing.colors]),
+        is_of_thing=np.isin(np.arange(256), [*of_things, *balls]),
+        balls={} if balls.keys() & (of_things | map_colors) else balls,
         regions=tuple(
             RegionPrior(
                 name=name,

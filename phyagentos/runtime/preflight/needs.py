@@ -128,7 +128,8 @@ def _find_lifted(name: str, bodies: Mapping[str, Body]) -> str:
 
 
 def _sum_up_kg(name: str, bodies: Mapping[str, Body]) -> tuple[float, float]:
-    """Least and greatest weight of a thing with all that is fixed to it."""
-    own = bodies[name].mass_span_kg or (bodies[name].mass_kg, bodies[name].mass_kg)
+    """Least and greatest weight of a thing with all that is fixed to it, and what it holds."""
+    own, filling = bodies[name].mass_span_kg or (bodies[name].mass_kg, bodies[name].mass_kg), bodies[name].contents
     parts = [_sum_up_kg(part, bodies) for part, each in bodies.items() if each.part_of == name]
+    parts += [(filling.count * filling.mass_kg,) * 2] if filling is not None else []
     return own[0] + sum(each[0] for each in parts), own[1] + sum(each[1] for each in parts)

@@ -100,6 +100,29 @@ def test_an_overfull_area_is_told(tmp_path, make_rig):
         draw_bodies(spec.model_copy(update={"areas": {"start": area}}), 1)
 
 
+def test_what_a_vessel_holds_is_built_into_it_and_what_it_cannot_hold_is_refused(make_rig):
+    rig = make_rig()
+    rig.load(seed=3, scene="tabletop/pour")
+    held = {entity.name: entity.contents for entity in rig.observe().entities if entity.contents is not None}
+    assert {name: (each.least, each.most) for name, each in held.items()} == {"cup": (20, 20), "bowl": (0, 0)}
+    cup = read_scene(LIBRARY.get_scene("tabletop/pour")).bodies["cup"].model_dump(mode="json", exclude_none=True)
+    with pytest.raises(ValueError, match="the interior has room for 30 of 60 balls"):
+        Body.model_validate(cup | {"contents": cup["contents"] | {"count": 60}})
+
+
+def test_a_ball_that_falls_is_stopped_by_the_floor_of_a_bowl(make_rig):
+    rig = make_rig()
+    rig.load(seed=3, scene="tabletop/pour")
+    physics = rig.driver.physics
+    x, y, _ = physics.find_position("bowl")
+    for index in range(1, 6):
+        physics.data.joint(f"cup.{index}_free").qpos[:3] = (x - 0.045 + 0.015 * index, y, 0.25)
+    physics.step(1000)
+    physics.look()
+    bowl = next(entity for entity in physics.read_entities({}) if entity.name == "bowl")
+    assert bowl.contents.least == 5
+
+
 def test_fingers_that_have_just_closed_upon_each_other_are_nothing_the_arm_would_run_into(make_rig):
     rig = make_rig()
     rig.load()

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from phyagentos.geometry import UP, compute_tilt, rotate, to_child
-from phyagentos.protocol.world.environment import Entity, Status, TargetState
+from phyagentos.protocol.world.environment import FRESH_S, Entity, Status, TargetState
 from phyagentos.protocol.world.predicates.geometry import (
     compute_box_distance,
     compute_center,
@@ -229,6 +229,16 @@ def measure_at(view: View, a: Entity, place: Place, tol_m: float) -> Reading:
     return Reading((tol_m - distance_m) / scale_m, {"distance_m": round(distance_m, 5)}, because, doubt)
 
 
+def measure_contains(view: View, a: Entity, least: float) -> Reading:
+    """At least so many small balls lie in its interior."""
+    if a.contents is None or not view.now.time_s - a.contents.observed_at_s <= FRESH_S:
+        raise FactUnknown(f"no look shows what is in {a.name} now")
+    surely, most = a.contents.least, a.contents.most
+    because = f"{surely} to {most} balls are in {a.name}, asked are {least:g}"
+    middle, scale = (surely + most + 1) / 2, max(least, 1.0)
+    return Reading((middle - least) / scale, {"least": surely, "most": most}, because, (most - surely) / 2 / scale)
+
+
 def measure_near(view: View, a: Entity, b: Place, distance_m: float) -> Reading:
     """Distance between centres."""
     apart_m = math.dist(compute_center(a), b.pose.position_m)
@@ -391,6 +401,7 @@ BUILTINS: tuple[PredicateDefinition, ...] = (
     _state("above", measure_above, _A, _IN),
     _state("at", measure_at, _A, _PLACE, Argument("tol_m", ArgumentKind.NUMBER, 0.03)),
     _state("near", measure_near, _A, _B, Argument("distance_m", ArgumentKind.NUMBER, 0.10)),
+    _state("contains", measure_contains, _A, Argument("least", ArgumentKind.NUMBER, 1.0)),
     _state("upright", measure_upright, _A),
     _state("fallen", measure_fallen, _A),
     _state("open", measure_open, _A),

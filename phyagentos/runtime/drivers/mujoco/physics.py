@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from phyagentos.errors import ExecutionError
 from phyagentos.geometry import as_pose, turn
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.world.environment import Entity, Pose, TargetState
+from phyagentos.protocol.world.environment import Contents, Entity, Interior, Pose, TargetState
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.joint_sensors import JointSensors
 from phyagentos.runtime.drivers.mujoco.step_kernels import find_firm
@@ -58,7 +58,8 @@ class Physics:
         self.lead_s = np.array(profile.arm.damping_nms_rad) / np.array(profile.arm.stiffness_nm_rad)
         moving = {int(model.body_weldid[joint.bodyid[0]]) for joint in (*joints, *fingers)}
         self._of_robot = np.array([int(model.body_weldid[body]) in moving for body in model.geom_bodyid])
-        loose = {model.body(entity.name).id for entity in self.entities if entity.movable}
+        self._balls = np.array([model.body(name).id for name in scene.balls], dtype=np.intp)
+        loose = {model.body(entity.name).id for entity in self.entities if entity.movable} | set(self._balls.tolist())
         is_loose = np.array([int(body) in loose for body in model.geom_bodyid])
         of_fingers = np.isin(model.geom_bodyid, [joint.bodyid[0] for joint in fingers])
         self._kinds = (_ROBOT * self._of_robot + _LOOSE * is_loose + _FINGER * of_fingers).astype(np.uint8)
@@ -218,9 +219,18 @@ class Physics:
                     joint=self._find_opening(body),
                     held_by=holders.get(entity.name),
                     observed_at_s=self.time_s,
+                    contents=self._count_balls(body, entity.interior),
                 )
             )
         return tuple(found)
+
+    def _count_balls(self, body: int, inside: Interior | None) -> Contents | None:
+        """Balls whose middle is in the interior of a body; None for what has none, or where there are no balls."""
+        if inside is None or not len(self._balls):
+            return None
+        local = (self.seen.xpos[self._balls] - self.seen.xpos[body]) @ self.seen.xmat[body].reshape(3, 3)
+        count = int((np.abs(local - inside.center_m) <= inside.half_m).all(axis=1).sum())
+        return Contents(count, count, self.time_s)
 
     def _find_speed(self, body: int) -> float:
         """Of a body's origin [m/s]; a part moves as its whole does, since it does not turn fast."""

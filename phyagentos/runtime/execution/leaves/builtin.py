@@ -17,6 +17,7 @@ from phyagentos.runtime.execution.leaves.plan_grasp import PlanGrasp
 from phyagentos.runtime.execution.leaves.plan_insert import PlanInsert
 from phyagentos.runtime.execution.leaves.plan_line import PlanLine
 from phyagentos.runtime.execution.leaves.plan_place import PlanPlace
+from phyagentos.runtime.execution.leaves.plan_pour import PlanPour
 from phyagentos.runtime.execution.leaves.plan_push import PlanPush
 from phyagentos.runtime.execution.leaves.plan_retreat import PlanRetreat
 from phyagentos.runtime.execution.leaves.plan_touch import PlanTouch
@@ -44,6 +45,7 @@ def register_builtin(registry: LeafRegistry) -> None:
     registry.register("plan_insert", PlanInsert)
     registry.register("plan_line", PlanLine)
     registry.register("plan_place", PlanPlace)
+    registry.register("plan_pour", PlanPour)
     registry.register("plan_push", PlanPush)
     registry.register("plan_retreat", PlanRetreat)
     registry.register("plan_touch", PlanTouch)
