@@ -54,6 +54,18 @@ def test_a_contract_holds_what_skill_node_and_goal_say_each_once(compiler):
     assert session.objective == "Pick and place: object red_cube, destination red_tray, speed 1."
 
 
+def test_a_contract_names_what_else_comes_to_its_place_and_what_must_stay(write_graph, catalogue):
+    graph = read_goal_graph(write_graph(GRAPH.replace("timeout_s: 20", 'hold: ["visible(green_cube)"]')), catalogue)
+    compiler = SessionCompiler(graph=graph, catalogue=catalogue, goal=GoalId("g-7"), seed=7)
+    red, blue, hand = (compiler.compile_node(name) for name in ("red", "blue", "hand"))
+    assert (red.coming, blue.coming, hand.coming) == (("blue_cube",), ("red_cube",), ())
+    assert "bottle" in red.kept
+    assert not {"red_cube", "blue_cube", "green_cube"} & set(blue.kept)
+    assert hand.kept == ()
+    look = Revision(parent=SessionId("g-7.red"), purpose="inspect")
+    assert compiler.compile_node("red", outputs={}, attempt=1, revision=look).coming == ()
+
+
 @pytest.mark.parametrize(
     ("node", "change", "unless_met"),
     [

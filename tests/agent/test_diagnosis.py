@@ -69,6 +69,21 @@ def test_a_bundle_recorded_before_leaves_declared_their_roles_tells_the_same_sta
     assert ManipulationTimeline.of(msgspec.structs.replace(bundle, trace=tuple(earlier)), "red_cube").stage is stage
 
 
+def test_what_was_done_to_a_thing_in_the_way_is_not_done_to_the_object():
+    """A can was moved out of the tray, and `red_cube was put down and then moved 0.6 m` was the cause."""
+    made = (
+        make_event(0, "p/room", Role.PLAN_ROOM, numbers={"things": ["can"]}),
+        make_event(1, "p/locate", Role.SENSE, numbers={"object": "can"}),
+        make_event(2, "p/close", Role.GRASP),
+        make_event(3, "p/detach", Role.RELEASE, numbers={"object": "can", "position_m": [0.6, 0.3, 0.03]}),
+        make_event(4, "p/locate", Role.SENSE, numbers={"object": "red_cube"}),
+    )
+    bundle = make_bundle(make_world(), Stage.CLOSED)
+    for trace, stage in ((made, Stage.BEFORE), ((*made, *bundle.trace), Stage.CLOSED)):
+        timeline = ManipulationTimeline.of(msgspec.structs.replace(bundle, trace=trace), "red_cube")
+        assert (timeline.stage, timeline.since_release_m) == (stage, 0.0)
+
+
 def ask(bundle: Bundle):
     return diagnose(bundle, [evaluate_criterion(text, "accept", bundle) for text in bundle.session.accept])
 

@@ -15,7 +15,6 @@ from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import Alternative, AlternativeKind
 from phyagentos.agent.repair.budget import Left, compute_left
 from phyagentos.agent.repair.case import Case, Miss
-from phyagentos.agent.repair.free_spot import compute_distance, find_free_spot, find_support
 from phyagentos.agent.repair.recovery_policies import GraphRepair
 from phyagentos.agent.repair.resume_held import propose_resume_held
 from phyagentos.agent.repair.retrying import propose_retry
@@ -36,6 +35,7 @@ from phyagentos.protocol.world.environment import (
     Status,
     TargetState,
 )
+from phyagentos.protocol.world.free_spot import compute_distance, find_free_spot, find_support
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -452,18 +452,20 @@ def test_the_four_policies_answer_the_same_case_each_in_its_own_way(shipped):
 
 def test_a_free_spot_is_on_the_same_table_within_reach_and_away_from_everything(shipped):
     panda = shipped.targets["panda"]
-    spot = find_free_spot(HEMMED, "post", ((0.5, 0.0, 0.02),), panda)
+    spot = find_free_spot(HEMMED, "post", ((0.5, 0.0, 0.02),), panda.mount_position_m, panda.grasp_band_m)
     assert spot is not None
     assert find_support(HEMMED, "post").name == "table"
     assert compute_distance(HEMMED.entities["red_cube"], spot) > 0.1
     assert 0.3 < (spot[0] ** 2 + spot[1] ** 2) ** 0.5 < 0.7
     crowd = [make_box(f"c{i}{j}", (0.1 * i, 0.1 * j, 0.02), 0.045) for i in range(10) for j in range(-6, 7)]
-    assert find_free_spot(make_table_world(POST, *crowd), "post", (), panda) is None
+    assert (
+        find_free_spot(make_table_world(POST, *crowd), "post", (), panda.mount_position_m, panda.grasp_band_m) is None
+    )
 
 
 def test_a_free_spot_lies_in_the_band_that_the_target_declares(shipped):
     near = shipped.targets["panda"].model_copy(update={"grasp_band_m": (0.34, 0.40)})
-    spot = find_free_spot(HEMMED, "post", ((0.5, 0.0, 0.02),), near)
+    spot = find_free_spot(HEMMED, "post", ((0.5, 0.0, 0.02),), near.mount_position_m, near.grasp_band_m)
     assert 0.34 <= (spot[0] ** 2 + spot[1] ** 2) ** 0.5 <= 0.40
 
 

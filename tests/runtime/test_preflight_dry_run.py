@@ -109,7 +109,8 @@ def test_the_first_motions_of_a_tree_are_found_through_its_subtrees():
     motions = list(find_motions("pick_and_place", arguments, Library.open(), REGISTRY))
 
     then = Destination("tray", "inside", (0.4, 0.1, 0.0))
-    assert motions == [Grasp("cube", then), Place("tray", "inside", (0.4, 0.1, 0.0))]
+    place = Place("tray", "inside", (0.4, 0.1, 0.0))
+    assert motions == [Grasp("cube", then, removable=()), Grasp("cube", then), place]
     assert list(find_motions("stack", {"object": "a", "support": "b"}, Library.open(), REGISTRY))[1].relation == "on"
     assert list(find_motions("home", {}, Library.open(), REGISTRY)) == [Home()]
     assert list(find_motions("nowhere", {}, Library.open(), REGISTRY)) == []
@@ -293,6 +294,23 @@ def test_every_attempt_passes_the_same_dry_run():
     found = examine(make_world(), planner, make_session(), make_session(1), make_session(2))
 
     assert [[problem.code for problem in each.problems] for each in found] == [["NO_FREE_SITE"]] * 3
+
+
+@pytest.mark.parametrize(
+    ("more", "is_moved"), [({}, True), ({"kept": ("can",)}, False), ({"hold": ("not moved(*)",)}, False)]
+)
+def test_what_the_tree_moves_out_of_the_destination_is_no_obstacle(more, is_moved):
+    now = make_world()
+    can = Entity(name="can", kind="can", pose=Pose((0.4, 0.3, 0.02)))
+    now = replace(now, entities=now.entities | {"can": can})
+    planner = Oracle(FindGrasps=replace(FOUND, gone=("can",)), FindPlacements=FOUND)
+    dry_run = DryRun(
+        planner=planner, library=Library.open(), registry=REGISTRY, clock=ManualClock(), home_rad=HOME, reach=None
+    )
+    dry_run.run(replace(SESSION, **more), "pick_and_place", now, thorough=False)
+
+    assert [each.removable for each in planner.asked[:-1]] == [("can",)] * is_moved + [()]
+    assert all(("can" in {e.name for e in each.world.entities}) is not is_moved for each in planner.asked[is_moved:])
 
 
 def test_where_a_thing_lies_once_it_is_let_go_is_not_known_beforehand():

@@ -132,6 +132,8 @@ class SessionCompiler:
             lookahead=self._ask_ahead(name, attempt, revision),
             unless_met=not purpose and not spec.even_if_met and _wants_state(promiser, spec),
             interchangeable=self.graph.spec.interchangeable,
+            coming=() if purpose else self.graph.find_coming(name),
+            kept=self.graph.kept if name in self.graph.brought and not purpose else (),
         )
 
     def _ask_ahead(self, name: str, attempt: int, revision: Revision | None) -> LookaheadRequest | None:

@@ -13,8 +13,13 @@ from phyagentos.agent.goals.expansion import Node, expand_nodes
 from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.goals.spec import GoalSpec
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.capabilities.skill_runtimes import find_roles
 from phyagentos.protocol.documents.markdown import escape_label
 from phyagentos.protocol.documents.schema import Located, parse_yaml, read_yaml, salvage
+from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
+from phyagentos.protocol.world.predicates.syntax import Name, iter_calls
+
+_ANYWHERE = frozenset({"exists", "visible"})  # predicates that stay true wherever a thing is put
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,6 +31,8 @@ class GoalGraph:
         nodes: By name, in authored order.
         dag: Edges lead to the nodes that wait; the attribute `data` names the outputs that flow.
         order: Topological; authored order decides between nodes without an edge.
+        brought: Node -> the thing that it brings to a place, and the place; for nodes that bring anything.
+        kept: Things that are not moved to make room: some condition names them, and no node brings them anywhere.
         warnings: What may not be decided when it runs; it can run.
     """
 
@@ -35,12 +42,20 @@ class GoalGraph:
     choices: Mapping[str, Choice]
     dag: "nx.DiGraph[str]"
     order: tuple[str, ...]
+    brought: Mapping[str, tuple[str, str]]
+    kept: tuple[str, ...]
     warnings: tuple[Problem, ...] = ()
 
     @property
     def name(self) -> str:
         """Name of the goal."""
         return self.spec.goal
+
+    def find_coming(self, node: str) -> tuple[str, ...]:
+        """Things that other nodes bring to the place where this one brings something."""
+        own = self.brought.get(node, ("", ""))
+        others = (thing for thing, place in self.brought.values() if place == own[1] and thing != own[0])
+        return tuple(dict.fromkeys(others))
 
     def max_replans(self, node: str) -> int:
         """Children that a node may have."""
@@ -120,9 +135,31 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
         choices=choices,
         dag=dag,
         order=order,
+        brought=(brought := _find_brought(choices, catalogue)),
+        kept=_find_kept(spec, nodes, choices, {thing for thing, _ in brought.values()}),
         warnings=warnings,
     )
     return graph, unique
+
+
+def _find_brought(choices: Mapping[str, Choice], catalogue: Catalogue) -> dict[str, tuple[str, str]]:
+    found: dict[str, tuple[str, str]] = {}
+    for name, choice in choices.items():
+        thing, place = (choice.parameters.get(key) for key in find_roles(catalogue.skills[choice.skill]))
+        found |= {name: (str(thing), str(place))} if place else {}
+    return found
+
+
+def _find_kept(
+    spec: GoalSpec, nodes: Mapping[str, Node], choices: Mapping[str, Choice], brought: set[str]
+) -> tuple[str, ...]:
+    texts = [*spec.accept, *spec.constraints]
+    for name, node in nodes.items():
+        stated = (*node.spec.requires, *node.spec.hold, *node.spec.accept)
+        texts += [substitute(text, choices[name].parameters) for text in stated]
+    calls = (call for text in texts for call in iter_calls(parse_predicate(text, template=True).formula))
+    terms = (term for call in calls if call.name not in _ANYWHERE for term in call.terms)
+    return tuple(sorted({term.text for term in terms if isinstance(term, Name)} - brought))
 
 
 def _build_dag(nodes: Mapping[str, Node]) -> "nx.DiGraph[str]":

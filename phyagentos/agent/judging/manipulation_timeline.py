@@ -1,6 +1,7 @@
 """What a session did to its object, from evidence: stage of the skill, and motion of the object."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -79,7 +80,7 @@ def find_failed_leaf(bundle: Bundle) -> TraceEvent | None:
 
 def _find_stage(bundle: Bundle) -> Stage:
     stage, checks = Stage.BEFORE, 0
-    for event in bundle.trace:
+    for event in _iter_own(bundle):
         match event.role if event.is_success else None:
             case Role.GRASP:
                 stage, checks = Stage.CLOSED, 0
@@ -99,9 +100,19 @@ def _find_stage(bundle: Bundle) -> Stage:
     return stage
 
 
+def _iter_own(bundle: Bundle) -> Iterator[TraceEvent]:
+    """The trace without what was done to things that were only moved out of the way."""
+    away, about = set[str](), ""
+    for event in bundle.trace:
+        away |= set(event.numbers.get("things", ())) if event.role is Role.PLAN_ROOM else set()
+        about = event.numbers.get("object", about)
+        if about not in away:
+            yield event
+
+
 def _find_release(bundle: Bundle) -> tuple[float, ...] | None:
     """Where the thing was let go, as the leaf saw it (3,) [m]."""
-    sites = [e.numbers.get("position_m") for e in bundle.trace if e.role is Role.RELEASE and e.is_success]
+    sites = [e.numbers.get("position_m") for e in _iter_own(bundle) if e.role is Role.RELEASE and e.is_success]
     return tuple(sites[-1]) if sites and sites[-1] else None
 
 

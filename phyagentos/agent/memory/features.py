@@ -10,12 +10,10 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_roles
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.memory_entries import Embodiment
 from phyagentos.protocol.sessions.session import Session
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
-from phyagentos.protocol.world.predicates.syntax import Variable, iter_calls
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 
 SMALL_M, LARGE_M = 0.03, 0.07  # longest half side of what a hand calls small and large
@@ -81,19 +79,6 @@ class Surroundings:
             except (DefinitionError, OSError):  # reported where the goal is linted
                 self._read[name] = None
         return self._read[name]
-
-
-def find_roles(skill: SkillRuntime) -> tuple[str, str]:
-    """Parameters of the thing that a skill acts on, and of the place where it goes; empty where it promises none.
-
-    `inside(${object}, ${destination})` relates the two; `holding(target, ${object})` names a thing alone.
-    """
-    named = {key for key, each in skill.parameters.items() if each.type in {"entity", "place"}}
-    calls = (call for text in skill.guarantees for call in iter_calls(parse_predicate(text, template=True).formula))
-    variables = ([each.path for each in call.terms if isinstance(each, Variable)] for call in calls)
-    related = ([key for key in keys if key in named] for keys in variables)
-    thing, place, *_ = [*max(related, key=len, default=[]), "", ""]
-    return thing, place
 
 
 def _compute_size(body: Body) -> str:

@@ -9,12 +9,11 @@ from phyagentos.agent.goals.selector import Choice, find_lacks
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
 from phyagentos.agent.repair.case import Case, Miss
-from phyagentos.agent.repair.free_spot import find_free_spot, find_support
-from phyagentos.geometry import Pose, Vector, to_child
+from phyagentos.geometry import Vector
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.world.environment import Entity, Environment
-from phyagentos.protocol.world.predicates.geometry import compute_lowest
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support
 from phyagentos.protocol.world.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.protocol.world.predicates.syntax import Call, Number, Variable
 
@@ -23,7 +22,6 @@ CLEARED_MAX = 3  # things that are moved for one session
 _CHANCE = 0.7  # that moving it away works, and that it was the reason
 _CHANCE_NARROW = 0.5  # by a skill that must be exact: a push needs a straight way
 FULL = "NO_FREE_SITE"  # the planner's code for a destination without room
-RIM_M = 0.02  # a thing on the rim fills a vessel, too
 _EASY_M = 0.1  # a skill that may miss by so much finds a place
 _CHANCE_TRIED = 0.3  # it was moved before, and something is still in the way
 
@@ -47,7 +45,8 @@ def propose_clearing(case: Case) -> Iterator[Alternative]:
     for name in loose + placed:  # what was placed is placed again afterwards, where it leaves more room
         tried = {session.skill for session in cleared if name in session.parameters.values()}
         here = world.entities[name].pose.position_m
-        spot = find_free_spot(world, name, (here, *_find_needed(case, world)), target)
+        needed = (here, *_find_needed(case, world))
+        spot = find_free_spot(world, name, needed, target.mount_position_m, target.grasp_band_m)
         if spot is None:
             continue
         found = list(_iter_ways(case, world, target, name, spot, tried))
@@ -67,7 +66,7 @@ def find_blockers(miss: Miss) -> list[str]:
         counted.update({name: int(count) for name in str(pair).split("|") if name in world.entities})
     if FULL in miss.codes:
         for place in miss.session.parameters.values():
-            counted.update(_find_inside(world, str(place)) if place != own else {})
+            counted.update(find_filling(world, str(place)) if place != own else ())
     movable = {name for name, entity in world.entities.items() if entity.movable and entity.visible and name != own}
     return [name for name, _ in sorted(counted.items(), key=lambda each: (-each[1], each[0])) if name in movable]
 
@@ -111,29 +110,6 @@ def iter_movers(case: Case) -> Iterator[tuple[SkillRuntime, tuple[str, str], flo
                 case Call("at", (Variable(thing), Variable(point), Number(tolerance_m))):
                     if thing in skill.parameters and point in skill.parameters:
                         yield skill, (thing, point), tolerance_m
-
-
-def _find_inside(world: Environment, destination: str) -> dict[str, int]:
-    """Movable entities in a region or vessel."""
-    region, vessel = world.regions.get(destination), world.entities.get(destination)
-    if region is not None:
-        pose, center, half = region.pose, (0.0, 0.0, 0.0), region.half_m
-    elif vessel is not None and vessel.interior is not None:
-        pose, center, half = vessel.pose, vessel.interior.center_m, vessel.interior.half_m
-    else:
-        return {}
-    return {
-        name: 1
-        for name, entity in world.entities.items()
-        if entity.movable
-        and all(abs(p - c) <= h + RIM_M for p, c, h in zip(_find_foot(pose, entity), center, half, strict=True))
-    }
-
-
-def _find_foot(pose: Pose, entity: Entity) -> Vector:
-    """The point under an entity's origin at the height of its lowest point, in a frame: tall things stand out."""
-    x_m, y_m, _ = entity.pose.position_m
-    return to_child(pose, (x_m, y_m, compute_lowest(entity)))
 
 
 def _find_needed(case: Case, world: Environment) -> tuple[Vector, ...]:

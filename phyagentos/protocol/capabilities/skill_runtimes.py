@@ -14,6 +14,8 @@ from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.documents.document import DocumentFormat, split_front_matter
 from phyagentos.protocol.documents.schema import Authored, Located, parse_yaml, validate
 from phyagentos.protocol.settings.operations import Operation
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.world.predicates.syntax import Variable, iter_calls
 
 _NUMERIC: dict[str, tuple[type, ...]] = {
     "number": (int, float),
@@ -172,6 +174,19 @@ def read_skill(path: Path) -> tuple[SkillRuntime, Located]:
             located.problem("NAME_MISMATCH", ("skill",), repr(skill.skill), f"the folder's name {path.parent.name!r}")
         )
     return skill, located
+
+
+def find_roles(skill: SkillRuntime) -> tuple[str, str]:
+    """Parameters of the thing that a skill acts on, and of the place where it goes; empty where it promises none.
+
+    `inside(${object}, ${destination})` relates the two; `holding(target, ${object})` names a thing alone.
+    """
+    named = {key for key, each in skill.parameters.items() if each.type in {"entity", "place"}}
+    calls = (call for text in skill.guarantees for call in iter_calls(parse_predicate(text, template=True).formula))
+    variables = ([each.path for each in call.terms if isinstance(each, Variable)] for call in calls)
+    related = ([key for key in keys if key in named] for keys in variables)
+    thing, place, *_ = [*max(related, key=len, default=[]), "", ""]
+    return thing, place
 
 
 def problem_unknown_skill(address: str, name: str, known: list[str]) -> Problem:

@@ -143,6 +143,8 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         goal_left_s: Simulated time that the goal's budget left for it [s]; None where that bounds nothing.
         unless_met: Whether it ends with `ALREADY_MET`, and nothing is commanded, when its acceptance is true before.
         interchangeable: Groups of things that the goal lets stand for each other.
+        coming: Things that the goal brings to the same place, in other sessions: room is left for them.
+        kept: Things that are not moved to make room, since the goal says something about them.
     """
 
     id: SessionId
@@ -171,6 +173,8 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     goal_left_s: float | None = None
     unless_met: bool = False
     interchangeable: tuple[tuple[str, ...], ...] = ()
+    coming: tuple[str, ...] = ()
+    kept: tuple[str, ...] = ()
 
     @property
     def execution_s(self) -> float:

@@ -19,6 +19,8 @@ class Role(StrEnum):
     """Finds ways to take hold of its input `object`; its number `labels` names them."""
     PLAN_SITE = "plan_site"
     """Finds ways to put the held thing down (inputs `destination`, `relation`, `near`); `labels` names them."""
+    PLAN_ROOM = "plan_room"
+    """Finds what has to go from where the input `object` is put (`destination`, `relation`, `near`): its `things`."""
     PLAN = "plan"
     """Finds any other way."""
     MOVE = "move"

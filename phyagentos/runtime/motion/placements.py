@@ -20,6 +20,7 @@ from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
+from phyagentos.runtime.motion.packing import find_joint_sites
 from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
 from phyagentos.runtime.motion.poses import DOWN, measure_tilt, point_tool_down, point_up
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPlacements, NoPlan
@@ -57,12 +58,13 @@ def find_placements(
         groups = find_sites(request, space, held, attitudes, footprint, world_T_tcp[:3, 3], job)
         fitted = (fit_tight(request, space, held, attitudes, group, job) for group in groups)
         groups = [group for group in fitted if group]
+        joint = find_joint_sites(request, space, held, attitudes, footprint)
     open_m, held_m = scene.robot.profile.gripper.max_width_m, request.payload.width_m
     low_m, high_m = compute_extent(held, tuple(tcp_T_entity[1, :3].tolist()))
     is_part = 0.0 < held_m < high_m - low_m - PART_M
     releases_m = (open_m, min(open_m, held_m + RELEASE_M), min(open_m, held_m + LEAST_RELEASE_M))[is_part:]
     search = _Search(request, held, space, footprint, tilt, releases_m, kinematics, scene, job)
-    found = search.run(groups, attitudes)
+    found = search.run([joint], attitudes) or search.run(groups, attitudes)
     if (not found and set(job.rejected) - OUT_OF_REACH) or not groups:
         with job.stage("sites"):
             finer = _list_attitudes(tilt @ tcp_T_entity[:3, :3], FINE_DEG)

@@ -3,10 +3,13 @@
 An answer depends on its request alone; models and compiled scenes kept between requests never change it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import chain, combinations
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import format_hint, format_names
@@ -49,6 +52,8 @@ from phyagentos.runtime.motion.room import ANYWHERE, Room
 from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, time_path
 from phyagentos.runtime.motion.touches import find_touch
+
+REMOVED_MAX = 2  # entities that are moved out for one that comes in
 
 _Placed = FindGrasps | FindPlacements | FindLine | FindPush | FindTouch | PlanMove | CheckPosture
 
@@ -95,11 +100,7 @@ class MotionPlanner:
     def _dispatch(self, request: MotionRequest, job: Job) -> MotionAnswer:
         match request:
             case FindGrasps():
-                entity = _get_entity(request.world, request.object)
-                scene = self._get_scene(request, job)
-                return find_grasps(
-                    request, entity, self._kinematics, scene, job, lambda way: self._place(request, entity, way, job)
-                )
+                return self._find_grasps(request, job)
             case FindPlacements():
                 held = _get_entity(request.world, request.payload.entity)
                 return find_placements(request, held, self._kinematics, self._get_scene(request, job), job)
@@ -136,7 +137,33 @@ class MotionPlanner:
 
         return lambda rows: time_carry(rows, limits, self._chain, Care(load), keeps_toppra=keeps_toppra)
 
-    def _place(self, request: FindGrasps, entity: Entity, approach: Approach, job: Job) -> Approaches | NoPlan | None:
+    def _find_grasps(self, request: FindGrasps, job: Job) -> Approaches | NoPlan:
+        """Grasps, and the first removable entities without which the object has a place."""
+        entity = _get_entity(request.world, request.object)
+        then = None if request.removable else request.then  # one grasp shows what has to go
+        place = partial(self._place, replace(request, then=then), entity, job)
+        found = find_grasps(request, entity, self._kinematics, self._get_scene(request, job), job, place)
+        if isinstance(found, NoPlan) or not request.removable:
+            return found
+        for gone in self._iter_removals(request, job):
+            left = tuple(each for each in request.world.entities if each.name not in gone)
+            world = replace(request.world, entities=left)
+            placed = self._place(replace(request, world=world), entity, job, found.approaches[0])
+            if not isinstance(placed, NoPlan):
+                return replace(found, gone=gone)
+            if placed.code == "NO_SPACE":
+                break  # not even where nothing else is
+        return job.fail("NO_FREE_SITE", f"{entity.name} has no room without {format_names(request.removable)}.")
+
+    def _iter_removals(self, request: FindGrasps, job: Job) -> Iterator[tuple[str, ...]]:
+        """Nothing, then one entity, then two, of those that the hand can take."""
+        yield ()
+        alone = replace(request, removable=(), then=None, count=1)
+        asked = [(name, self._find_grasps(replace(alone, object=name), job)) for name in request.removable]
+        takeable = [name for name, answer in asked if isinstance(answer, Approaches)]
+        yield from chain(*(combinations(takeable, count) for count in range(1, REMOVED_MAX + 1)))
+
+    def _place(self, request: FindGrasps, entity: Entity, job: Job, approach: Approach) -> Approaches | NoPlan | None:
         """A way to put down what is grasped so; None where it is not known where to."""
         if request.then is None:
             return None

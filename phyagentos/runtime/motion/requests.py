@@ -103,6 +103,7 @@ class FindGrasps(msgspec.Struct, frozen=True, tag=True):
         hover_m: Length of the straight approach [m].
         count: Largest number of approaches, nearest first.
         along: (3,) direction in the world along which the fingers close; any if unset.
+        removable: Entities that may be moved out of where the object goes; the answer names the fewest that must.
     """
 
     world: World
@@ -114,6 +115,7 @@ class FindGrasps(msgspec.Struct, frozen=True, tag=True):
     count: int = 4
     along: tuple[float, float, float] | None = None
     then: Destination | None = None
+    removable: tuple[str, ...] = ()
 
 
 class FindPlacements(msgspec.Struct, frozen=True, tag=True):
@@ -125,6 +127,7 @@ class FindPlacements(msgspec.Struct, frozen=True, tag=True):
         near: (3,) point; sites are at most `near_radius_m` from it.
         up: (3,) direction in the entity's frame that shall point up; as it is held if unset.
         may_fall: Whether it may be let go above the floor of a container whose walls keep it.
+        coming: Entities for which room is left where there is enough, if need be where something `removable` is.
     """
 
     world: World
@@ -140,6 +143,8 @@ class FindPlacements(msgspec.Struct, frozen=True, tag=True):
     hover_m: float = 0.07
     count: int = 4
     may_fall: bool = True
+    coming: tuple[str, ...] = ()
+    removable: tuple[str, ...] = ()
 
 
 class FindLine(msgspec.Struct, frozen=True, tag=True):
@@ -345,11 +350,12 @@ class Stages(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Approaches(msgspec.Struct, frozen=True, tag=True):
-    """At least one approach, the nearest first."""
+    """At least one approach, the nearest first; `gone` has to be moved away for what comes after it."""
 
     approaches: tuple[Approach, ...]
     timing: Timing
     stages: Stages = Stages()
+    gone: tuple[str, ...] = ()
 
 
 class Motion(msgspec.Struct, frozen=True, tag=True):

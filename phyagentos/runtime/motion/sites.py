@@ -6,7 +6,7 @@ find no room, or a wall is beside the fingers, sites are packed (`pack-060+045`)
 along the walls of the destination first, so that the room that is left stays in one piece.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,6 +26,7 @@ WINDOW_M = 0.2  # half side of the part of the lattice that is looked at, around
 SUPPORT_BAND_M = 0.015  # what is this near to the middle of the floor carries the payload
 SITES_MAX = 16
 PACKED_MAX = 24  # sites of one yaw
+SNUG_M = 1e-6  # beyond a gap
 PACK_STEP_M = 0.015  # between packed sites along a wall
 ROOM_SHARE = 3.0  # of the area of a payload with its gaps, from which on a container is packed
 WALL_BAND_M = 0.02  # a wall is this near to the side of an interior
@@ -157,13 +158,7 @@ def find_sites(
     `attitudes` maps yaws of the tool [degrees] to the attitude (3, 3) of the payload in the axes of the space.
     """
     interest = tool_m if request.near is None else np.array(request.near)
-    neighbours = [
-        box
-        for entity in request.world.entities
-        if entity.name != request.payload.entity and entity.name not in space.supports
-        for box in compute_shape_boxes(entity)
-        if box.top_m > space.center_m[2] + GAP_M and box.bottom_m < space.center_m[2] + footprint.height_m
-    ]
+    neighbours = list_neighbours(request, space, footprint)
     sites: list[Site] = []
     for prefix, radius_m in (("", footprint.outer_m), ("tight_", footprint.inner_m)):
         for name, site in _iter_sites(space, radius_m, interest):
@@ -186,12 +181,25 @@ def find_sites(
     packed = Sites(
         site
         for degrees, R in attitudes.items()
-        for site in _pack(space, measure_rectangle(held, R), degrees, near, neighbours)
+        for site in pack(space, measure_rectangle(held, R), degrees, near, neighbours)
     )
     is_single = bool(np.all(space.half_m < 2.0 * footprint.outer_m + 0.5 * TILE_GAP_M + GAP_M)) and not request.near
     is_wide = float(np.prod(space.half_m)) > ROOM_SHARE * float(np.prod(footprint.half_m + GAP_M))
     groups = [packed, Sites(iter(sites))] if is_single and is_wide else [Sites(iter(sites)), packed]
     return [group for group in groups if group]
+
+
+def list_neighbours(
+    request: FindPlacements, space: Space, footprint: Footprint, *, without: Collection[str] = ()
+) -> list[Box]:
+    """Boxes beside which the payload stands, but for those of some entities."""
+    return [
+        box
+        for entity in request.world.entities
+        if entity.name not in {request.payload.entity, *space.supports, *without}
+        for box in compute_shape_boxes(entity)
+        if box.top_m > space.center_m[2] + GAP_M and box.bottom_m < space.center_m[2] + footprint.height_m
+    ]
 
 
 def measure_rectangle(entity: Entity, R: Array) -> Array:
@@ -202,24 +210,26 @@ def measure_rectangle(entity: Entity, R: Array) -> Array:
     return reach
 
 
-def _pack(
-    space: Space, half_m: Array, degrees: int, near: tuple[Array, float], neighbours: Iterable[Box]
-) -> list[Site]:
+def pack(space: Space, half_m: Array, degrees: int, near: tuple[Array, float], neighbours: Sequence[Box]) -> list[Site]:
     """Sites of one yaw, whose rectangle (2,) keeps clear of walls and neighbours; those along a wall first."""
     room = space.half_m - half_m - GAP_M
     if np.any(room < 0.0):
         return []
     R = space.rotation[:2, :2]
-    axes = [np.linspace(-r, r, 2 + int(2.0 * r / PACK_STEP_M)) if r > 1e-3 else np.zeros(1) for r in room]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    lines = [np.linspace(-r, r, 2 + int(2.0 * r / PACK_STEP_M)) if r > 1e-3 else np.zeros(1) for r in room]
+    sides = [box.pose[:2, :3] * box.half_m for box in neighbours]  # (2, 3) half edges as seen from above
+    for box, edges in zip(neighbours, sides, strict=True):  # close beside it
+        by_m = np.abs(R.T @ edges).sum(axis=1) + half_m + GAP_M + SNUG_M
+        close = R.T @ (box.pose[:2, 3] - space.center_m[:2]) + np.outer((-1.0, 1.0), by_m)
+        lines = [np.union1d(line, c[np.abs(c) <= r]) for line, c, r in zip(lines, close.T, room, strict=True)]
+    points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2)
     world = points @ R.T + space.center_m[:2]
     free = np.linalg.norm(world - near[0][:2], axis=1) <= near[1]
-    for box in neighbours:
-        sides = box.pose[:2, :3] * box.half_m  # (2, 3) half edges as seen from above
-        across = np.array([(-y, x) for x, y in sides.T if np.hypot(x, y) > 1e-6])
+    for box, edges in zip(neighbours, sides, strict=True):
+        across = np.array([(-y, x) for x, y in edges.T if np.hypot(x, y) > 1e-6])
         axes2 = np.vstack((R.T, across / np.linalg.norm(across, axis=1, keepdims=True)))  # (k, 2) separating axes
         apart = np.abs((world - box.pose[:2, 3]) @ axes2.T)
-        reach = np.abs(axes2 @ sides).sum(axis=1) + np.abs(axes2 @ R) @ half_m
+        reach = np.abs(axes2 @ edges).sum(axis=1) + np.abs(axes2 @ R) @ half_m
         free &= (apart > reach + GAP_M).any(axis=1)
     from_walls = np.sort((room - np.abs(points)).round(6), axis=1)  # the nearer one, the other one
     order = np.lexsort((np.linalg.norm(world - near[0][:2], axis=1).round(6), from_walls[:, 1], from_walls[:, 0]))

@@ -5,7 +5,7 @@ way within its budget is no proof.
 """
 
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -21,6 +21,7 @@ from phyagentos.protocol.sessions.trace import STILL, Role
 from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.protocol.world.predicates.geometry import find_tops_below
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
+from phyagentos.runtime.execution.leaves.plan_room import list_removable
 from phyagentos.runtime.motion.grasps import foresee_payload
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.motion.requests import (
@@ -58,6 +59,7 @@ PROOFS = {  # codes of the planner that prove a motion impossible -> code of the
 REACH_REASONS = {"ik"}  # every candidate was rejected for reach alone, none for a contact
 ON_AXIS_M = 1e-6
 _PASSED_OVER = STILL | {Role.MOVE}  # between grasp and place they move nothing but what is held
+_GRASPING = {Role.PLAN_GRASP, Role.PLAN_ROOM}
 _POINT = Parameter(type="point")
 
 
@@ -103,10 +105,14 @@ class Home:
 
 @dataclass(frozen=True, slots=True)
 class Grasp:
-    """The tree grasps an object, before anything has moved; `then` is where it says that it puts it."""
+    """The tree grasps an object, before anything has moved; `then` is where it says that it puts it.
+
+    If it moves out of there what is in the way, that may be anything `removable`; None where it moves nothing out.
+    """
 
     object: str
     then: Destination | None = None
+    removable: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +175,13 @@ class DryRun:
                 entity = now.entities.get(motion.object)
                 if entity is None or entity.held_by:
                     break  # reported with the names; where it lies once it is let go is not known
+                if motion.removable is not None and motion.then is not None:
+                    removable = list_removable(session, now, motion.object, motion.then.name)
+                    motion = replace(motion, removable=removable)
+                    room = self._try_grasp(session, motion, entity, world, q_rad)[1] if removable else None
+                    gone = room.gone if isinstance(room, Approaches) else ()  # where nothing is, what follows says so
+                    world = World(tuple(each for each in world.entities if each.name not in gone), world.regions)
+                    continue
                 trial, answer = self._try_grasp(session, motion, entity, world, q_rad)
                 trials.append(trial)
                 if not isinstance(answer, Approaches):
@@ -220,6 +233,7 @@ class DryRun:
             avoid=avoid,
             count=CANDIDATES,
             then=motion.then,
+            removable=motion.removable or (),
         )
         answer, ms = self._ask(request)
         return _judge(name, answer, ms), answer
@@ -313,9 +327,13 @@ def _find_in(
         role = leaf.ROLE if leaf is not None else None
         if role is Role.HOME:
             yield Home()
-        elif role is Role.PLAN_GRASP and isinstance(object := wired.get("object"), str):
-            place = _make_place(wired)
-            yield Grasp(object, Destination(place.destination, place.relation, place.near) if place else None)
+        elif role in _GRASPING and isinstance(object := wired.get("object"), str):
+            place, makes_room = _make_place(wired), role is Role.PLAN_ROOM
+            then = Destination(place.destination, place.relation, place.near) if place else None
+            if then is not None or not makes_room:
+                yield Grasp(object, then, () if makes_room else None)
+            if makes_room:
+                return True  # the rest of its tree moves what is found to be in the way, and nothing else
         elif role is Role.PLAN_SITE and (place := _make_place(wired)) is not None:
             yield place
             return False

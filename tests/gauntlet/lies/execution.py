@@ -4,6 +4,21 @@ from tests.gauntlet.sabotage import Edit, Sabotage
 
 SABOTAGES = (
     Sabotage(
+        name="kept_thing_moved_out",
+        lie="To make room a session moves out what the goal says must stay.",
+        edits=(Edit("phyagentos.runtime.execution.leaves.plan_room", " and each not in session.kept", ""),),
+        tests=(
+            "tests/runtime/test_preflight_dry_run.py::"
+            "test_what_the_tree_moves_out_of_the_destination_is_no_obstacle[more1-False]",
+        ),
+    ),
+    Sabotage(
+        name="what_comes_is_forgotten",
+        lie="A place is called good although what the goal brings there next finds no room beside it.",
+        edits=(Edit("phyagentos.runtime.motion.packing", "if space.walled else []", "if False else []"),),
+        tests=("tests/runtime/motion/test_placements.py::test_room_is_left_for_what_still_comes",),
+    ),
+    Sabotage(
         name="leaf_always_succeeds",
         lie="`verify_grasp` finds the object between the fingers whatever they touch.",
         edits=(Edit("phyagentos.runtime.execution.leaves.verify_grasp", "if name in held:", "if True:"),),

@@ -7,7 +7,7 @@ import pytest
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Interior, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.poses import point_tool_down, tilt_tool
-from phyagentos.runtime.motion.requests import Approaches, FindPlacements, Payload, World
+from phyagentos.runtime.motion.requests import Approaches, Destination, FindGrasps, FindPlacements, Payload, World
 
 pytestmark = pytest.mark.motion
 
@@ -118,3 +118,41 @@ def test_things_are_packed_along_walls_so_that_the_next_one_fits(planner, build,
         world = World((*world.entities, msgspec.structs.replace(build.cube(f"in{number}", 0, 0), pose=site)))
     gaps = [np.linalg.norm(np.subtract(a, b)) for k, a in enumerate(places) for b in places[:k]]
     assert min(gaps) > 0.04
+
+
+def make_bar(build, name, x, y, half_x, half_y, yaw=0.0):
+    pose = Pose((x, y, 0.015), (float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))))
+    return msgspec.structs.replace(
+        build.cube(name, 0, 0), pose=pose, shapes=(build.box((0, 0, 0), (half_x, half_y, 0.015)),)
+    )
+
+
+def test_room_is_left_for_what_still_comes(planner, build, deep, home):
+    """Alone, the first cube went where the bar that followed had no room any more."""
+    bar = make_bar(build, "bar", 0.4, 0.0, 0.05, 0.02, yaw=0.7)
+    world = deep(0.02, bar, half_m=0.02, x=0.08, y=0.05)
+    places = {}
+    for coming in ((), ("bar",)):
+        site = place_into(planner, world, home, 0.04, coming=coming).approaches[0].site
+        there = msgspec.structs.replace(build.cube("there", 0, 0, half=0.02), pose=site)
+        held = Payload("bar", DOWN, width_m=0.04)
+        later = World((*(each for each in world.entities if each.name != "cube0"), there))
+        places[coming] = planner.answer(
+            FindPlacements(world=later, payload=held, destination="bin", q_rad=home, seed=1)
+        )
+    assert places[()].code == "NO_FREE_SITE"
+    assert isinstance(places["bar",], Approaches), places["bar",]
+
+
+def test_the_fewest_things_are_found_that_have_to_go(planner, build, deep, home):
+    """What filled a tray was moved out by a repair only, after a session had been refused."""
+    large = build.cube("cube0", 0.4, -0.2, half=0.025)
+    others = [build.cube("other", 0.5, 0.3, half=0.02, z=0.025), build.cube("beside", 0.5, 0.1, half=0.02)]
+    full = build.replace(deep(0.02, *others, half_m=0.03, y=0.05), large)
+    request = FindGrasps(
+        world=full, object="cube0", then=Destination("bin"), removable=("beside", "other"), q_rad=home, seed=1
+    )
+    assert planner.answer(request).gone == ("other",)
+    assert planner.answer(msgspec.structs.replace(request, removable=("beside",))).code == "NO_FREE_SITE"
+    wide = build.replace(deep(0.02, *others, half_m=0.03, x=0.1, y=0.1), large)
+    assert planner.answer(msgspec.structs.replace(request, world=wide)).gone == ()

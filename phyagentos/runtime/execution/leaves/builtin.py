@@ -20,6 +20,7 @@ from phyagentos.runtime.execution.leaves.plan_place import PlanPlace
 from phyagentos.runtime.execution.leaves.plan_pour import PlanPour
 from phyagentos.runtime.execution.leaves.plan_push import PlanPush
 from phyagentos.runtime.execution.leaves.plan_retreat import PlanRetreat
+from phyagentos.runtime.execution.leaves.plan_room import PlanRoom
 from phyagentos.runtime.execution.leaves.plan_touch import PlanTouch
 from phyagentos.runtime.execution.leaves.plan_wipe import PlanWipe
 from phyagentos.runtime.execution.leaves.verify_grasp import VerifyGrasp
@@ -48,6 +49,7 @@ def register_builtin(registry: LeafRegistry) -> None:
     registry.register("plan_pour", PlanPour)
     registry.register("plan_push", PlanPush)
     registry.register("plan_retreat", PlanRetreat)
+    registry.register("plan_room", PlanRoom)
     registry.register("plan_touch", PlanTouch)
     registry.register("plan_wipe", PlanWipe)
     registry.register("verify_grasp", VerifyGrasp)

@@ -1,8 +1,10 @@
 """Ask for ways to put a held object somewhere."""
 
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaves.plan_room import list_removable
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
 from phyagentos.runtime.motion.requests import Approaches, FindPlacements, MotionRequest, Payload
+from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class PlanPlace(ApproachPlanningLeaf):
@@ -27,11 +29,12 @@ class PlanPlace(ApproachPlanningLeaf):
 
     def compose(self) -> MotionRequest | Status:
         """One request."""
-        near = self.find("near")
+        near, payload, place = self.find("near"), self.read("payload"), self.read("destination")
+        now = self.context.world.observe(BELIEF)
         return FindPlacements(
             world=self.world(),
-            payload=self.read("payload"),
-            destination=self.read("destination"),
+            payload=payload,
+            destination=place,
             relation=self.read("relation"),
             q_rad=self.context.commands.q_rad,
             seed=self.context.draw_seed(self.path),
@@ -41,4 +44,6 @@ class PlanPlace(ApproachPlanningLeaf):
             avoid=self.context.session.strategy.avoid_sites,
             hover_m=self.read("hover_m"),
             may_fall=self.read("may_fall"),
+            coming=self.context.session.coming,
+            removable=list_removable(self.context.session, now, payload.entity, place),
         )

@@ -1,11 +1,10 @@
-"""Free spots on the support of an entity, within reach and away from everything else; the planner checks them later."""
+"""What fills a destination, and free spots beside it, in reach and away from all else; the planner checks them."""
 
 import itertools
 import math
 from collections.abc import Iterator
 
 from phyagentos.geometry import Vector, to_child, to_parent
-from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, Environment, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_lowest
 
@@ -14,6 +13,25 @@ ROOM_M = 0.09  # between the middle of the spot and anything else: half a hand a
 AWAY_M = 0.16  # from the thing that it is in the way of: a hand's breadth and a half
 EDGE_M = 0.06  # from the edge of the support
 TOUCH_M = 0.02  # a top this far from the bottom of a thing carries it
+RIM_M = 0.02  # a thing on the rim fills a vessel, too
+
+
+def find_filling(world: Environment, destination: str) -> list[str]:
+    """Movable things in a region or vessel, by the point at their lowest height: tall things stand out."""
+    place, vessel = world.regions.get(destination), world.entities.get(destination)
+    if place is not None:
+        pose, center, half = place.pose, (0.0, 0.0, 0.0), place.half_m
+    elif vessel is not None and vessel.interior is not None:
+        pose, center, half = vessel.pose, vessel.interior.center_m, vessel.interior.half_m
+    else:
+        return []
+    feet = {e.name: (*e.pose.position_m[:2], compute_lowest(e)) for e in world.entities.values() if e.movable}
+    return [
+        name
+        for name, foot in feet.items()
+        if name != destination
+        and all(abs(p - c) <= h + RIM_M for p, c, h in zip(to_child(pose, foot), center, half, strict=True))
+    ]
 
 
 def find_support(world: Environment, name: str) -> Entity | None:
@@ -31,7 +49,7 @@ def find_support(world: Environment, name: str) -> Entity | None:
 
 
 def find_free_spot(
-    world: Environment, name: str, away_from: tuple[Vector, ...], target: TargetProfile
+    world: Environment, name: str, away_from: tuple[Vector, ...], mount_m: Vector, band_m: tuple[float, float]
 ) -> Vector | None:
     """The free spot nearest to an entity, None when there is none.
 
@@ -39,17 +57,17 @@ def find_free_spot(
         world: The latest snapshot.
         name: The entity.
         away_from: Places that must become free, world frame [m].
-        target: Whose band of grasps holds the spot.
+        mount_m: Where the robot stands, world frame [m].
+        band_m: Least and greatest level distance of the spot from there [m].
     """
     thing, support = world.entities[name], find_support(world, name)
     if support is None:
         return None
     x0, y0, z = thing.pose.position_m
-    nearest_m, farthest_m = target.grasp_band_m
     others = [e for e in world.entities.values() if e.name not in {name, support.name} and e.shapes]
     spots = sorted(((x, y, z) for x, y in _iter_grid(support)), key=lambda spot: (math.dist(spot[:2], (x0, y0)), spot))
     for spot in spots:
-        if not nearest_m <= math.dist(spot[:2], target.mount_position_m[:2]) <= farthest_m:
+        if not band_m[0] <= math.dist(spot[:2], mount_m[:2]) <= band_m[1]:
             continue
         if any(math.dist(spot[:2], place[:2]) < AWAY_M for place in away_from):
             continue

@@ -1,0 +1,73 @@
+"""Sites of one thing beside which everything that still comes to the same container has room at the same time.
+
+A bounded search over rectangles, along the walls or across. Upstream: `sites`. Downstream: `placements`.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import chain, islice, product
+
+import numpy as np
+
+from phyagentos.geometry import compute_matrix
+from phyagentos.protocol.world.environment import Entity
+from phyagentos.runtime.motion import sites
+from phyagentos.runtime.motion.requests import Array, FindPlacements
+from phyagentos.runtime.motion.shapes import Box
+from phyagentos.runtime.motion.sites import Footprint, Site, Sites, Space
+
+TRIES_MAX = 60  # rectangles that are placed for what still comes, for each way in which the first one is turned
+WIDTH = 4  # sites of each
+
+
+def find_joint_sites(
+    request: FindPlacements, space: Space, held: Entity, attitudes: Mapping[int, Array], footprint: Footprint
+) -> Sites:
+    """Sites for `attitudes` (3, 3) by yaw [degrees]; last those where something removable has to go for the others.
+
+    None where nothing else comes, or where no arrangement of all was found.
+    """
+    rest = _list_rest(request, space) if space.walled else []
+    near = (space.center_m, np.inf) if request.near is None else (np.array(request.near), request.near_radius_m)
+    rectangles = {degrees: sites.measure_rectangle(held, R) for degrees, R in attitudes.items()}
+    taken = sites.list_neighbours(request, space, footprint)
+    staying = sites.list_neighbours(request, space, footprint, without=set(request.removable) - set(request.coming))
+
+    def iter_beside(others: list[Box]) -> Iterator[Site]:
+        sides = sorted({tuple(half_m.round(4).tolist()) for half_m in rectangles.values()})
+        for gap_m, side in product((sites.TILE_GAP_M, sites.GAP_M), sides):
+            half_m, tries = np.array(side), iter(range(TRIES_MAX))
+            yaws = tuple(degrees for degrees, each in rectangles.items() if np.abs(each - half_m).max() < 1e-4)
+            for site in sites.pack(space, half_m, 0, near, taken):
+                if _has_room(space, [*others, _make_box(space, site, half_m, gap_m)], rest, gap_m, tries):
+                    yield replace(site, yaws=yaws)
+
+    found = (islice(iter_beside(others), sites.SITES_MAX) for others in (taken, staying) if rest)
+    return Sites(chain.from_iterable(found))
+
+
+def _list_rest(request: FindPlacements, space: Space) -> list[Array]:
+    """Rectangles (2,) of what still comes, the largest first; what lies over the space is there already."""
+    rest = []
+    for each in request.world.entities:
+        away_m = np.abs(space.rotation.T @ (each.pose.position_m - space.center_m))[:2]
+        if each.name in request.coming and np.any(away_m > space.half_m):
+            rest.append(sites.measure_footprint(each, compute_matrix(each.pose)[:3, :3]).half_m)
+    return sorted(rest, key=lambda half_m: -float(np.prod(half_m)))
+
+
+def _has_room(space: Space, taken: list[Box], rest: Sequence[Array], gap_m: float, tries: Iterator[int]) -> bool:
+    """Whether rectangles fit beside what is taken, as far as the search finds."""
+    for half_m in (rest[0], rest[0][::-1]) if rest else ():
+        found = sites.pack(space, half_m, 0, (space.center_m, np.inf), taken) if next(tries, None) is not None else []
+        boxes = (_make_box(space, site, half_m, gap_m) for site in found[:WIDTH])
+        if any(_has_room(space, [*taken, box], rest[1:], gap_m, tries) for box in boxes):
+            return True
+    return not rest
+
+
+def _make_box(space: Space, site: Site, half_m: Array, gap_m: float) -> Box:
+    """What stands at a site, from above, with what its gap is wider than that to the walls."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = space.rotation, site.point_m
+    return Box(pose, np.append(half_m + gap_m - sites.GAP_M, 0.0))
