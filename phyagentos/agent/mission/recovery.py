@@ -35,9 +35,8 @@ from phyagentos.store.admission import Entry, GoalEvent
 
 _UNMET = "PRECONDITION_UNMET"  # preflight's code for a precondition that is false or unknown
 
-_REFUSALS = {  # of preflight: what a repair can answer
+_REFUSALS = {  # of preflight: what a repair can answer; no means gives a destination room
     "TOO_WIDE": Cause.IMPOSSIBLE,
-    "NO_SPACE": Cause.IMPOSSIBLE,
     "OUT_OF_REACH": Cause.IMPOSSIBLE,
     "OUTSIDE_WORKSPACE": Cause.IMPOSSIBLE,
     "TOO_SLIPPERY": Cause.IMPOSSIBLE,

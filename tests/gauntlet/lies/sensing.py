@@ -393,7 +393,7 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.perception.strangers",
-                "_fit_box(points[cluster], noise_m, map_solids, named) if len(cluster) >= POINTS_MIN else None",
+                "fit_box(points[cluster], noise_m, map_solids, named) if len(cluster) >= POINTS_MIN else None",
                 "None",
             ),
         ),
