@@ -313,12 +313,12 @@ def reads_truth(workspace: Workspace) -> bool:
 
 def open_detector(settings: "Settings") -> "Detector | None":
     """The detector that perception.yaml names; None where colours distinguish objects."""
-    from phyagentos.runtime.perception.detection.detector_registry import build_detector_registry
+    from phyagentos.runtime.perception.detection import detector_registry
 
     chosen = settings.perception.detector
     if chosen is None:
         return None
-    return build_detector_registry().open(chosen.name, chosen.settings, "perception.yaml: detector.name")
+    return detector_registry.open_detector(chosen.name, chosen.settings, "perception.yaml: detector.name")
 
 
 def open_handle(

@@ -1,7 +1,7 @@
 """The judges that can be asked, and the verifier of a workspace; the only place that makes one with a key."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from phyagentos.agent.judging.judges.holds import HoldJudge
 from phyagentos.agent.judging.judges.judge import Judge
@@ -46,35 +46,20 @@ def build_verifier(
 def build_judge_registry() -> JudgeRegistry:
     """What ships, and what installed packages announce."""
     registry = JudgeRegistry()
-    for definition in (
-        JudgeDefinition(
-            name=JudgeName.PREDICATES.value,
-            open=lambda _: PredicateJudge(),
-            description="Acceptance, on the snapshots before and after.",
+    shipped: tuple[tuple[JudgeName, Callable[[JudgeSettings], Judge], str], ...] = (
+        (JudgeName.PREDICATES, lambda _: PredicateJudge(), "Acceptance, on the snapshots before and after."),
+        (JudgeName.HOLDS, lambda _: HoldJudge(), "What had to hold all through, on the worst samples."),
+        (
+            JudgeName.METRICS,
+            lambda settings: MetricJudge(settings.verification.criteria),
+            "Numbers that were measured on the way.",
         ),
-        JudgeDefinition(
-            name=JudgeName.HOLDS.value,
-            open=lambda _: HoldJudge(),
-            description="What had to hold all through, on the worst samples.",
-        ),
-        JudgeDefinition(
-            name=JudgeName.METRICS.value,
-            open=lambda settings: MetricJudge(settings.verification.criteria),
-            description="Numbers that were measured on the way.",
-        ),
-        JudgeDefinition(
-            name=JudgeName.LOOKAHEAD.value,
-            open=lambda _: LookaheadJudge(),
-            description="The chance that was simulated before; it advises.",
-        ),
-        JudgeDefinition(
-            name=JudgeName.VISION.value,
-            open=_open_vision,
-            is_costly=True,
-            description="A model that is shown the camera frames before and after.",
-        ),
-    ):
-        registry.register(definition)
+        (JudgeName.LOOKAHEAD, lambda _: LookaheadJudge(), "The chance that was simulated before; it advises."),
+        (JudgeName.VISION, _open_vision, "A model that is shown the camera frames before and after."),
+    )
+    for name, open, description in shipped:
+        is_costly = name is JudgeName.VISION
+        registry.register(JudgeDefinition(name=name.value, open=open, is_costly=is_costly, description=description))
     registry.register_installed()
     return registry
 

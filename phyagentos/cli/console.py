@@ -38,15 +38,11 @@ class RunConsole:
 
     def __init__(self, title: str, *, quiet: bool = False) -> None:
         self._console = Console(file=sys.stderr, quiet=quiet, highlight=False, soft_wrap=not sys.stderr.isatty())
-        self._live = Live(console=self._console, auto_refresh=False, transient=True) if self.is_live else None
+        redraws = self._console.is_terminal and not quiet
+        self._live = Live(console=self._console, auto_refresh=False, transient=True) if redraws else None
         self._title = title
         self._printed: dict[str, str] = {}
         self._notes: set[str] = set()
-
-    @property
-    def is_live(self) -> bool:
-        """Whether there is a terminal that can redraw."""
-        return self._console.is_terminal and not self._console.quiet
 
     def __enter__(self) -> "RunConsole":
         if self._live is not None:

@@ -5,7 +5,7 @@ front matter with one more key, `blocks`: heading -> YAML block. `protocol/schem
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -37,24 +37,20 @@ def build_schema(kind: str) -> dict[str, Any]:
 def write_schemas(folder: Path) -> list[Path]:
     """Write `<kind>.schema.json` for every kind; returns the paths."""
     folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for kind in names_of_schemas():
-        path = folder / f"{kind}.schema.json"
-        path.write_text(render_schema(kind), encoding="utf-8")
-        paths.append(path)
-    return paths
+    return _write(folder, {f"{kind}.schema.json": render_schema(kind) for kind in names_of_schemas()})
 
 
 def write_documents(folder: Path) -> list[Path]:
     """Write every document as it is in a new workspace; returns the paths."""
     from phyagentos.store.views.pristine import render_pristine
 
-    paths = []
-    for name, text in render_pristine().items():
-        path = folder / name
-        path.write_text(text, encoding="utf-8")
-        paths.append(path)
-    return paths
+    return _write(folder, render_pristine())
+
+
+def _write(folder: Path, texts: Mapping[str, str]) -> list[Path]:
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in texts]
 
 
 def _builders() -> dict[str, Callable[[], dict[str, Any]]]:

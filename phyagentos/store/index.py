@@ -12,6 +12,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from typing_extensions import override
+
 from phyagentos.errors import ExecutionError
 from phyagentos.store.cache_file import CacheFile
 from phyagentos.store.records import iter_places
@@ -57,7 +59,7 @@ class _Segment(NamedTuple):
     last_seq: int
 
 
-class HistoryIndex:
+class HistoryIndex(CacheFile):
     """The index of one partition `sessions/<partition>`; each process opens its own.
 
     Methods raise ExecutionError: `INDEX_UNAVAILABLE`, `JOURNAL_DAMAGED`.
@@ -71,17 +73,17 @@ class HistoryIndex:
         self.last_seq, self.last_segment = 0, ""
         self._folder = folder
         path = folder.parent.parent / ".cache" / f"{folder.name}.sqlite"
-        self._file = CacheFile(path, _SCHEMA, wait_s=_WAIT_S, check=_check)
+        super().__init__(path, _SCHEMA, wait_s=_WAIT_S, check=_check)
 
     def extend(self) -> None:
         """Read every sealed segment that is not in it yet."""
         for is_last_try in (False, True):
             try:
-                self._extend(self._file.connect())
+                self._extend(self.connect())
             except _ROTTEN as error:
-                self._discard()
+                self.discard()
                 if is_last_try:
-                    raise ExecutionError("INDEX_UNAVAILABLE", f"{self._file.path}: {error}. Delete it.") from error
+                    raise ExecutionError("INDEX_UNAVAILABLE", f"{self.path}: {error}. Delete it.") from error
             else:
                 return
 
@@ -95,11 +97,11 @@ class HistoryIndex:
 
     def rebuild(self) -> None:
         """Discard it and read every sealed segment again."""
-        self._discard()
+        self.discard()
         self.extend()
 
     def _find(self, id: str) -> list[RecordPosition]:
-        connection = self._file.connect()
+        connection = self.connect()
         rows = connection.execute(_FIND, (id,)).fetchall()
         if (rows[0][0] or 0) < self.last_seq:  # another process began it anew
             self._extend(connection)
@@ -111,12 +113,9 @@ class HistoryIndex:
             for spot in spots.split(" ")
         ]
 
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def _discard(self) -> None:
-        self._file.discard()
+    @override
+    def discard(self) -> None:
+        super().discard()
         self.last_seq, self.last_segment = 0, ""
 
     def _extend(self, connection: sqlite3.Connection) -> None:

@@ -28,16 +28,16 @@ CREATE VIRTUAL TABLE IF NOT EXISTS lesson
 _ROTTEN = (sqlite3.Error, OSError, msgspec.MsgspecError, TypeError, ValueError)
 
 
-class LessonIndex:
+class LessonIndex(CacheFile):
     """The cache of one experience log."""
 
     def __init__(self, path: Path) -> None:
-        self._file = CacheFile(path, _SCHEMA, wait_s=_WAIT_S)
+        super().__init__(path, _SCHEMA, wait_s=_WAIT_S)
 
     def load(self) -> tuple[Experience, LogPosition] | None:
         """What was saved last, None when there is nothing valid."""
         try:
-            row = self._file.connect().execute("SELECT version, place, experience, crc FROM state").fetchone()
+            row = self.connect().execute("SELECT version, place, experience, crc FROM state").fetchone()
             if row is None:
                 return None
             if row[0] != VERSION or _compute_crc(row[1], row[2]) != row[3]:
@@ -50,7 +50,7 @@ class LessonIndex:
     def save(self, experience: Experience, place: LogPosition, changed: Iterable[str] | None) -> None:
         """Save what was computed up to a place; `changed` None means all entries. A failure only costs the cache."""
         try:
-            connection = self._file.connect()
+            connection = self.connect()
             with contextlib.closing(connection.cursor()) as cursor:
                 cursor.execute("BEGIN IMMEDIATE")
                 cursor.execute("DELETE FROM state")
@@ -75,17 +75,9 @@ class LessonIndex:
             return None
         query = "SELECT id FROM lesson WHERE lesson MATCH ? ORDER BY bm25(lesson, 1.0, 4.0, 4.0, 1.0), id LIMIT ?"
         try:
-            return [row[0] for row in self._file.connect().execute(query, (" AND ".join(parts), limit))]
+            return [row[0] for row in self.connect().execute(query, (" AND ".join(parts), limit))]
         except _ROTTEN:
             return None
-
-    def discard(self) -> None:
-        """Delete the cache."""
-        self._file.discard()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
 
 
 def _write_lessons(

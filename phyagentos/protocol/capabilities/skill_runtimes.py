@@ -199,7 +199,7 @@ def find_mismatch(parameter: Parameter, value: Any) -> str:
     if parameter.type == "point":
         return "" if _is_point(value) else "three numbers [m] in the world frame"
     if parameter.type in {"entities", "points"}:
-        fits = _is_point if parameter.type == "points" else _is_name
+        fits = _is_point if parameter.type == "points" else lambda each: isinstance(each, str)
         wanted = "points, each three numbers [m]" if parameter.type == "points" else "names"
         return "" if isinstance(value, list | tuple) and value and all(map(fits, value)) else f"a list of {wanted}"
     if parameter.type in {"number", "integer"} and not _is_number(value):
@@ -219,10 +219,6 @@ def find_mismatch(parameter: Parameter, value: Any) -> str:
 
 def _is_point(value: Any) -> bool:
     return isinstance(value, list | tuple) and len(value) == 3 and all(_is_number(item) for item in value)
-
-
-def _is_name(value: Any) -> bool:
-    return isinstance(value, str)
 
 
 def _is_number(value: Any) -> TypeGuard[float]:

@@ -31,14 +31,10 @@ def is_marginal(session: Session, initial: Environment, now: Environment) -> boo
 
 def is_start_marginal(session: Session, initial: Environment) -> bool:
     """Whether a later `moved` could not be decided, however sharp the look then."""
-    texts = [text for text in (*session.accept, *session.hold) if _compares(text)]
+    criteria = map(parse_predicate, (*session.accept, *session.hold))
+    comparing = [each for each in criteria if any(call.name == "moved" for call in iter_calls(each.formula))]
     view = session.make_view(initial, initial)
-    return any(parse_predicate(text).evaluate(view).is_marginal for text in texts)
-
-
-def _compares(text: str) -> bool:
-    """Whether a criterion compares with the beginning."""
-    return any(call.name == "moved" for call in iter_calls(parse_predicate(text).formula))
+    return any(each.evaluate(view).is_marginal for each in comparing)
 
 
 def _find_things(session: Session, after: Environment) -> tuple[str, ...]:

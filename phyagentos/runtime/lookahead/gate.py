@@ -11,7 +11,7 @@ from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.sessions.evidence import write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadResult
 from phyagentos.protocol.sessions.session import Session
-from phyagentos.runtime.lookahead.process import LOOKAHEAD_FAILED, ForecastService, Rehearse
+from phyagentos.runtime.lookahead.process import LOOKAHEAD_FAILED, RehearsalProcess, Rehearse
 from phyagentos.runtime.perception.world_model import WORLD, WorldModel
 
 LOOKAHEAD_LOW = "LOOKAHEAD_LOW"
@@ -26,7 +26,7 @@ class LookaheadGate:
         evidence: Folder of all bundles.
     """
 
-    def __init__(self, *, forecasts: ForecastService, world: WorldModel, evidence: Path) -> None:
+    def __init__(self, *, forecasts: RehearsalProcess, world: WorldModel, evidence: Path) -> None:
         self._forecasts, self._world = forecasts, world
         self._evidence = evidence
         self._result: LookaheadResult | None = None

@@ -7,7 +7,7 @@ errors stay there.
 import signal
 from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -51,22 +51,8 @@ _QUESTIONS = Codec[Rehearse](Rehearse, "question")
 _ANSWERS = Codec[Forecast | Unforeseen](Forecast | Unforeseen, "forecast")
 
 
-class ForecastService(Protocol):
-    """Answers questions about sessions."""
-
-    def ask(self, question: Rehearse, should_stop: Callable[[], bool]) -> LookaheadResult | None:
-        """The forecast; None once `should_stop` is true, which is called several times a second.
-
-        Raises:
-            ExecutionError: `LOOKAHEAD_FAILED`.
-        """
-
-    def close(self) -> None:
-        """Close processes and files."""
-
-
 class RehearsalProcess:
-    """Answers from a process of its own.
+    """Answers questions about sessions from a process of its own.
 
     Args:
         command: Starts the process; `--descriptor N`, its end of the connection, is added.
@@ -77,7 +63,11 @@ class RehearsalProcess:
         self._child: Child | None = None
 
     def ask(self, question: Rehearse, should_stop: Callable[[], bool]) -> LookaheadResult | None:
-        """See `ForecastService`."""
+        """The forecast; None once `should_stop` is true, which is called several times a second.
+
+        Raises:
+            ExecutionError: `LOOKAHEAD_FAILED`.
+        """
         child = self._child = self._child or Child(self._command)
         try:
             child.channel.send_bytes(_QUESTIONS.encode(question))

@@ -7,7 +7,6 @@ import copy
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.runtime.lookahead.estimate import Array
 from phyagentos.runtime.lookahead.rehearsal import STATE_STEPS, Rehearsal
@@ -62,14 +61,10 @@ class SharedPrefix:
             mujoco.mj_setState(model, data, state, _FULL)
             mujoco.mj_kinematics(model, data)
             mujoco.mj_collision(model, data)
-            if _touches_both(of_things, data.contact.geom[: data.ncon]):
+            is_thing = of_things[data.contact.geom[: data.ncon]]
+            if (is_thing[:, 0] != is_thing[:, 1]).any():
                 return index
         return len(states) - 1
-
-
-def _touches_both(of_things: NDArray[np.bool_], geoms: NDArray[np.int32]) -> bool:
-    """Whether one of these pairs (n, 2) joins a thing and something else."""
-    return bool((of_things[geoms[:, 0]] != of_things[geoms[:, 1]]).any())
 
 
 def _find_places(model: mujoco.MjModel, joint: int) -> tuple[slice, slice]:

@@ -248,8 +248,8 @@ def _point_at(view: CameraView, seen: Cloud, index: int) -> str:
 def _miss(thing: ObjectModel, entity: Entity, views: tuple[CameraView, ...]) -> Entity:
     rotation = compute_rotation(entity.pose.quaternion_wxyz)
     sight = compute_sight(thing, rotation, np.array(entity.pose.position_m), views)
-    total = sight.confirmed + sight.hidden + sight.contradicted
-    if total and sight.visible_fraction > SEEN_FRACTION and sight.contradicted_fraction > GONE_FRACTION:
+    shown = sight.confirmed + sight.contradicted
+    if shown > SEEN_FRACTION * (shown + sight.hidden) and sight.contradicted_fraction > GONE_FRACTION:
         return msgspec.structs.replace(entity, status=Status.GONE, visible=False, confidence=0.1, looks=0)
     return msgspec.structs.replace(entity, status=Status.HIDDEN, confidence=round(0.8 * entity.confidence, 3))
 

@@ -1,12 +1,10 @@
 """The complete input of one look at the world, from which it can be perceived again."""
 
-from collections.abc import Iterator
 from typing import Protocol
 
 import msgspec
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.sessions.looks import format_picture
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.environment import Environment, TargetState
 from phyagentos.runtime.targets.wire import Capture, Crop, Frames, Observation, Step
@@ -59,11 +57,6 @@ class Look(msgspec.Struct, kw_only=True, omit_defaults=True, eq=False):
     states: list[Moment] = []
     file: str = ""
     sha256: str = ""
-
-    def iter_pictures(self) -> Iterator[str]:
-        """Each picture of this look as `camera@time`, as in pointers."""
-        for _, frames in self.captures:
-            yield from (format_picture(frame.camera, frame.time_s) for frame in frames.frames)
 
 
 class RecordedFrames:

@@ -30,11 +30,6 @@ class Sight:
         """Of the points that are not hidden."""
         return self.contradicted / max(self.confirmed + self.contradicted, 1)
 
-    @property
-    def visible_fraction(self) -> float:
-        """Of the points that face a camera."""
-        return (self.confirmed + self.contradicted) / max(self.confirmed + self.contradicted + self.hidden, 1)
-
 
 def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, views: tuple[CameraView, ...]) -> Sight:
     """Visibility of a thing in a pose."""

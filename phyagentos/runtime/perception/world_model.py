@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.sessions.looks import get_picture, shows
+from phyagentos.protocol.sessions.looks import format_picture, get_picture, shows
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.perception.look import FrameSource, Look
@@ -131,8 +131,8 @@ class WorldModel(ABC):
     def _keep(self, look: Look, belief: Environment) -> None:
         """Remember a look; of earlier pictures, those that the belief still points at."""
         self.latest_look = look
-        for picture in look.iter_pictures():
-            self._pictures.setdefault(picture, []).append(look)
+        for frame in (frame for _, frames in look.captures for frame in frames.frames):
+            self._pictures.setdefault(format_picture(frame.camera, frame.time_s), []).append(look)
         if not look.things:
             self.looks.append(look)
             pointed = {get_picture(each) for entity in belief.entities.values() for each in entity.evidence}

@@ -64,10 +64,6 @@ class DriverRegistry:
         for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
             self.register(point.name, point.load())
 
-    def names(self) -> list[str]:
-        """Every name, sorted."""
-        return sorted(self._specs)
-
     def get(self, profile: TargetProfile, address: str = "TARGETS.md") -> DriverSpec:
         """The driver that moves a target; raises DefinitionError `NO_DRIVER`."""
         name = find_driver_name(profile)

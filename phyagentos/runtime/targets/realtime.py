@@ -4,7 +4,6 @@ A command is carried out when its control period is due; without one in time the
 are read in every control period, so they never wait for a client.
 """
 
-from collections.abc import Callable
 from typing import Protocol
 
 from phyagentos.clock import Clock
@@ -57,13 +56,8 @@ class Pace:
         self._offset_s += max(0.0, self.compute_lag_s() + ahead_s)
 
 
-def serve_realtime(
-    target: ServedTarget, door: Door, tokens: Tokens, clock: Clock, should_end: Callable[[], bool] = lambda: False
-) -> None:
-    """Answer one client at a time and let time pass, until a `Shutdown`; the door is closed at the end.
-
-    `should_end` is called in every control period.
-    """
+def serve_realtime(target: ServedTarget, door: Door, tokens: Tokens, clock: Clock) -> None:
+    """Answer one client at a time and let time pass, until a `Shutdown`; the door is closed at the end."""
     pace = Pace(target, clock)
 
     def keep_pace(request: Request) -> None:
@@ -78,7 +72,7 @@ def serve_realtime(
     client: PeerChannel | None = None
     greet_by_s: float | None = None  # until the client is admitted
     try:
-        while not should_end():
+        while True:
             if client is not None and (tokens.is_stale if greet_by_s is None else clock.now_s() > greet_by_s):
                 client.close()
                 client, greet_by_s = None, None

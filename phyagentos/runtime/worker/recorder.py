@@ -72,7 +72,7 @@ class Recorder:
         """The contract and the plan agreed before the first command, and the environment's fingerprint."""
         document = {"session": session, "epoch": epoch, "adapter_plan": plan, "settings_sha256": settings_sha256}
         self.files.write(evidence.CONTRACT, render_yaml(document).encode())
-        self.files.write(evidence.FINGERPRINT, _encode_fingerprint())
+        self.files.write(evidence.FINGERPRINT, read_fingerprint())
 
     def link_model(self, source: Path) -> bool:
         """Share the scene model of an earlier session of the same episode; False when it cannot be shared."""
@@ -206,25 +206,21 @@ class Bundles:
 
 
 @cache
-def read_fingerprint() -> dict[str, Any]:
-    """Versions of this process's packages, Python, operating system and CPU model."""
+def read_fingerprint() -> bytes:
+    """JSON: versions of this process's packages, Python, operating system and CPU model."""
     versions = {}
     for package in RECORDED_PACKAGES:
         try:
             versions[package] = version(package)
         except PackageNotFoundError:
             versions[package] = "absent"
-    return {
+    fingerprint = {
         "python": sys.version.split()[0],
         "system": f"{platform.system()} {platform.machine()}",
         "cpu": _read_cpu_model(),
         "packages": versions,
     }
-
-
-@cache
-def _encode_fingerprint() -> bytes:
-    return encode_json(read_fingerprint())
+    return encode_json(fingerprint)
 
 
 def _read_cpu_model() -> str:

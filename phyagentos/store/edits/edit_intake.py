@@ -82,25 +82,23 @@ class EditIntake:
         self.file.take(handle, at_once=at_once)
         return results
 
-    def take_text(self, text: str, history: History, *, is_whole: bool = True, source: str = "") -> Merge:
+    def take_text(self, text: str, history: History, *, is_whole: bool = True) -> Merge:
         """Merge one edited document and record what it asks for.
 
         Args:
             text: All of it.
             history: The fold, and what was rendered before.
             is_whole: Whether its editor finished it.
-            source: File name for messages; SESSIONS.md by default.
 
         Returns:
             What was recorded, and what was refused (only what no earlier save of the same text was refused for).
         """
-        source = source or self._source
         try:
-            return self._merge_text(text, history, source, is_whole=is_whole)
+            return self._merge_text(text, history, self._source, is_whole=is_whole)
         except ExecutionError:
             raise
         except Exception as error:  # no text may end the process that supervises
-            return Merge((), tuple(self._reject([_refuse_unread(text, error)], source)))
+            return Merge((), tuple(self._reject([_refuse_unread(text, error)], self._source)))
 
     def _merge_text(self, text: str, history: History, source: str, *, is_whole: bool) -> Merge:
         history.read_new()

@@ -60,10 +60,8 @@ def merge(
 
 
 def _is_as_rendered(section: Section, base: Section | None) -> bool:
-    return base is not None and (section.text == base.text or _says_the_same(section, base))
-
-
-def _says_the_same(section: Section, base: Section) -> bool:
+    if base is None or section.text == base.text:
+        return base is not None
     words, rendered = ([text for _, text in each.prose] for each in (section, base))
     return section.yaml == base.yaml and words == rendered
 

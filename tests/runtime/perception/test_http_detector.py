@@ -12,7 +12,8 @@ import pytest
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.scenes import read_scene
-from phyagentos.runtime.perception.detection.detector_registry import DetectorRegistry, build_detector_registry
+from phyagentos.runtime.perception.detection import detector_registry
+from phyagentos.runtime.perception.detection.detector_registry import open_detector
 from phyagentos.runtime.perception.detection.http import HttpDetector
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.segmentation import NO_COLOR, DetectorSegmenter
@@ -55,8 +56,7 @@ def server():
 
 @pytest.fixture
 def detector(server):
-    registry = build_detector_registry()
-    detector = registry.open("http", {"url": f"http://127.0.0.1:{server.server_port}/detect", "timeout_s": 0.3})
+    detector = open_detector("http", {"url": f"http://127.0.0.1:{server.server_port}/detect", "timeout_s": 0.3})
     yield detector
     detector.close()
 
@@ -151,16 +151,18 @@ def test_pixels_get_the_colour_of_the_thing_that_a_detector_finds_there(server, 
 
 def test_a_detector_that_nobody_registered_is_named_with_those_that_are():
     with pytest.raises(DefinitionError, match=r"UNKNOWN_DETECTOR: found 'htpp'; expected http\. Did you mean 'http'\?"):
-        build_detector_registry().open("htpp", {})
+        open_detector("htpp", {})
 
 
 def test_settings_of_another_kind_are_refused():
     with pytest.raises(DefinitionError, match="INVALID_VALUE"):
-        build_detector_registry().open("http", {"url": "http://x", "time_out": 3})
+        open_detector("http", {"url": "http://x", "time_out": 3})
 
 
-def test_a_name_is_registered_once():
-    registry = DetectorRegistry()
-    registry.register("mine", lambda _settings: None)
-    with pytest.raises(ValueError, match="'mine' is registered already"):
-        registry.register("mine", lambda _settings: None)
+def test_a_name_is_registered_once(monkeypatch):
+    class Point:
+        name = "http"
+
+    monkeypatch.setattr(detector_registry, "entry_points", lambda group: [Point()] * (group == "phyagentos.detectors"))
+    with pytest.raises(ValueError, match="'http' is registered already"):
+        open_detector("http", {"url": "http://x"})

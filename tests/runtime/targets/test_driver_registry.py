@@ -59,6 +59,6 @@ def test_a_driver_of_another_package_is_found_by_its_entry_point(monkeypatch):
     monkeypatch.setattr(driver_registry, "entry_points", lambda group: [Point()] * (group == "phyagentos.drivers"))
     registry = build_driver_registry()
 
-    assert {"debug", "mujoco", "ur5"} <= set(registry.names())
-    with pytest.raises(ValueError, match="driver 'ur5' is registered already"):
-        registry.register("ur5", spec)
+    for name in ("debug", "mujoco", "ur5"):
+        with pytest.raises(ValueError, match=f"driver '{name}' is registered already"):
+            registry.register(name, spec)

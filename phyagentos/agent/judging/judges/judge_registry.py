@@ -4,7 +4,7 @@ Installed packages announce a `JudgeDefinition` by the entry point group `phyage
 such a judge raises, or answers with anything but criteria, its answer is unknown.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import entry_points
 
@@ -75,9 +75,6 @@ class JudgeRegistry:
     def names(self) -> list[str]:
         """Every name, sorted."""
         return sorted(self._definitions)
-
-    def __iter__(self) -> Iterator[JudgeDefinition]:
-        return (self._definitions[name] for name in self.names())
 
     def get(self, names: Sequence[str], address: str) -> list[JudgeDefinition]:
         """Those of these names, in this order, each once.

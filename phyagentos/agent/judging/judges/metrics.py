@@ -9,7 +9,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.protocol.sessions.evidence import EXECUTION, TRAJECTORY, Bundle
@@ -67,7 +67,9 @@ def read_report(bundle: Bundle) -> Iterator[tuple[str, float]]:
     """Numbers of the trace and of the outputs, as reported ones, then those that the runtime counted."""
     execution = bundle.execution
     for reported in (*(event.numbers for event in bundle.trace), execution.outputs):
-        yield from ((REPORTED + name, value) for name, value in _iter_numbers(reported))
+        for name, value in reported.items():
+            if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+                yield REPORTED + name, float(value)
     yield "sim_time_s", execution.sim_time_s
     yield "ticks", float(execution.ticks)
     yield "interventions", float(execution.interventions)
@@ -94,12 +96,6 @@ def read_course(folder: Path, wanted: set[str]) -> dict[str, float]:
         if math.isfinite(value):
             found[name] = value
     return found
-
-
-def _iter_numbers(values: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-    for name, value in values.items():
-        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
-            yield name, float(value)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,12 @@ import hashlib
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
 from phyagentos.agent.judging.judges.judge import make_unknown
+from phyagentos.agent.judging.judges.vision_endpoint import OpenAiEndpoint
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.looks import LOOKS, LookRole, read_pictures
@@ -37,21 +38,6 @@ Pictures = tuple[bytes, ...]
 """PNG, one a camera."""
 
 
-class VisionEndpoint(Protocol):
-    """A vision-language model."""
-
-    @property
-    def name(self) -> str:
-        """Model and host, as recorded; never the key."""
-
-    def complete(self, messages: Sequence[dict[str, Any]]) -> str:
-        """The text that the model answers with.
-
-        Raises:
-            ExecutionError: `MODEL_UNREACHABLE`, `MODEL_REFUSED` or `MODEL_MALFORMED`.
-        """
-
-
 class _Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     truth: Truth
     because: str
@@ -65,7 +51,7 @@ class VisionJudge:
         max_questions: Criteria of one session; any further one is unknown.
     """
 
-    endpoint: VisionEndpoint
+    endpoint: OpenAiEndpoint
     max_questions: int = 8
     _known: "OrderedDict[str, Criterion]" = field(default_factory=OrderedDict, repr=False, compare=False)
 

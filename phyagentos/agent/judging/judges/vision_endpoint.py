@@ -48,7 +48,7 @@ class OpenAiEndpoint:
 
     @property
     def name(self) -> str:
-        """Model and host; never the key."""
+        """Model and host, as recorded; never the key."""
         return f"{self.model} at {urlsplit(self.url).hostname}"
 
     def complete(self, messages: Sequence[dict[str, Any]]) -> str:

@@ -1,7 +1,5 @@
 """Chooses the bridges from one action space to another: every problem at once, or a chain."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from phyagentos.errors import Problem
@@ -34,10 +32,7 @@ BRIDGES: tuple[type[ActionBridge], ...] = (
 
 
 def compile_chain(
-    source: ActionSpace,
-    target: ActionSpace,
-    frames: Frames | None = None,
-    kinds: Sequence[type[ActionBridge]] = BRIDGES,
+    source: ActionSpace, target: ActionSpace, frames: Frames | None = None
 ) -> BridgeChain | tuple[Problem, ...]:
     """Choose the bridges from one action space to another.
 
@@ -45,7 +40,6 @@ def compile_chain(
         source: What a skill or policy speaks.
         target: What the target takes.
         frames: world_T_frame (4, 4) of the frames that are known, besides `world`.
-        kinds: Bridges to choose from, in the order in which they are asked.
 
     Returns:
         The chain, or every problem at once; a problem's address is the field of the action space.
@@ -66,7 +60,7 @@ def compile_chain(
     known = {"world": np.eye(4), **(frames or {})}
     links: list[ActionBridge] = []
     now = source
-    for kind in kinds:
+    for kind in BRIDGES:
         while (planned := kind.plan(now, target, known)) is not None:
             if isinstance(planned, Problem):
                 problems.append(planned)

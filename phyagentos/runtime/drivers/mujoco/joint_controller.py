@@ -172,7 +172,7 @@ class JointController:
         """Decelerate within the joint limits, all joints in proportion, then hold."""
         physics, dt = self._physics, self._profile.physics_step_s
         q, moving = physics.measure_joints()
-        braking = min(int(np.ceil(self._limits.compute_braking_s(moving) / dt)), round(HALT_MAX_S / dt))
+        braking = min(int(np.ceil(self._limits.compute_stop_s(moving) / dt)), round(HALT_MAX_S / dt))
         for step in range(1, round(HALT_MAX_S / dt) + 1):
             qd = moving * max(1.0 - step / max(braking, 1), 0.0)
             q = np.clip(q + qd * dt, self._limits.low, self._limits.high)

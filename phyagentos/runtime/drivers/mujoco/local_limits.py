@@ -127,7 +127,7 @@ class LocalLimits:
 
         All joints are assumed to brake in proportion: braking each for itself was rejected, since it bends the way.
         """
-        way = 0.5 * self._compute_stop_s(qd, FORESIGHT_SHARE) * qd
+        way = 0.5 * self.compute_stop_s(qd, FORESIGHT_SHARE) * qd
         looks = LOOKS_FAST if np.count_nonzero(np.abs(way) > FAST_RAD) else LOOKS_SLOW
         for share in looks:
             posture = np.minimum(np.maximum(q + share * way, self.low), self.high)
@@ -141,11 +141,8 @@ class LocalLimits:
                 return Refused("TARGET_LIMIT", f"the tool would leave the workspace, at {np.round(tcp, 3).tolist()} m")
         return None
 
-    def compute_braking_s(self, qd_rad_s: Array) -> float:
-        """Time to bring these velocities to zero, all in proportion."""
-        return self._compute_stop_s(qd_rad_s, BRAKING_SHARE)
-
-    def _compute_stop_s(self, qd_rad_s: Array, share: float) -> float:
+    def compute_stop_s(self, qd_rad_s: Array, share: float = BRAKING_SHARE) -> float:
+        """Time to bring these velocities to zero, all in proportion, by this share of the joints' deceleration."""
         return float((np.abs(qd_rad_s) / (share * self._brake)).max())
 
     def restrain(self) -> None:

@@ -86,14 +86,11 @@ class SharedTarget(ServedTarget):
 
 
 def serve_together(
-    targets: Sequence[SharedTarget],
-    serve: Callable[[SharedTarget], None],
-    pace_by: Clock | None = None,
-    should_end: Callable[[], bool] = lambda: False,
+    targets: Sequence[SharedTarget], serve: Callable[[SharedTarget], None], pace_by: Clock | None = None
 ) -> None:
     """Serve the robots of one world, each on a thread of its own, until each is shut down.
 
-    A world in real time is paced by the wall clock `pace_by`, and polls `should_end` in every control period.
+    A world in real time is paced by the wall clock `pace_by`.
     """
     threads = [
         threading.Thread(target=serve, args=(target,), daemon=True, name=f"serve-{target.robot.profile.target}")
@@ -102,7 +99,7 @@ def serve_together(
     for thread in threads:
         thread.start()
     if pace_by is not None:
-        keep_pace(targets, pace_by, lambda: should_end() or not any(each.is_alive() for each in threads))
+        keep_pace(targets, pace_by, lambda: not any(each.is_alive() for each in threads))
     for thread in threads:
         thread.join()
 

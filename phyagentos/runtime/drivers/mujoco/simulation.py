@@ -116,7 +116,8 @@ class Simulation:
         while move.ended is None:
             agreed = self._read_agreed()
             if not self.is_paced and self._may_move(agreed):
-                self._step_until_an_end()
+                while not self._prime():
+                    self._step()
                 self.lock.notify_all()
             elif not self.lock.wait(POLL_S):
                 if self.bodies[name].is_ending():
@@ -199,10 +200,6 @@ class Simulation:
         if agreed is None or not running or not commanded.issuperset(running):
             return False
         return {name: session for name, session in agreed.items() if session} == running
-
-    def _step_until_an_end(self) -> None:
-        while not self._prime():
-            self._step()
 
     def _prime_all(self) -> None:
         """Let each robot prepare the coming physics step; one whose motion has ended holds."""

@@ -84,10 +84,6 @@ class SimulatedWorld:
         """The scene of a name."""
         return read_scene(self._library.get_scene(name))
 
-    def find_holders(self) -> dict[str, str]:
-        """Target that holds an entity, by the entity's name."""
-        return {entity: name for name, robot in self.robots.items() for entity in robot.look().holding}
-
     def load(self, request: wire.LoadScene) -> wire.Loaded:
         """Begin an episode, or join the present one that another robot began.
 
@@ -295,10 +291,11 @@ class MujocoDriver(TargetDriver):
         physics, target = self.physics, self.look()
         if not truth:
             return wire.Observation(time_s=physics.time_s, target=target)
+        holders = {entity: name for name, robot in self.world.robots.items() for entity in robot.look().holding}
         return wire.Observation(
             time_s=physics.time_s,
             target=target,
-            entities=physics.read_entities(self.world.find_holders()),
+            entities=physics.read_entities(holders),
             regions=physics.regions,
         )
 

@@ -16,33 +16,19 @@ ENTRY_POINT_GROUP = "phyagentos.detectors"
 Factory = Callable[[Mapping[str, str | float]], Detector]
 
 
-class DetectorRegistry:
-    """Factories by name."""
-
-    def __init__(self) -> None:
-        self._factories: dict[str, Factory] = {}
-
-    def register(self, name: str, factory: Factory) -> None:
-        """Add one; raises ValueError when the name is taken."""
-        if name in self._factories:
-            raise ValueError(f"detector {name!r} is registered already")
-        self._factories[name] = factory
-
-    def names(self) -> list[str]:
-        """Every name, sorted."""
-        return sorted(self._factories)
-
-    def open(self, name: str, settings: Mapping[str, str | float], address: str = "perception.yaml") -> Detector:
-        """A detector by name; raises DefinitionError `UNKNOWN_DETECTOR`, or the factory's problem with the settings."""
-        if name not in self._factories:
-            raise DefinitionError.unknown("UNKNOWN_DETECTOR", address, name, self._factories)
-        return self._factories[name](settings)
-
-
-def build_detector_registry() -> DetectorRegistry:
-    """The shipped detectors, and those of installed packages."""
-    registry = DetectorRegistry()
-    registry.register("http", open_http_detector)
+def load_factories() -> dict[str, Factory]:
+    """The shipped detectors, and those of installed packages; raises ValueError when a name is taken."""
+    factories: dict[str, Factory] = {"http": open_http_detector}
     for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
-        registry.register(point.name, point.load())
-    return registry
+        if point.name in factories:
+            raise ValueError(f"detector {point.name!r} is registered already")
+        factories[point.name] = point.load()
+    return factories
+
+
+def open_detector(name: str, settings: Mapping[str, str | float], address: str = "perception.yaml") -> Detector:
+    """A detector by name; raises DefinitionError `UNKNOWN_DETECTOR`, or the factory's problem with the settings."""
+    factories = load_factories()
+    if name not in factories:
+        raise DefinitionError.unknown("UNKNOWN_DETECTOR", address, name, factories)
+    return factories[name](settings)
