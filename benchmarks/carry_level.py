@@ -23,9 +23,9 @@ from rich.table import Table
 from scipy.signal import savgol_filter
 from tabletop import ROOT
 
-from benchmarks.report import Ask, Spread, format_outcome
-from benchmarks.suite import open_bench
 from phyagentos.assembly.paths import open_project
+from phyagentos.bench.report import Ask, Spread, format_outcome
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId
 

@@ -33,7 +33,7 @@ from judge import is_in_tray
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.report import Ask, format_outcome
+from phyagentos.bench.report import Ask, format_outcome
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.codes import CODES
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState

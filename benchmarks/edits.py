@@ -26,7 +26,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.report import Ask, format_outcome
+from phyagentos.bench.report import Ask, format_outcome
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.markdown import publish

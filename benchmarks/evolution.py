@@ -28,10 +28,10 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
 
-from benchmarks.report import Ask, Rate, format_outcome
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.planes import Plane, watching
+from phyagentos.bench.report import Ask, Rate, format_outcome
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId, SessionId
 from phyagentos.protocol.settings.perception import Sensing

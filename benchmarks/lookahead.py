@@ -27,9 +27,9 @@ from rich.table import Table
 from scipy.stats import binomtest
 from tabletop import ROOT
 
-from benchmarks.report import Ask, Rate, Spread, format_outcome
-from benchmarks.suite import Episode, open_bench, run_suite
 from phyagentos.assembly.paths import open_project
+from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
+from phyagentos.bench.suite import Episode, open_bench, run_suite
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lookahead import LookaheadResult, read_lookahead
 from phyagentos.protocol.settings.perception import Sensing

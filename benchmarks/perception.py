@@ -27,10 +27,10 @@ from rich.table import Table
 from benchmarks.perception_parts.reliability import Stated, compare
 from benchmarks.perception_parts.stage import Stage, World
 from benchmarks.perception_parts.table import render_table
-from benchmarks.report import Ask, Spread, format_outcome
 from benchmarks.unseen_parts.files import write_project
 from benchmarks.unseen_parts.goals import draw_case
 from benchmarks.unseen_parts.rooms import Thing
+from phyagentos.bench.report import Ask, Spread, format_outcome
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.settings.sensors import Sensors, read_sensors

@@ -25,11 +25,11 @@ from benchmarks.judge import is_in_tray
 from benchmarks.recovery_parts.baselines import BlindRetry, FullRestart, NoRetry, recovering_by
 from benchmarks.recovery_parts.eye import is_in_box, is_on
 from benchmarks.recovery_parts.trials import Trial, draw_trials, judge_last_by
-from benchmarks.report import Ask, Rate, Spread, format_outcome
-from benchmarks.suite import open_bench
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
+from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.perception import Sensing

@@ -17,9 +17,9 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.recorded import Robot, open_robot, record_tidy_table
-from benchmarks.report import Ask, format_outcome
 from benchmarks.safety_parts.campaign import Tally, attack
 from benchmarks.safety_parts.stops import measure_stops
+from phyagentos.bench.report import Ask, format_outcome
 
 ASKED_OF_ATTACK = {
     "rows_outside_position": Ask(0.0, at_least=False),

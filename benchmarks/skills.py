@@ -21,12 +21,12 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.report import Ask, format_outcome
 from benchmarks.skills_parts.judge import Judge
 from benchmarks.skills_parts.rooms import DRAWERS, Instance, draw
-from benchmarks.suite import open_bench
 from phyagentos.assembly.agent_plane import Agent, MemoryUse
 from phyagentos.assembly.paths import open_project
+from phyagentos.bench.report import Ask, format_outcome
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.perception import Sensing

@@ -22,7 +22,7 @@ from store_parts.sessions import open_pair, scratch, store_many
 from store_parts.start import measure_life, measure_start, measure_statechart
 from store_parts.transitions import measure_transitions
 
-from benchmarks.report import Ask, format_outcome
+from phyagentos.bench.report import Ask, format_outcome
 
 ASKED = {
     "cpu_ms_per_session": Ask(0.35, at_least=False),

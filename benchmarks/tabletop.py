@@ -24,9 +24,9 @@ from judge import is_in_tray
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.report import Ask, Rate, Spread, format_outcome
-from benchmarks.suite import Episode, open_bench, run_suite
 from phyagentos.assembly.paths import open_project
+from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
+from phyagentos.bench.suite import Episode, open_bench, run_suite
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.settings.perception import Sensing

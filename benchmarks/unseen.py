@@ -31,11 +31,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks.report import format_outcome
 from benchmarks.unseen_parts.figures import ASKED, Tally
 from benchmarks.unseen_parts.lane import FRICTION
 from benchmarks.unseen_parts.lanes import run_lanes
 from benchmarks.unseen_parts.records import GoalRecord, iter_findings
+from phyagentos.bench.report import format_outcome
 
 DEVELOPMENT, HELD_OUT = 0, 1_000_000  # first seeds
 DEVELOPMENT_END = 100_000

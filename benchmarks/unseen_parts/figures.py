@@ -7,8 +7,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
 
-from benchmarks.report import Ask
 from benchmarks.unseen_parts.records import GoalRecord, NodeRecord, SessionRecord, iter_findings
+from phyagentos.bench.report import Ask
 
 ASKED = {
     "feasible_goals_met": Ask(0.90, at_least=True),

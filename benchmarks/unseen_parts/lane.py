@@ -15,13 +15,13 @@ from pathlib import Path
 
 import msgspec
 
-from benchmarks.suite import open_bench
 from benchmarks.unseen_parts.cases import Case
 from benchmarks.unseen_parts.files import write_project
 from benchmarks.unseen_parts.goals import draw_case
 from benchmarks.unseen_parts.records import Recorder, begin_record
 from phyagentos.assembly.agent_plane import Agent, MemoryUse
 from phyagentos.assembly.paths import open_project
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.perception import Sensing

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.report import Rate
+from phyagentos.bench.report import Rate
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.world.truth import Truth
 

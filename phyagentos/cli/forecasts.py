@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from phyagentos.agent.memory.intervals import Count
+from phyagentos.bench.report import Rate
 from phyagentos.cli.outcome import print_note
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadResult, read_lookahead
@@ -40,7 +40,7 @@ def render_forecast(forecast: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _describe(result: LookaheadResult) -> dict[str, Any]:
-    low, high = Count(successes=result.succeeded, trials=result.samples).interval
+    low, high = Rate(result.succeeded, result.samples).interval
     return {
         "probability": round(result.share, 4),
         "interval": [round(low, 4), round(high, 4)],

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from benchmarks.suite import open_bench
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.planes import watching
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.memory_entries import Embodiment
 from phyagentos.protocol.sessions.strategy import OWN_WAY

@@ -14,6 +14,6 @@ def test_every_file_and_room_on_the_architecture_page_exists(root):
     assert {path for path in named if not (root / "phyagentos" / path).exists()} == set()
 
 
-@pytest.mark.parametrize("room", ["agent", "runtime", "store", "protocol", "cli", "assembly"])
+@pytest.mark.parametrize("room", ["agent", "runtime", "store", "protocol", "cli", "bench", "assembly"])
 def test_every_room_stands_on_the_architecture_page(root, room):
     assert f"`{room}/`" in (root / "docs" / "architecture.md").read_text(encoding="utf-8")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.suite import open_bench
 from phyagentos.assembly.agent_plane import MemoryUse
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from benchmarks.suite import open_bench
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.workspace.workspace import Workspace

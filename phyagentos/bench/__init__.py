@@ -1,0 +1,1 @@
+"""The ordinary path, run many times, and what came of it in numbers."""
