@@ -59,6 +59,10 @@ class DriverRegistry:
             raise ValueError(f"driver {name!r} is registered already")
         self._specs[name] = spec
 
+    def names(self) -> list[str]:
+        """Every name, sorted."""
+        return sorted(self._specs)
+
     def load_plug_ins(self) -> None:
         """Add what installed packages announce."""
         for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
