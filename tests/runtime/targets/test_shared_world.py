@@ -1,6 +1,7 @@
 """Two arms at one table: one model and one time, but each its own authority, limits, stops and log."""
 
 import contextlib
+import json
 import threading
 from functools import partial
 from multiprocessing import Pipe
@@ -15,7 +16,7 @@ from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.channel import Link
 from phyagentos.runtime.drivers.mujoco.shared_target import SharedTarget, keep_pace
-from phyagentos.runtime.drivers.mujoco.simulation import POLL_S
+from phyagentos.runtime.drivers.mujoco.simulation import POLL_S, Simulation
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.models.robot import read_profile
@@ -468,3 +469,29 @@ def test_in_real_time_each_arm_has_its_own_deadman(library):
     assert table.command(table.right, np.zeros((10, 7)), np.zeros((10, 7))).code == "DEADMAN"
     ended.append(True)
     pacer.join(5.0)
+
+
+def test_a_command_that_was_over_before_an_emergency_stop_stands_before_it_in_the_log(library, tmp_path, monkeypatch):
+    """Its thread woke after the one that stops both: the log told of a command under a latched stop."""
+    latched = []
+    table = Table(library, is_estopped=lambda: bool(latched), logs=tmp_path)
+    table.begin(table.left)
+    carry_out = Simulation.carry_out
+
+    def stop_meanwhile(*args, **more):
+        stopped = carry_out(*args, **more)
+        latched.append(True)
+        assert table.right.look_for_stops()
+        return stopped
+
+    monkeypatch.setattr(Simulation, "carry_out", stop_meanwhile)
+    q, qd = np.tile(np.array(table.left.robot.controller.q_rad), (10, 1)), np.zeros((10, 7))
+
+    assert isinstance(table.command(table.left, q, qd), wire.Step)
+    assert table.command(table.left, q, qd).code == "ESTOPPED"
+    lines = [json.loads(line) for line in (tmp_path / "left_arm.jsonl").read_text().splitlines()]
+    assert [(line["kind"], line.get("accepted", True)) for line in lines[-3:]] == [
+        ("Command", True),
+        ("EStop", True),
+        ("Command", False),
+    ]

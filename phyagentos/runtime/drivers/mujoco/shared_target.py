@@ -42,6 +42,7 @@ class SharedTarget(ServedTarget):
     ) -> None:
         super().__init__(driver, log, is_estopped=is_estopped, keep_stop=keep_stop, truth=truth, permits=permits)
         self.robot, self._members = driver, members
+        self._unnoted: list[str] | None = None  # events meanwhile, where a request is carried out
         members.append(self)
 
     @override
@@ -50,8 +51,19 @@ class SharedTarget(ServedTarget):
             if self._scene is not None and self._scene.episode != self.robot.world.episode:  # another robot began it
                 self._scene = self._loaded = self._description = None
             if not isinstance(request, Capture | InvokeTool):
-                return super().handle(request)
+                self._unnoted = []
+                reply, events, self._unnoted = super().handle(request), self._unnoted, None
+                for kind in events:
+                    self._note_event(kind)
+                return reply
         return super().handle(request)  # pictures take longer than a period; the driver locks what it reads
+
+    @override
+    def _note_event(self, kind: str) -> None:
+        if self._unnoted is None:
+            super()._note_event(kind)
+        else:  # what is carried out began before, and is noted with the time of its arrival
+            self._unnoted.append(kind)
 
     @override
     def listen(self, client: PeerChannel, tokens: Tokens) -> None:
