@@ -155,7 +155,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     from phyagentos.runtime.lookahead.gate import LookaheadGate
     from phyagentos.runtime.lookahead.process import RehearsalProcess
     from phyagentos.runtime.motion.process import LocalPlanner, NoModel, Planner, PlannerProcess
-    from phyagentos.runtime.motion.room import read_room
+    from phyagentos.runtime.motion.tool_bounds import read_tool_bounds
     from phyagentos.runtime.policies.client import ask_policy
     from phyagentos.runtime.policies.policy_runtime import Policies
     from phyagentos.runtime.preflight.compatibility import Preflight
@@ -192,8 +192,8 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     except DefinitionError as error:
         serve_refusals(orders, error.problems)
         return
-    room = read_room(settings.limits)
-    planner: Planner = PlannerProcess(profile_path, room) if profile.model else LocalPlanner(NoModel())
+    bounds = read_tool_bounds(settings.limits)
+    planner: Planner = PlannerProcess(profile_path, bounds) if profile.model else LocalPlanner(NoModel())
     connection: Channel = Loopback(local) if local is not None else connect_to_world(socket, token, clock)
     sees_truth = settings.perception.sensing is Sensing.TRUTH or not profile.model
     heartbeat = HeartbeatWriter(workspace.heartbeats, target, clock)
@@ -252,7 +252,7 @@ def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
     from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.motion.planner import MotionPlanner
     from phyagentos.runtime.motion.process import LocalPlanner
-    from phyagentos.runtime.motion.room import read_room
+    from phyagentos.runtime.motion.tool_bounds import read_tool_bounds
     from phyagentos.runtime.preflight.settings import read_settings
     from phyagentos.runtime.supervision.workers import end_with_parent
 
@@ -262,7 +262,7 @@ def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
     path = library.get_target(target)
     profile, folder = read_profile(path)
     limits = read_settings(workspace, target).limits
-    planner = MotionPlanner.open(path, room=read_room(limits))
+    planner = MotionPlanner.open(path, bounds=read_tool_bounds(limits))
     planner.warm_up()
     rehearser = Rehearser(
         profile=profile,

@@ -48,9 +48,9 @@ from phyagentos.runtime.motion.requests import (
     World,
 )
 from phyagentos.runtime.motion.robot_model import build_robot_model
-from phyagentos.runtime.motion.room import ANYWHERE, Room
 from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, time_path
+from phyagentos.runtime.motion.tool_bounds import ANYWHERE, ToolBounds
 from phyagentos.runtime.motion.touches import find_touch
 
 REMOVED_MAX = 2  # entities that are moved out for one that comes in
@@ -61,9 +61,11 @@ _Placed = FindGrasps | FindPlacements | FindLine | FindPush | FindTouch | PlanMo
 class MotionPlanner:
     """The motion functions of one robot; the clock only measures stages."""
 
-    def __init__(self, profile: TargetProfile, folder: Path, clock: Clock | None = None, room: Room = ANYWHERE) -> None:
+    def __init__(
+        self, profile: TargetProfile, folder: Path, clock: Clock | None = None, bounds: ToolBounds = ANYWHERE
+    ) -> None:
         self._clock = clock or SystemClock()
-        self.robot = build_robot_model(profile, folder, room)
+        self.robot = build_robot_model(profile, folder, bounds)
         self._chain = build_chain(self.robot)
         self._kinematics = Kinematics(self.robot, self._chain)
         self._spheres = SphereModel(self.robot, self._chain)
@@ -71,9 +73,9 @@ class MotionPlanner:
         self._limits = JointLimits.from_profile(profile)
 
     @classmethod
-    def open(cls, profile_file: Path, clock: Clock | None = None, room: Room = ANYWHERE) -> "MotionPlanner":
-        """The planner of `robots/<name>/target.yaml`, whose tool centre point stays in `room`."""
-        return cls(validate(TargetProfile, read_yaml(profile_file)), profile_file.parent, clock, room)
+    def open(cls, profile_file: Path, clock: Clock | None = None, bounds: ToolBounds = ANYWHERE) -> "MotionPlanner":
+        """The planner of `robots/<name>/target.yaml`, whose tool centre point stays within `bounds`."""
+        return cls(validate(TargetProfile, read_yaml(profile_file)), profile_file.parent, clock, bounds)
 
     def answer(self, request: MotionRequest, should_cancel: Callable[[], bool] = lambda: False) -> MotionAnswer:
         """Carry out one request.

@@ -4,7 +4,7 @@ One compiled MuJoCo model serves all worlds with the same kinds of solids: entit
 or size, as perception measures it anew, costs no compilation. Contact bits exclude pairs of entities. Immovable
 entities are inflated by 4 mm, movable ones by 2 mm, the payload by 2 %. Base and first link ignore immovable entities,
 on which the robot stands. Fingers stand where they are commanded; around a payload they take every opening from that at
-which they hold it to that at which they let go. The tool centre point is a ball that meets only the walls of its room.
+which they hold it to that at which they let go. The tool centre point is a ball that meets only its bounds.
 """
 
 from collections.abc import Iterable, Sequence
@@ -19,8 +19,8 @@ from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.requests import Array, Payload, World
 from phyagentos.runtime.motion.robot_model import ROBOT_BIT, WORLD_BIT, RobotModel
-from phyagentos.runtime.motion.room import BALL_M, is_wall, iter_walls
 from phyagentos.runtime.motion.shapes import compute_bounds
+from phyagentos.runtime.motion.tool_bounds import BALL_M, is_wall, iter_walls
 
 Pair = tuple[str, str]
 Shapes = tuple[Shape, ...]
@@ -231,14 +231,14 @@ def _compile(robot: RobotModel, entities: Sequence[Entity], payload_shapes: Shap
         if not entity.movable:
             for part in sorted(robot.mounting):
                 spec.add_exclude(name=f"mount:{part}|{entity.name}", bodyname1=part, bodyname2=entity.name)
-    _add_room(spec, robot)
+    _add_tool_bounds(spec, robot)
     return spec.compile()
 
 
-def _add_room(spec: mujoco.MjSpec, robot: RobotModel) -> None:
-    """The walls of the tool's room, and the ball that meets nothing else."""
+def _add_tool_bounds(spec: mujoco.MjSpec, robot: RobotModel) -> None:
+    """The walls that bound the tool, and the ball that meets nothing else."""
     bits = {"condim": 1, "mass": 0.001, "contype": ROOM_BIT, "conaffinity": ROOM_BIT}
-    for name, center_m, half_m in iter_walls(robot.room):
+    for name, center_m, half_m in iter_walls(robot.bounds):
         wall = spec.body(name) or spec.worldbody.add_body(name=name)
         wall.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half_m, pos=center_m, **bits)
     site = spec.site(robot.profile.tcp)

@@ -21,7 +21,7 @@ from phyagentos.clock import Clock, SystemClock
 from phyagentos.runtime.channel import SPIN_S, Child
 from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.motion.requests import Cancel, MotionAnswer, MotionRequest, NoPlan, Timing
-from phyagentos.runtime.motion.room import ANYWHERE, Corners, Room
+from phyagentos.runtime.motion.tool_bounds import ANYWHERE, Corners, ToolBounds
 
 if TYPE_CHECKING:
     from phyagentos.runtime.motion.planner import MotionPlanner
@@ -99,11 +99,11 @@ class NoModel:
 
 
 class PlannerProcess:
-    """A planner in its own process, replaced when it dies or ignores a cancellation; `room` bounds its tool."""
+    """A planner in its own process, replaced when it dies or ignores a cancellation; `bounds` are of its tool."""
 
-    def __init__(self, profile_file: Path, room: Room = ANYWHERE, *, clock: Clock | None = None) -> None:
+    def __init__(self, profile_file: Path, bounds: ToolBounds = ANYWHERE, *, clock: Clock | None = None) -> None:
         command = [sys.executable, "-m", "phyagentos.runtime.motion.process", "--profile", str(profile_file)]
-        command += ["--room", msgspec.json.encode(room).decode()]
+        command += ["--bounds", msgspec.json.encode(bounds).decode()]
         self._start = partial(Child, command, spin_s=SPIN_S)
         self._clock = clock or SystemClock()
         self._pending = False
@@ -213,12 +213,12 @@ class _Inbox:
                 self.requests.put(message)
 
 
-def serve(profile_file: Path, room: Room, connection: "Connection[Any, Any]") -> None:
+def serve(profile_file: Path, bounds: ToolBounds, connection: "Connection[Any, Any]") -> None:
     """Answer requests until the other side closes."""
     from phyagentos.runtime.motion.planner import MotionPlanner  # the port alone loads no simulator
 
     inbox = _Inbox(connection)
-    planner = MotionPlanner.open(profile_file, room=room)
+    planner = MotionPlanner.open(profile_file, bounds=bounds)
     planner.warm_up()
     while (request := inbox.requests.get()) is not None:
         answer = planner.answer(request, inbox.cancelled.is_set)
@@ -232,11 +232,11 @@ def main() -> None:
     """Entry point of the planner process."""
     parser = argparse.ArgumentParser(description="Answers motion requests for one robot.")
     parser.add_argument("--profile", type=Path, required=True, help="robots/<name>/target.yaml")
-    parser.add_argument("--room", required=True, help="where the tool may be, as JSON")
+    parser.add_argument("--bounds", required=True, help="where the tool may be, as JSON")
     parser.add_argument("--descriptor", type=int, required=True, help="socket to the worker, inherited")
     arguments = parser.parse_args()
-    room = msgspec.json.decode(arguments.room, type=dict[str, Corners])
-    serve(arguments.profile, room, Connection(arguments.descriptor))
+    bounds = msgspec.json.decode(arguments.bounds, type=dict[str, Corners])
+    serve(arguments.profile, bounds, Connection(arguments.descriptor))
 
 
 if __name__ == "__main__":

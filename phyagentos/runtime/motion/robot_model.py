@@ -16,7 +16,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.allowed_collisions import exclude_pairs, sample_collision_matrix
 from phyagentos.runtime.models.robot import read_robot
 from phyagentos.runtime.motion.requests import Array
-from phyagentos.runtime.motion.room import ANYWHERE, Room
+from phyagentos.runtime.motion.tool_bounds import ANYWHERE, ToolBounds
 
 ROBOT_BIT, WORLD_BIT = 1, 2
 
@@ -33,7 +33,7 @@ class RobotModel:
         fingers: Bodies that the gripper moves, open in `spec` -> way (3,) of each in the hand, for a metre of opening.
         hand: Bodies that move as one with the tool centre point.
         tool: Body that carries the tool centre point.
-        room: Where that point may be.
+        bounds: Of where that point may be.
     """
 
     profile: TargetProfile
@@ -46,7 +46,7 @@ class RobotModel:
     fingers: Mapping[str, Array]
     hand: frozenset[str]
     tool: str
-    room: Room
+    bounds: ToolBounds
 
     @property
     def home_rad(self) -> Array:
@@ -79,7 +79,7 @@ def _iter_finger_bounds(robot: RobotModel) -> Iterator[Array]:
             yield np.array((center - half, center + half))
 
 
-def build_robot_model(profile: TargetProfile, folder: Path, room: Room = ANYWHERE) -> RobotModel:
+def build_robot_model(profile: TargetProfile, folder: Path, bounds: ToolBounds = ANYWHERE) -> RobotModel:
     """Read the profile's MJCF in `folder` and strip it to what planning needs.
 
     Raises:
@@ -122,7 +122,7 @@ def build_robot_model(profile: TargetProfile, folder: Path, room: Room = ANYWHER
             if model.body_weldid[body] == model.body_weldid[tool]
         ),
         tool=model.body(tool).name,
-        room=room,
+        bounds=bounds,
     )
 
 

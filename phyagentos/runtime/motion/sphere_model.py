@@ -17,8 +17,8 @@ from phyagentos.runtime.motion.chain import Chain, compute_links
 from phyagentos.runtime.motion.planning_scene import FIXED_MARGIN_M, MOVABLE_MARGIN_M, PAYLOAD_SCALE, PlanningScene
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.robot_model import RobotModel
-from phyagentos.runtime.motion.room import BALL_M, iter_walls
 from phyagentos.runtime.motion.shapes import compute_shape_boxes
+from phyagentos.runtime.motion.tool_bounds import BALL_M, iter_walls
 
 Integers = NDArray[np.int64]
 
@@ -207,7 +207,7 @@ def _box_obstacles(scene: PlanningScene) -> tuple[Array, Integers]:
         for box in compute_shape_boxes(entity):
             rows.append(_make_row(box.pose[:3, 3], box.pose[:3, :3], box.half_m + margin_m))
             kinds.append(kind)
-    for _, center_m, half_m in iter_walls(scene.robot.room):
+    for _, center_m, half_m in iter_walls(scene.robot.bounds):
         rows.append(_make_row(center_m, np.eye(3), half_m))
         kinds.append(_WALL)
     return np.array(rows).reshape(-1, 16), np.array(kinds, dtype=np.int64)

@@ -39,7 +39,7 @@ from phyagentos.runtime.motion.requests import (
     TimeLine,
     World,
 )
-from phyagentos.runtime.motion.room import is_wall
+from phyagentos.runtime.motion.tool_bounds import is_wall
 from phyagentos.runtime.preflight.adapter_plan import Trial
 from phyagentos.runtime.preflight.findings import make_problem
 from phyagentos.runtime.targets.wire import Kinematics

@@ -8,7 +8,7 @@ from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.requests import FindGrasps, FindLine, Motion, NoPlan, PlanMove
-from phyagentos.runtime.motion.room import read_room
+from phyagentos.runtime.motion.tool_bounds import read_tool_bounds
 
 pytestmark = pytest.mark.motion
 
@@ -18,7 +18,7 @@ COLUMN = ((0.3, -0.04, -0.02), (0.8, 0.04, 0.7))  # between the cubes
 
 @pytest.fixture(scope="module")
 def bounded(profile_file):
-    return MotionPlanner.open(profile_file, room=read_room(LIMITS) | {"keep_out.column": COLUMN})
+    return MotionPlanner.open(profile_file, bounds=read_tool_bounds(LIMITS) | {"keep_out.column": COLUMN})
 
 
 def measure_tools(planner, rows_rad):
@@ -57,7 +57,7 @@ def test_a_motion_goes_around_what_the_tool_is_to_keep_out_of(planner, bounded, 
     assert not is_in_column(bounded, bounded.answer(request))
 
 
-def test_a_line_that_would_leave_the_room_is_refused_with_what_bounds_it(bounded, build, home):
+def test_a_line_that_would_leave_the_bounds_is_refused_with_what_bounds_it(bounded, build, home):
     world = make_world(build, 0.3, 0.4)
     grasp = bounded.answer(FindGrasps(world=world, object="left", q_rad=home, seed=0)).approaches[0]
     tool = bounded._chain.compute_tcp(grasp.line_rad[0])
@@ -70,8 +70,8 @@ def test_a_line_that_would_leave_the_room_is_refused_with_what_bounds_it(bounded
     assert answer.rejected == {"hand|keep_out.column": 1}
 
 
-def test_what_can_only_be_grasped_beyond_the_room_is_refused_for_that(profile_file, build, home):
-    narrow = MotionPlanner.open(profile_file, room={"workspace_box": ((-0.3, -0.4, -0.02), (0.9, 0.36, 1.3))})
+def test_what_can_only_be_grasped_beyond_the_bounds_is_refused_for_that(profile_file, build, home):
+    narrow = MotionPlanner.open(profile_file, bounds={"workspace_box": ((-0.3, -0.4, -0.02), (0.9, 0.36, 1.3))})
 
     answer = narrow.answer(FindGrasps(world=make_world(build, 0.4, 0.4), object="far", q_rad=home, seed=0))
 

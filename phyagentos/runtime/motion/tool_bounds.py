@@ -12,24 +12,24 @@ from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.runtime.motion.requests import Array
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
-Room = Mapping[str, Corners]
+ToolBounds = Mapping[str, Corners]
 """Least and greatest corner in the world [m] of `workspace_box`, which the point stays in, and of `keep_out.<name>`."""
 
-ANYWHERE: Room = {}
+ANYWHERE: ToolBounds = {}
 BALL_M = 0.01  # its radius: a measured tool is beside the planned one by tracking and by the noise of its encoders
 WALL_M = 10.0  # half thickness of what surrounds the workspace: no arm reaches through it
 WORKSPACE, KEEP_OUT = "workspace_box", "keep_out."
 
 
-def read_room(limits: TargetLimits) -> dict[str, Corners]:
-    """The room that safety.yaml leaves a target."""
+def read_tool_bounds(limits: TargetLimits) -> dict[str, Corners]:
+    """The bounds that safety.yaml sets for a target."""
     boxes = {WORKSPACE: limits.workspace_box} | {KEEP_OUT + name: each for name, each in limits.keep_out.items()}
     return {name: cast("Corners", limit.value) for name, limit in boxes.items()}
 
 
-def iter_walls(room: Room) -> Iterator[tuple[str, Array, Array]]:
+def iter_walls(bounds: ToolBounds) -> Iterator[tuple[str, Array, Array]]:
     """Boxes that the ball must not meet: name of the limit, centre (3,), half extents (3,) [m]."""
-    for name, corners in room.items():
+    for name, corners in bounds.items():
         low, high = np.array(corners)
         if name != WORKSPACE:
             yield name, (low + high) / 2.0, (high - low) / 2.0
