@@ -16,7 +16,7 @@ from phyagentos.protocol.world.environment import Pose
 from phyagentos.store.admission import Entry
 from phyagentos.store.journal import Journal
 
-from .conftest import Play, hold, make_world, put, remove, succeed
+from .conftest import SKILLS, Play, add_skills, hold, make_world, put, remove, succeed
 
 UNFIT = Problem(code="ACTION_UNAVAILABLE", address="joint_torque")
 TIDY = """
@@ -187,6 +187,15 @@ def test_outputs_flow_along_data_edges_and_fan_out_waits(make_stage, write_graph
     assert [s.node for s in report.sessions] == ["red", "beside", "each-green_cube", "each-yellow_cube"]
     place_site = stage.runtime.ran[1].parameters["near"]
     assert place_site == [pytest.approx(0.55), pytest.approx(0.3), pytest.approx(0.03)]
+
+
+@pytest.mark.parametrize(("code", "tried"), [("TOO_WIDE", ["green", "r1"]), ("NO_SPACE", ["green"])])
+def test_a_destination_without_room_is_no_reason_to_try_other_means(make_stage, library, tidy, code, tried):
+    """A skill that promised the same was tried there, and moved things for nothing."""
+    add_skills(library, {"slide": SKILLS["pick_and_place"].replace("tree: pick_and_place", "tree: slide")})
+    report = make_stage(refuse={"green": Problem(code=code, address="dry run")}).pursue(tidy)
+
+    assert [each.id.rpartition(".")[2] for each in report.sessions if "green" in each.id] == tried
 
 
 def test_nodes_behind_a_blocked_one_are_blocked_and_say_by_whom(make_stage, write_graph):
