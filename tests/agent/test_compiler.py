@@ -66,6 +66,15 @@ def test_a_contract_names_what_else_comes_to_its_place_and_what_must_stay(write_
     assert compiler.compile_node("red", outputs={}, attempt=1, revision=look).coming == ()
 
 
+@pytest.mark.parametrize(("key", "stays"), [("accept", False), ("hold", True)])
+def test_what_is_not_in_the_hand_in_the_end_may_be_moved_meanwhile(write_graph, catalogue, key, stays):
+    text = GRAPH.replace(
+        "with: {object: yellow_cube}",
+        f'with: {{object: blue_cube}}\n        {key}: ["not holding(target, yellow_cube)"]',
+    )
+    assert ("yellow_cube" in read_goal_graph(write_graph(text), catalogue).kept) is stays
+
+
 @pytest.mark.parametrize(
     ("node", "change", "unless_met"),
     [

@@ -20,6 +20,7 @@ from phyagentos.protocol.world.predicates.predicate import parse_predicate, subs
 from phyagentos.protocol.world.predicates.syntax import Name, iter_calls
 
 _ANYWHERE = frozenset({"exists", "visible"})  # predicates that stay true wherever a thing is put
+_AT_LAST = _ANYWHERE | {"holding"}  # and those that it makes false only on the way
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,12 +154,13 @@ def _find_brought(choices: Mapping[str, Choice], catalogue: Catalogue) -> dict[s
 def _find_kept(
     spec: GoalSpec, nodes: Mapping[str, Node], choices: Mapping[str, Choice], brought: set[str]
 ) -> tuple[str, ...]:
-    texts = [*spec.accept, *spec.constraints]
+    texts = [(text, _AT_LAST) for text in spec.accept] + [(text, _ANYWHERE) for text in spec.constraints]
     for name, node in nodes.items():
-        stated = (*node.spec.requires, *node.spec.hold, *node.spec.accept)
-        texts += [substitute(text, choices[name].parameters) for text in stated]
-    calls = (call for text in texts for call in iter_calls(parse_predicate(text, template=True).formula))
-    terms = (term for call in calls if call.name not in _ANYWHERE for term in call.terms)
+        values = choices[name].parameters
+        texts += [(substitute(text, values), _ANYWHERE) for text in (*node.spec.requires, *node.spec.hold)]
+        texts += [(substitute(text, values), _AT_LAST) for text in node.spec.accept]
+    calls = ((call, free) for text, free in texts for call in iter_calls(parse_predicate(text, template=True).formula))
+    terms = (term for call, free in calls if call.name not in free for term in call.terms)
     return tuple(sorted({term.text for term in terms if isinstance(term, Name)} - brought))
 
 
