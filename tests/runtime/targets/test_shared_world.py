@@ -334,16 +334,10 @@ def test_an_aborted_arm_waits_for_one_in_mid_motion(library):
     assert not settles.is_alive()
 
 
-def test_an_emergency_stop_is_heard_by_a_command_that_waits(library):
-    latched = []
-    table = Table(library, is_estopped=lambda: bool(latched))
-    for target in table.targets:
-        table.begin(target)
-    q, qd = set_in_motion(table)
-    ours, theirs = Pipe()
-    table.right.listen(Link(ours), Tokens())
+def assert_stop_is_heard(table, q, qd, latched, ask=None):
+    """A command of the right arm that waits for the left one ends with the stop."""
     replies = []
-    waits = threading.Thread(target=lambda: replies.append(table.command(table.right, q, qd)), daemon=True)
+    waits = threading.Thread(target=lambda: replies.append(table.command(table.right, q, qd, ask=ask)), daemon=True)
     waits.start()
     waits.join(2 * POLL_S)
     assert waits.is_alive()
@@ -352,6 +346,17 @@ def test_an_emergency_stop_is_heard_by_a_command_that_waits(library):
     waits.join(30.0)
     assert replies[0].code == "ESTOPPED"
     assert not table.right.is_moving
+
+
+def test_an_emergency_stop_is_heard_by_a_command_that_waits(library):
+    latched = []
+    table = Table(library, is_estopped=lambda: bool(latched))
+    for target in table.targets:
+        table.begin(target)
+    q, qd = set_in_motion(table)
+    ours, theirs = Pipe()
+    table.right.listen(Link(ours), Tokens())
+    assert_stop_is_heard(table, q, qd, latched)
     assert isinstance(table.right.handle(wire.Settle("s", 1, 0.1)), wire.Step)  # though the left arm stands
     theirs.close()
 
@@ -364,16 +369,7 @@ def test_an_emergency_stop_here_ends_a_command_that_waits_there(library, connect
     q, qd = set_in_motion(table, there.handle)
     ours, _theirs = Pipe()
     there.listen(Link(ours), Tokens())
-    replies = []
-    waits = threading.Thread(target=lambda: replies.append(table.command(table.right, q, qd, ask=there.handle)))
-    waits.start()
-    waits.join(2 * POLL_S)
-    assert waits.is_alive()
-
-    latched.append(True)
-    waits.join(30.0)
-    assert replies[0].code == "ESTOPPED"
-    assert not table.right.is_moving
+    assert_stop_is_heard(table, q, qd, latched, there.handle)
 
 
 def test_an_emergency_stop_brings_both_to_rest_and_both_logs_say_so(library, tmp_path):
