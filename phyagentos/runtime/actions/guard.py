@@ -81,7 +81,6 @@ class SafetyGuard:
         self._measures = np.empty((7, rows, n))
         self._points = np.zeros((2, rows + 1, n))  # positions and velocities, behind the row before the first
         self._slopes = np.zeros((2, rows + 1, n))  # their differences, likewise
-        measure_rows(self._points, self._slopes, self._middle, 0.0, self._measures)  # loaded before the first command
         self._last_time_s, self._first_time_s = -np.inf, np.inf
 
     def begin(self, q_rad: Array) -> None:

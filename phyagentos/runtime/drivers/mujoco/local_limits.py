@@ -82,8 +82,6 @@ class LocalLimits:
         self._bounds = np.array((none, none, top, top * dt, bend, change, change * dt))[:, None]
         self._found = np.empty((len(BROKEN), *self._shape))
         self._rows = np.zeros((2, n_steps + 1, len(arm.joints)))  # positions and velocities, behind those that are held
-        measure_rows(self._rows, none, self.low, self.high, dt, self._found)  # loaded before the first command
-        needs_restraint(none, none, self._middle, self._free_step, self._free_room)
 
     def check(self, command: Command, held: SetPoint) -> Refused | None:
         """Refusal of a command that cannot be followed from the held set-point within the limits."""

@@ -1,10 +1,13 @@
-"""What a target asks of every command and around every physics step, compiled by numba."""
+"""What a target asks of every command and around every physics step, compiled by numba.
+
+Types are given, so that all is compiled, or found on the disk, before the first command: then the disk may be full.
+"""
 
 import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit("void(f8[:,:,::1], f8[::1], f8[::1], f8[::1], f8, f8[:,:,::1])", cache=True)
 def measure_rows(rows, step, low, high, dt, found):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Fills in `found` (7, k, n) in the order of `local_limits.BROKEN`.
 
@@ -22,7 +25,7 @@ def measure_rows(rows, step, low, high, dt, found):  # type: ignore[no-untyped-d
             before, slow, last = q, qd, now
 
 
-@njit(cache=True)
+@njit("b1(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])", cache=True)
 def needs_restraint(q, wanted, middle, step, room):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Whether a joint is fast, or near its end; asked before every physics step."""
     found = False
@@ -31,7 +34,7 @@ def needs_restraint(q, wanted, middle, step, room):  # type: ignore[no-untyped-d
     return found
 
 
-@njit(cache=True)
+@njit("b1(f8[::1], f8)", cache=True)
 def is_any_beyond(values, bound):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Whether the magnitude of one of some numbers (n,) is greater than a bound."""
     found = False
@@ -40,7 +43,7 @@ def is_any_beyond(values, bound):  # type: ignore[no-untyped-def]  # noqa: ANN00
     return found
 
 
-@njit(cache=True)
+@njit("i8[::1](i4[:,:], u1[::1], i8, i8, i8)", cache=True)
 def find_firm(geoms, kinds, ours, loose, finger):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Which of some contacts (n, 2) of geoms are of what is `ours`, and neither `loose` nor of two fingers."""
     firm = np.zeros(len(geoms), np.bool_)
