@@ -31,6 +31,12 @@ class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
     triggered_by: str = ""
     subject: str = ""
 
+    @classmethod
+    def unknown(cls, code: str, address: str, name: str, possible: Iterable[str], found: str = "") -> "Problem":
+        """A name that is not among the possible ones, with the nearest of them; `found` where more was written."""
+        possible = tuple(possible)
+        return cls(code, address, found or repr(name), format_names(possible), format_hint(name, possible))
+
     def __str__(self) -> str:
         """One line: where, which, found, possible, next."""
         parts = [f"{self.address}: {self.code}"]
@@ -62,9 +68,8 @@ class DefinitionError(PhyAgentOSError):
 
     @classmethod
     def unknown(cls, code: str, address: str, name: str, possible: Iterable[str]) -> "DefinitionError":
-        """The error of a name that is not among the possible ones, with the nearest of them."""
-        possible = tuple(possible)
-        return cls.of(code, address, repr(name), format_names(possible), format_hint(name, possible))
+        """The error of one `Problem.unknown`."""
+        return cls(Problem.unknown(code, address, name, possible))
 
 
 class ExecutionError(PhyAgentOSError):

@@ -27,7 +27,7 @@ from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note
 from phyagentos.cli.progress import RunFold
 from phyagentos.cli.report import build_report, compute_exit_code, print_report
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.schema import Address, read_yaml
 from phyagentos.protocol.sessions.estop import read_latch
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -187,7 +187,7 @@ def iter_misses(faults: Path, scene: Path) -> Iterator[Problem]:
     named += [(("draw", "objects", index), name) for index, name in enumerate(drawn)]
     for path, name in named:
         if name not in bodies:
-            yield located.problem("UNKNOWN_ENTITY", path, repr(name), format_names(bodies), format_hint(name, bodies))
+            yield located.unknown("UNKNOWN_ENTITY", path, name, bodies)
 
 
 def choose_workspace(name: str, seed: int) -> Path:

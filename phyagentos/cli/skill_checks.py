@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
 from phyagentos.protocol.capabilities.trees import Tree, read_tree
@@ -34,9 +34,7 @@ def _check_predicates(skill: SkillRuntime, located: Located) -> Iterator[Problem
             for name in predicate.variables:
                 if name not in known:
                     found = f"'${{{name}}}' in {text!r}"
-                    yield located.problem(
-                        "UNKNOWN_PARAMETER", address, found, format_names(known), format_hint(name, known)
-                    )
+                    yield located.unknown("UNKNOWN_PARAMETER", address, name, known, found)
 
 
 def _check_tree(skill: SkillRuntime, located: Located, library: Library) -> Iterator[Problem]:
@@ -44,9 +42,7 @@ def _check_tree(skill: SkillRuntime, located: Located, library: Library) -> Iter
         return
     names = library.names_of_trees()
     if skill.tree not in names:
-        yield located.problem(
-            "UNKNOWN_TREE", ("tree",), repr(skill.tree), format_names(names), format_hint(skill.tree, names)
-        )
+        yield located.unknown("UNKNOWN_TREE", ("tree",), skill.tree, names)
         return
     try:
         tree = read_tree(library.get_tree(skill.tree))
@@ -64,8 +60,5 @@ def _check_ports(skill: SkillRuntime, located: Located, tree: Tree) -> Iterator[
             yield located.problem("MISSING_PARAMETER", ("parameters",), "nothing", f"parameter {name!r}", hint)
     for name in skill.outputs:
         if name not in tree.header.outputs:
-            possible = tree.header.outputs
             found = f"{name!r}, which the tree {skill.tree!r} does not make"
-            yield located.problem(
-                "UNKNOWN_OUTPUT", ("outputs", name), found, format_names(possible), format_hint(name, possible)
-            )
+            yield located.unknown("UNKNOWN_OUTPUT", ("outputs", name), name, tree.header.outputs, found)

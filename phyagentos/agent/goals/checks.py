@@ -9,7 +9,7 @@ from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.expansion import DataEdge, Node, Path
 from phyagentos.agent.goals.selector import ANY, Choice, select
 from phyagentos.agent.goals.spec import NAME_MAX, REFERENCE, GoalSpec, Promise
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_mismatch
 from phyagentos.protocol.capabilities.targets import find_unshared
 from phyagentos.protocol.documents.schema import Located
@@ -35,10 +35,10 @@ class Checks:
         if len(self.spec.goal) > NAME_MAX:
             yield self.located.problem("INVALID_NAME", ("goal",), repr(self.spec.goal), f"at most {NAME_MAX} letters")
         if self.spec.scene not in self.catalogue.scenes:
-            yield self._unknown("UNKNOWN_SCENE", ("scene",), self.spec.scene, self.catalogue.scenes)
+            yield self.located.unknown("UNKNOWN_SCENE", ("scene",), self.spec.scene, self.catalogue.scenes)
         for role, target in self.spec.targets.items():
             if target != ANY and target not in self.catalogue.targets:
-                yield self._unknown("UNKNOWN_TARGET", ("targets", role), target, [*self.catalogue.targets, ANY])
+                yield self.located.unknown("UNKNOWN_TARGET", ("targets", role), target, [*self.catalogue.targets, ANY])
         yield from self._check_worlds()
         yield from self._check_interchangeable()
         for name, text in self.spec.described.items():
@@ -81,9 +81,9 @@ class Checks:
         if target != ANY and target not in self.catalogue.targets:
             possible = [*self.spec.targets, *self.catalogue.targets, ANY]
             path: Path = ("targets", wanted) if wanted in self.spec.targets else (*node.path, "target")
-            problems.append(self._unknown("UNKNOWN_TARGET", path, target, possible))
+            problems.append(self.located.unknown("UNKNOWN_TARGET", path, target, possible))
         if isinstance(skill, str) and skill not in self.catalogue.skills:
-            problems.append(self._unknown("UNKNOWN_SKILL", (*node.path, "skill"), skill, self.catalogue.skills))
+            problems.append(self.located.unknown("UNKNOWN_SKILL", (*node.path, "skill"), skill, self.catalogue.skills))
         if problems:
             raise DefinitionError(problems)
         address = self.located.address_of((*node.path, "skill"))
@@ -107,7 +107,9 @@ class Checks:
                 path, target = ("worlds", world, index), self.spec.targets.get(name, name)
                 profile = self.catalogue.targets.get(target)
                 if profile is None:
-                    yield self._unknown("UNKNOWN_TARGET", path, name, [*self.spec.targets, *self.catalogue.targets])
+                    yield self.located.unknown(
+                        "UNKNOWN_TARGET", path, name, [*self.spec.targets, *self.catalogue.targets]
+                    )
                 elif target in placed:
                     found = f"{target!r} in {placed[target]!r} and in {world!r}"
                     yield self.located.problem("TARGET_IN_TWO_WORLDS", path, found, "one world for each target")
@@ -127,7 +129,7 @@ class Checks:
                 return
             for name in names:
                 if name not in self._kinds:
-                    yield self._unknown("UNKNOWN_ENTITY", path, name, self._kinds)
+                    yield self.located.unknown("UNKNOWN_ENTITY", path, name, self._kinds)
                 elif len(names) < 2 or set(names) - {name} - self._alike.get(name, frozenset()):
                     alike = format_names(self._alike.get(name, ()))
                     yield self.located.problem("NOT_ALIKE", path, f"{name!r} in {list(names)}", f"alike are {alike}")
@@ -175,12 +177,12 @@ class Checks:
                 continue
             code = "UNKNOWN_TARGET" if reference.kind is ArgumentKind.TARGET else "UNKNOWN_ENTITY"
             found = f"{reference.name!r} at column {reference.column} of {text!r}"
-            yield self.located.problem(code, path, found, format_names(known), format_hint(reference.name, known))
+            yield self.located.unknown(code, path, reference.name, known, found)
 
     def _check_arguments(self, node: Node, choice: Choice, runtime: SkillRuntime) -> Iterator[Problem]:
         for key in choice.parameters:
             if key not in runtime.parameters:
-                yield self._unknown("UNKNOWN_PARAMETER", (*node.path, "with", key), key, runtime.parameters)
+                yield self.located.unknown("UNKNOWN_PARAMETER", (*node.path, "with", key), key, runtime.parameters)
         for key, parameter in runtime.parameters.items():
             value = choice.parameters.get(key)
             path = (*node.path, "with", key)
@@ -196,7 +198,7 @@ class Checks:
             elif parameter.type in {"entity", "entities", "place"} and self._kinds is not None:
                 for name in [value] if isinstance(value, str) else value:
                     if name not in self._kinds:
-                        yield self._unknown("UNKNOWN_ENTITY", path, str(name), self._kinds)
+                        yield self.located.unknown("UNKNOWN_ENTITY", path, str(name), self._kinds)
                     elif parameter.kinds and (kind := self._kinds[name]) and kind not in parameter.kinds:
                         fitting = [each for each, other in self._kinds.items() if other in parameter.kinds]
                         expected = f"of kind {' or '.join(parameter.kinds)}: {format_names(fitting)}"
@@ -210,19 +212,13 @@ class Checks:
             source = self.catalogue.skills[choices[edge.node].skill]
             output = source.outputs.get(edge.output)
             if output is None:
-                possible = list(source.outputs)
                 found = f"{edge.output!r} of node {edge.node!r} (skill {source.skill})"
-                hint = format_hint(edge.output, possible)
-                yield self.located.problem("UNKNOWN_OUTPUT", edge.path, found, format_names(possible), hint)
+                yield self.located.unknown("UNKNOWN_OUTPUT", edge.path, edge.output, source.outputs, found)
             elif (wanted := _find_wanted_type(edge, node, runtime)) and (output.type, wanted) not in _FITTING | {
                 (wanted, wanted)
             }:
                 found = f"output '{edge.node}.outputs.{edge.output}', which is a {output.type}"
                 yield self.located.problem("INVALID_PARAMETER", edge.path, found, f"a {wanted}")
-
-    def _unknown(self, code: str, path: Path, name: str, known: Iterable[str]) -> Problem:
-        names = list(known)
-        return self.located.problem(code, path, repr(name), format_names(names), format_hint(name, names))
 
 
 def _find_wanted_type(edge: DataEdge, node: Node, runtime: SkillRuntime) -> str | None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from phyagentos.agent.goals.spec import NAME_MAX, NODE_NAME, REFERENCE, GoalSpec, NodeSpec, Promise
-from phyagentos.errors import Problem, format_hint, format_names
+from phyagentos.errors import Problem
 from phyagentos.protocol.documents.schema import Located
 from phyagentos.protocol.sessions.session import NODE_MAX
 from phyagentos.protocol.world.predicates.syntax import format_value
@@ -129,9 +129,7 @@ def _iter_predecessors(
         if name in known:
             yield from known[name]
         else:
-            path = ("sessions", authored, "after", index)
-            hint = format_hint(name, known)
-            problems.append(located.problem("UNKNOWN_NODE", path, repr(name), format_names(known), hint))
+            problems.append(located.unknown("UNKNOWN_NODE", ("sessions", authored, "after", index), name, known))
 
 
 def _iter_data_edges(
@@ -160,12 +158,9 @@ def _iter_data_edges(
             members = known.get(source, ())
             if not output:
                 possible = [*variables, *node.arguments, *(f"{name}.outputs.<name>" for name in known)]
-                hint = format_hint(reference, possible)
-                problem = located.problem("UNKNOWN_REFERENCE", path, match[0], format_names(possible), hint)
+                problem = located.unknown("UNKNOWN_REFERENCE", path, reference, possible, match[0])
             elif not members:
-                problem = located.problem(
-                    "UNKNOWN_NODE", path, f"{source!r} in {match[0]}", format_names(known), format_hint(source, known)
-                )
+                problem = located.unknown("UNKNOWN_NODE", path, source, known, f"{source!r} in {match[0]}")
             elif len(members) > 1:
                 expected = " or ".join(f"${{{member}.outputs.{output}}}" for member in members)
                 problem = located.problem("AMBIGUOUS_REFERENCE", path, match[0], expected)

@@ -12,7 +12,7 @@ from phyagentos.agent.goals.checks import Checks
 from phyagentos.agent.goals.expansion import Node, expand_nodes
 from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.goals.spec import GoalSpec
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import find_roles
 from phyagentos.protocol.documents.markdown import escape_label
 from phyagentos.protocol.documents.schema import Located, parse_yaml, read_yaml, salvage
@@ -189,8 +189,6 @@ def override_yaml(located: Located, overrides: Mapping[str, str]) -> Located:
             place[parent] = dict(inner or {})
             place = place[parent]
         if parents == ["targets"] and key not in place:  # a role that no node names binds nothing
-            roles = [str(role) for role in place]
-            expected, hint = format_names(roles), format_hint(key, roles)
-            raise DefinitionError.of("INVALID_OVERRIDE", dotted, repr(key), expected, hint)
+            raise DefinitionError.unknown("INVALID_OVERRIDE", dotted, key, map(str, place))
         place[key] = parse_yaml(text, f"--set {dotted}").data
     return Located(data=data, source=located.source, marks=located.marks)

@@ -10,7 +10,7 @@ from typing import Any
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.spec import Promise
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.predicates.predicate import Predicate, parse_predicate, substitute
@@ -226,8 +226,7 @@ def _describe_nothing(
     skill: str | Promise, target: str, rejected: Mapping[str, str], catalogue: Catalogue, address: str
 ) -> Problem:
     if isinstance(skill, str) and skill not in catalogue.skills:
-        names = list(catalogue.skills)
-        return Problem("UNKNOWN_SKILL", address, repr(skill), format_names(names), format_hint(skill, names))
+        return Problem.unknown("UNKNOWN_SKILL", address, skill, catalogue.skills)
     wanted = f"skill {skill!r}" if isinstance(skill, str) else f"a skill that guarantees {skill.guarantees!r}"
     reasons = "; ".join(f"{name}: {why}" for name, why in rejected.items()) or "there is none"
     return Problem("NO_CANDIDATE", address, f"{wanted} on target {target!r}", hint=f"Rejected: {reasons}.")

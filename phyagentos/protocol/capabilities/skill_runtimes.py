@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeGuard
 
 import pydantic
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.documents.document import DocumentFormat, split_front_matter
@@ -187,11 +187,6 @@ def find_roles(skill: SkillRuntime) -> tuple[str, str]:
     related = ([key for key in keys if key in named] for keys in variables)
     thing, place, *_ = [*max(related, key=len, default=[]), "", ""]
     return thing, place
-
-
-def problem_unknown_skill(address: str, name: str, known: list[str]) -> Problem:
-    """The problem of a name that no SKILL.md carries."""
-    return Problem("UNKNOWN_SKILL", address, repr(name), format_names(known), format_hint(name, known))
 
 
 def find_mismatch(parameter: Parameter, value: Any) -> str:

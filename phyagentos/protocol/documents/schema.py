@@ -5,7 +5,7 @@ are refused and the JSON Schema for editors comes from the same source.
 """
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import pydantic
 import yaml
 
-from phyagentos.errors import DefinitionError, Problem, find_nearest, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem, find_nearest, format_hint
 
 Loader: type[yaml.SafeLoader] = type("Loader", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {})
 DEPTH_MAX = 200  # levels of lists and mappings
@@ -48,6 +48,10 @@ class Located:
     def problem(self, code: str, path: Address, found: str = "", expected: str = "", hint: str = "") -> Problem:
         """A `Problem` at this place."""
         return Problem(code, self.address_of(path), found, expected, hint)
+
+    def unknown(self, code: str, path: Address, name: str, possible: Iterable[str], found: str = "") -> Problem:
+        """A `Problem.unknown` at this place."""
+        return Problem.unknown(code, self.address_of(path), name, possible, found)
 
 
 def read_text(path: Path) -> str:
@@ -232,8 +236,7 @@ def _to_problem(model: type[Authored], located: Located, base: Address, item: An
     kind = item["type"]
     key = str(item["loc"][-1]) if item["loc"] else ""
     if kind == "extra_forbidden":
-        names = find_fields(model, item["loc"][:-1])
-        return located.problem("UNKNOWN_KEY", path, repr(key), format_names(names), format_hint(key, names))
+        return located.unknown("UNKNOWN_KEY", path, key, find_fields(model, item["loc"][:-1]))
     if kind == "missing":
         return located.problem("MISSING_KEY", path[:-1], "nothing", f"key {key!r}", f"Add {key!r}.")
     found = item.get("input")

@@ -7,7 +7,7 @@ from typing import Literal
 
 import pydantic
 
-from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
 from phyagentos.protocol.settings.sensors import read_sensors
@@ -97,13 +97,7 @@ def read_perception(path: Path) -> Perception:
     if beside.is_file():
         sensors = read_sensors(beside).sensors
         problems = [
-            located.problem(
-                "UNKNOWN_SENSOR",
-                ("pipelines", name, "sensors", index),
-                repr(sensor),
-                format_names(sensors),
-                format_hint(sensor, sensors),
-            )
+            located.unknown("UNKNOWN_SENSOR", ("pipelines", name, "sensors", index), sensor, sensors)
             for name, pipeline in perception.pipelines.items()
             for index, sensor in enumerate(pipeline.sensors)
             if sensor not in sensors

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.documents.schema import Authored, Located, read_yaml, validate
 
 Provenance = Literal["controller_enforced", "planner_constrained", "site_policy", "measured"]
@@ -146,7 +146,7 @@ def _check_limits(located: Located, target: str, limits: TargetLimits) -> Iterat
     for code, reaction in limits.reactions.items():
         at = ("targets", target, "reactions", code)
         if code not in GUARDED:
-            yield located.problem("UNKNOWN_KEY", at, repr(code), format_names(GUARDED), format_hint(code, GUARDED))
+            yield located.unknown("UNKNOWN_KEY", at, code, GUARDED)
         elif reaction == "clamp" and code not in CLAMPABLE:
             hint = f"Only {format_names(CLAMPABLE)} can be clamped."
             yield located.problem("INVALID_VALUE", at, "clamp", "refuse, or a stop", hint)

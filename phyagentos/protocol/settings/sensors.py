@@ -5,7 +5,7 @@ from typing import Literal
 
 import pydantic
 
-from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.schema import Authored, Located, read_yaml, validate
 from phyagentos.protocol.settings.cameras import CameraBackend, CameraSettings, NoiseLevel
 
@@ -111,7 +111,4 @@ def read_sensors(path: Path) -> Sensors:
 def _check_noise_level(sensors: Sensors, located: Located) -> None:
     levels = dict.fromkeys((PERFECT, *sensors.noise_levels))
     if sensors.noise_level not in levels:
-        found, hint = repr(sensors.noise_level), format_hint(sensors.noise_level, levels)
-        raise DefinitionError(
-            located.problem("UNKNOWN_NOISE_LEVEL", ("noise_level",), found, format_names(levels), hint)
-        )
+        raise DefinitionError(located.unknown("UNKNOWN_NOISE_LEVEL", ("noise_level",), sensors.noise_level, levels))

@@ -11,7 +11,7 @@ from math import prod
 
 import msgspec
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Shape, ShapeKind, Status
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.protocol.world.scenes import Body, Material, SceneSpec, Solid
@@ -39,8 +39,8 @@ def parse_description(text: str, address: str = "") -> tuple[str, str, str]:
     problems = []
     for group, words in enumerate((ARTICLES, COLORS, FORMS), 1):
         if (word := match[group]) and word not in words:
-            found, expected = f"{word!r} at column {match.start(group) + 1} of {text!r}", format_names(words)
-            problems.append(Problem("UNKNOWN_WORD", address, found, expected, format_hint(word, words)))
+            found = f"{word!r} at column {match.start(group) + 1} of {text!r}"
+            problems.append(Problem.unknown("UNKNOWN_WORD", address, word, words, found))
     if problems:
         raise DefinitionError(problems)
     return match[1], match[2] or "", match[3].removesuffix("thing")

@@ -10,7 +10,7 @@ from typing import Literal
 
 import pydantic
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.schema import Authored, Located, parse_yaml, read_text, salvage
 from phyagentos.protocol.world.environment import ShapeKind
 from phyagentos.protocol.world.friction import PAIRS, Surface
@@ -285,9 +285,7 @@ def _find_dangling(spec: SceneSpec, located: Located) -> list[Problem]:
     def require(kind: str, name: str | None, known: object, *path: str | int) -> None:
         names = list(known) if isinstance(known, dict) else []
         if name is not None and name not in names:
-            problems.append(
-                located.problem(f"UNKNOWN_{kind}", path, repr(name), format_names(names), format_hint(name, names))
-            )
+            problems.append(located.unknown(f"UNKNOWN_{kind}", path, name, names))
 
     for name, body in spec.bodies.items():
         require("MATERIAL", body.material, spec.materials, "bodies", name, "material")

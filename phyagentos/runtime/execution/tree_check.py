@@ -143,9 +143,7 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
                 problems += _iter_wiring_problems(tree, node, ports, written)
     for name in tree.header.outputs:
         if name not in written:
-            address = ("outputs", name)
-            hint = format_hint(name, written)
-            problems.append(tree.located.problem("UNWRITTEN_OUTPUT", address, repr(name), format_names(written), hint))
+            problems.append(tree.located.unknown("UNWRITTEN_OUTPUT", ("outputs", name), name, written))
     return problems
 
 
@@ -223,9 +221,7 @@ def _problem_unknown(tree: Tree, node: Node, library: Library, registry: LeafReg
     if node.kind is NodeKind.SUBTREE:
         known = library.names_of_trees()
         code = "UNKNOWN_TREE" if node.type not in known else "BROKEN_TREE"
-        return tree.located.problem(
-            code, (*node.address, "tree"), repr(node.type), format_names(known), format_hint(node.type, known)
-        )
+        return tree.located.unknown(code, (*node.address, "tree"), node.type, known)
     names = [*registry.names(), *_CONTROL_WORDS]
     return tree.located.problem(
         "UNKNOWN_LEAF", node.address, repr(node.type), format_names(registry.names()), format_hint(node.type, names)
@@ -239,7 +235,7 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
         place = (*base, port)
         known = [*inputs, *outputs]
         if port not in known:
-            yield tree.located.problem("UNKNOWN_PORT", place, repr(port), format_names(known), format_hint(port, known))
+            yield tree.located.unknown("UNKNOWN_PORT", place, port, known)
         elif isinstance(value, Reference):
             yield from _iter_reference_problems(tree, place, value, {**inputs, **outputs}[port], written)
         elif port in outputs:

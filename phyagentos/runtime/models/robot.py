@@ -8,7 +8,7 @@ from pathlib import Path
 
 import mujoco
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
 
@@ -104,9 +104,7 @@ def _check_names(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> Non
         ("site", profile.tcp),
     ]
     problems = [
-        Problem(
-            f"UNKNOWN_{kind.upper()}", str(path), repr(name), format_names(known[kind]), format_hint(name, known[kind])
-        )
+        Problem.unknown(f"UNKNOWN_{kind.upper()}", str(path), name, known[kind])
         for kind, name in wanted
         if name not in known[kind]
     ]

@@ -7,7 +7,7 @@ import msgspec
 
 from phyagentos.errors import Problem, format_names
 from phyagentos.protocol.capabilities.action_spaces import describe_target_space
-from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, problem_unknown_skill
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
@@ -80,7 +80,7 @@ class Preflight:
         problems += iter_resource_problems(session, self.settings.contract)
         skill = self.skills.get(session.skill)
         if skill is None:
-            problems.append(problem_unknown_skill("skill", session.skill, list(self.skills)))
+            problems.append(Problem.unknown("UNKNOWN_SKILL", "skill", session.skill, self.skills))
         else:
             problems += iter_parameter_problems(session, skill)
         problems += self._find_lasting_problems(skill)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.errors import DefinitionError, format_names
 from phyagentos.protocol.documents.schema import Located, validate
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.sessions.stop_signals import extend_name, move_aside
@@ -102,8 +102,7 @@ def read_request(path: Path) -> tuple[Request, Located]:
     kind = data.get("kind") if isinstance(data, dict) else None
     if not isinstance(kind, str) or kind not in REQUESTS:
         found = repr(kind) if kind is not None else "no 'kind'"
-        hint = format_hint(str(kind), REQUESTS)
-        raise DefinitionError(located.problem("UNKNOWN_REQUEST", ("kind",), found, format_names(REQUESTS), hint))
+        raise DefinitionError(located.unknown("UNKNOWN_REQUEST", ("kind",), str(kind), REQUESTS, found))
     return validate(REQUESTS[kind], located), located
 
 

@@ -11,7 +11,7 @@ from importlib.metadata import entry_points
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.judges.judge import Judge, make_unknown
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.settings.verification import JUDGE_ENTRY_POINTS, JudgeOption, Verification
@@ -83,13 +83,7 @@ class JudgeRegistry:
             DefinitionError: `UNKNOWN_JUDGE` for each unregistered name.
         """
         problems = [
-            Problem(
-                code="UNKNOWN_JUDGE",
-                address=address,
-                found=repr(name),
-                expected=format_names(self._definitions),
-                hint=format_hint(name, self._definitions),
-            )
+            Problem.unknown("UNKNOWN_JUDGE", address, name, self._definitions)
             for name in names
             if name not in self._definitions
         ]
@@ -129,9 +123,7 @@ class ForeignJudge:
 def _make_unloadable(name: str, reason: str) -> JudgeDefinition:
     def open(settings: JudgeSettings) -> Judge:
         found = f"judge {name!r}, whose package does not load: {reason}"
-        raise DefinitionError(
-            Problem(code="UNKNOWN_JUDGE", address=settings.address, found=found, expected="a package that loads")
-        )
+        raise DefinitionError.of("UNKNOWN_JUDGE", settings.address, found, "a package that loads")
 
     return JudgeDefinition(name=name, open=open, description=f"Does not load: {reason}")
 

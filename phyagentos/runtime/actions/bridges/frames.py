@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
-from phyagentos.errors import Problem, format_hint, format_names
+from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frames, replace_space
 from phyagentos.runtime.actions.bridges.rotations import decode_rotation, encode_rotation
@@ -30,9 +30,7 @@ class FrameBridge(ActionBridge):
             return None
         for space in (source, target):
             if space.frame not in frames:
-                return Problem(
-                    "FRAME_UNKNOWN", "frame", repr(space.frame), format_names(frames), format_hint(space.frame, frames)
-                )
+                return Problem.unknown("FRAME_UNKNOWN", "frame", space.frame, frames)
         transformation = np.linalg.inv(frames[target.frame]) @ frames[source.frame]
         transformation[:3, 3] /= METRES[source.length_unit]
         return cls(source, replace_space(source, frame=target.frame), transformation)
