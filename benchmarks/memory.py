@@ -26,8 +26,9 @@ from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.memory.scopes import compute_scope
 from phyagentos.bench.report import Ask, Spread, format_outcome
 from phyagentos.clock import SystemClock
+from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.sessions.knowledge import render_knowledge
-from phyagentos.protocol.sessions.lessons import read_lessons, render_lessons
+from phyagentos.protocol.sessions.lessons import LESSONS, render_lessons
 from phyagentos.protocol.sessions.memory_entries import Embodiment
 from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
@@ -154,7 +155,7 @@ def main() -> int:
         spent_ms, unverified, answers = ask(memory, episodes, rng)
         lessons, facts = memory.experience.list_lessons(), memory.experience.list_facts()
         text = render_lessons(lessons)
-        sizes = [len(read_lessons(text).blocks), len(facts)]
+        sizes = [len(read_document(text, LESSONS).blocks), len(facts)]
         document_ms = time_ms(lambda: (render_lessons(memory.experience.list_lessons()), render_knowledge(facts)))
         version, known = memory.version, len(memory.experience.corrections)
         memory.close()

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 from phyagentos.protocol.capabilities.registries import read_target, render_skills, render_targets
 from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME, Needs, Output, Parameter, SkillRuntime
-from phyagentos.protocol.capabilities.targets import Health, RegisteredTarget, TargetHealth, read_targets
+from phyagentos.protocol.capabilities.targets import TARGETS, Health, RegisteredTarget, TargetHealth
 from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.log import LogLine, read_log
-from phyagentos.protocol.sessions.knowledge import Fact, read_knowledge, render_knowledge
-from phyagentos.protocol.sessions.lessons import Lesson, read_lessons, render_lessons
+from phyagentos.protocol.sessions.knowledge import KNOWLEDGE, Fact, render_knowledge
+from phyagentos.protocol.sessions.lessons import LESSONS, Lesson, render_lessons
 from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RuntimeState, Signs
 from phyagentos.protocol.sessions.session import SESSIONS, Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import TASK, GoalStatus
@@ -132,7 +132,7 @@ def test_targets_come_back_as_they_were(panda, health, description, width_m):
     )
     text = render_targets([target])
 
-    assert read_targets(text).blocks == {"panda": target}
+    assert read_document(text, TARGETS).blocks == {"panda": target}
     check_schema(text, "TARGETS.md")
 
 
@@ -152,7 +152,7 @@ def test_the_environment_comes_back_as_it_was(environment):
 def test_lessons_come_back_as_they_were(lessons):
     text = render_lessons(lessons)
 
-    assert list(read_lessons(text).blocks.values()) == lessons
+    assert list(read_document(text, LESSONS).blocks.values()) == lessons
     check_schema(text, "LESSONS.md")
 
 
@@ -161,7 +161,7 @@ def test_lessons_come_back_as_they_were(lessons):
 def test_facts_come_back_as_they_were(facts):
     text = render_knowledge(facts)
 
-    assert list(read_knowledge(text).blocks.values()) == facts
+    assert list(read_document(text, KNOWLEDGE).blocks.values()) == facts
     check_schema(text, "KNOWLEDGE.md")
 
 

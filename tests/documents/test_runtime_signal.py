@@ -9,7 +9,7 @@ import pytest
 
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import publish_health, read_target_registry
-from phyagentos.protocol.capabilities.targets import Health, TargetHealth, read_targets
+from phyagentos.protocol.capabilities.targets import TARGETS, Health, TargetHealth
 from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, is_process_alive, write_heartbeat
 from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RequestState, RuntimeState
@@ -43,7 +43,7 @@ def read_signs(workspace):
 
 
 def read_health(workspace):
-    return read_targets(workspace.target_registry.read_text()).blocks["panda"].health
+    return read_document(workspace.target_registry.read_text(), TARGETS).blocks["panda"].health
 
 
 @pytest.fixture

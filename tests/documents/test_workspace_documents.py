@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from phyagentos.cli.lint import lint_paths
-from phyagentos.protocol.capabilities.targets import Health, read_targets
+from phyagentos.protocol.capabilities.targets import TARGETS, Health
 from phyagentos.protocol.documents.document import iter_blocks, read_document
 from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RuntimeState
 from phyagentos.protocol.sessions.tasks import TASK, NodeState
@@ -63,7 +63,7 @@ def test_the_task_tells_what_was_asked_what_went_wrong_and_what_was_done_about_i
 
 def test_nothing_claims_to_live_after_the_end(workspace):
     signs = read_document((workspace / "RUNTIME_SIGNAL.md").read_text(encoding="utf-8"), RUNTIME_SIGNAL).blocks["Signs"]
-    targets = read_targets((workspace / "TARGETS.md").read_text(encoding="utf-8")).blocks
+    targets = read_document((workspace / "TARGETS.md").read_text(encoding="utf-8"), TARGETS).blocks
 
     assert signs.runtime is RuntimeState.ENDED
     assert {worker.health for worker in signs.workers.values()} == {Health.STOPPED}

@@ -9,7 +9,7 @@ import msgspec
 
 from phyagentos.agent.judging.goal_judgement import Evidence, carry_conditions
 from phyagentos.agent.judging.verifier import History, SessionVerifier
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.lifecycle import REVIEW, IllegalTransition, SessionState, list_triggers
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
@@ -72,16 +72,9 @@ def review_session(
     """
     id = status.contract.id
     if REVIEW not in list_triggers(status.state) or status.execution is None:
+        expected = "a session that was executed and has its verdict"
         hint = "'paos judge' judges what waits for a verdict." if status.execution is not None else ""
-        raise DefinitionError(
-            Problem(
-                code="NOT_JUDGED",
-                address=f"session {id}",
-                found=f"state {status.state}",
-                expected="a session that was executed and has its verdict",
-                hint=hint,
-            )
-        )
+        raise DefinitionError.of("NOT_JUDGED", f"session {id}", f"state {status.state}", expected, hint)
     evidence = Evidence(workspace.root)
     bundle = evidence.read(status)
     carried = carry_conditions(status.contract, bundle.after, lineage, evidence)

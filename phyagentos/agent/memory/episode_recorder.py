@@ -4,8 +4,8 @@ An episode that is recorded twice counts once, so the next agent catches up afte
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
@@ -19,26 +19,19 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, PhyAgentOSError
 from phyagentos.protocol.capabilities.registries import read_skill_registry, render_skills
 from phyagentos.protocol.capabilities.skill_runtimes import PromotedWay
+from phyagentos.protocol.documents.document import DocumentFormat, read_document
 from phyagentos.protocol.documents.markdown import publish
-from phyagentos.protocol.sessions.knowledge import Fact, read_knowledge, render_knowledge
-from phyagentos.protocol.sessions.lessons import Lesson, read_lessons, render_lessons
+from phyagentos.protocol.sessions.knowledge import KNOWLEDGE, Fact, render_knowledge
+from phyagentos.protocol.sessions.lessons import LESSONS, Lesson, render_lessons
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Standing
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.shared_file import SharedFile
 from phyagentos.store.ledger import Ledger
 
+_EntryT = TypeVar("_EntryT", bound=MemoryEntry)
 PERSON = "a person"
 UNSAID = "retracted by hand, without a reason"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _View:
-    """One of the two documents: its entries now, its text, and the entries of a text by id."""
-
-    list: Callable[[], Sequence[MemoryEntry]]
-    render: Callable[[], str]
-    read: Callable[[str], Mapping[str, MemoryEntry]]
 
 
 class EpisodeRecorder:
@@ -98,29 +91,25 @@ class EpisodeRecorder:
     def publish(self) -> None:
         """Take in what people changed in the two documents, render both, and renew what is promoted."""
         experience = self._memory.experience
-        lessons = _View(
-            list=experience.list_lessons,
-            render=lambda: render_lessons(experience.list_lessons()),
-            read=lambda text: read_lessons(text).blocks,
-        )
-        facts = _View(
-            list=experience.list_facts,
-            render=lambda: render_knowledge(experience.list_facts()),
-            read=lambda text: read_knowledge(text).blocks,
-        )
-        for path, view in ((self._workspace.lessons, lessons), (self._workspace.knowledge, facts)):
-            self._exchange(path, view)
+        self._exchange(self._workspace.lessons, LESSONS, experience.list_lessons, render_lessons)
+        self._exchange(self._workspace.knowledge, KNOWLEDGE, experience.list_facts, render_knowledge)
         is_promoted = any(pattern.trial.rank is not Rank.TRIAL for pattern in experience.patterns.values())
         if is_promoted:  # or was
             renew_promoted(self._workspace.skill_registry, experience.patterns.values())
 
-    def _exchange(self, path: Path, view: _View) -> None:
+    def _exchange(
+        self,
+        path: Path,
+        format: DocumentFormat[_EntryT],
+        list_entries: Callable[[], list[_EntryT]],
+        render: Callable[[Iterable[_EntryT]], str],
+    ) -> None:
         edits: list[Edit] = []
 
         def take(data: bytes, _is_whole: bool) -> None:
             text = data.decode(errors="replace")
             try:
-                taken, refused = find_edits(view.read(text), view.list(), PERSON)
+                taken, refused = find_edits(read_document(text, format).blocks, list_entries())
             except DefinitionError as error:
                 taken, refused = [], [str(error), text]
             edits.extend(taken)
@@ -130,11 +119,11 @@ class EpisodeRecorder:
         file = SharedFile(path, self._workspace.edits / path.stem, self._clock)
         try:
             file.adopt()
-            file.put(view.render())
+            file.put(render(list_entries()))
             file.take(take, at_once=True)
             if edits:
                 self._memory.record(edits)
-                file.put(view.render())
+                file.put(render(list_entries()))
         finally:
             file.close()
 
@@ -146,7 +135,7 @@ class EpisodeRecorder:
         self._report(f"memory: {path.name}: not everything could be taken in; see {beside.name}")
 
 
-def find_edits(theirs: Mapping[str, MemoryEntry], ours: Sequence[MemoryEntry], by: str) -> tuple[list[Edit], list[str]]:
+def find_edits(theirs: Mapping[str, MemoryEntry], ours: Sequence[MemoryEntry]) -> tuple[list[Edit], list[str]]:
     """What a person's version of a document changes, and what of it is refused, in words.
 
     A person may retract an entry, add a note, or change its scope. A missing section changes nothing; computed values
@@ -157,11 +146,11 @@ def find_edits(theirs: Mapping[str, MemoryEntry], ours: Sequence[MemoryEntry], b
     refused: list[str] = []
     for id, entry in theirs.items():
         if id in known:
-            edits += _compare(entry, known[id], by)
+            edits += _compare(entry, known[id])
         elif isinstance(entry, Fact) and (entry.source or entry.evidence):
             source = entry.source or ", ".join(entry.evidence)
             edits.append(
-                Edit(entry=id, statement=entry.statement, scope=entry.scope, source=source, note=entry.note, by=by)
+                Edit(entry=id, statement=entry.statement, scope=entry.scope, source=source, note=entry.note, by=PERSON)
             )
         elif isinstance(entry, Lesson):
             refused.append(f"{id}: a lesson follows from verdicts; write what you know to KNOWLEDGE.md, with a source")
@@ -170,14 +159,14 @@ def find_edits(theirs: Mapping[str, MemoryEntry], ours: Sequence[MemoryEntry], b
     return edits, refused
 
 
-def _compare(theirs: MemoryEntry, ours: MemoryEntry, by: str) -> list[Edit]:
+def _compare(theirs: MemoryEntry, ours: MemoryEntry) -> list[Edit]:
     retracts = theirs.state is Standing.RETRACTED and ours.state is not Standing.RETRACTED
     note = theirs.note if theirs.note != ours.note else ""
     scope = theirs.scope if theirs.scope != ours.scope else None
     if not (retracts or note or scope):
         return []
     reason = (theirs.reason or UNSAID) if retracts else ""
-    return [Edit(entry=theirs.id, retracts=retracts, reason=reason, note=note, scope=scope, by=by)]
+    return [Edit(entry=theirs.id, retracts=retracts, reason=reason, note=note, scope=scope, by=PERSON)]
 
 
 def renew_promoted(path: Path, patterns: Iterable[Pattern]) -> bool:

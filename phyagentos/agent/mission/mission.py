@@ -23,7 +23,7 @@ from phyagentos.agent.mission.goal_controller import GoalController
 from phyagentos.agent.mission.report import MissionReport, build_report
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, ExecutionError, Problem, format_names
+from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.sessions.lifecycle import Fenced, IllegalTransition
@@ -145,14 +145,7 @@ class Mission:
         with Histories(self._journal.folder) as histories:
             past = histories.fold_goal(goal)
         if past is None:
-            raise DefinitionError(
-                Problem(
-                    code="UNKNOWN_GOAL",
-                    address=str(self._workspace.goals),
-                    found=repr(goal),
-                    expected=format_names(self.ledger.goals),
-                )
-            )
+            raise DefinitionError.unknown("UNKNOWN_GOAL", str(self._workspace.goals), goal, self.ledger.goals)
         return build_report(past.goals[goal], past, wall_s=0.0)
 
     def cancel(self) -> None:
@@ -185,15 +178,8 @@ class Mission:
         if not self._is_spent(goal):
             state = "open"
             hint = f"Run that one to continue it, cancel it with 'paos cancel {goal}', or name another with --goal."
-        raise DefinitionError(
-            Problem(
-                code="GOAL_DIFFERS",
-                address=str(graph_file),
-                found=f"another graph (overrides included) than that of goal {goal}, which is {state}",
-                expected=f"the graph of {file}",
-                hint=hint,
-            )
-        )
+        found = f"another graph (overrides included) than that of goal {goal}, which is {state}"
+        raise DefinitionError.of("GOAL_DIFFERS", str(graph_file), found, f"the graph of {file}", hint)
 
     def _is_spent(self, id: GoalId) -> bool:
         """Whether a goal of this id is over; the ledger evicts old goals."""

@@ -10,13 +10,7 @@ from typing import TypeVar
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME, SkillRuntime, read_skill
-from phyagentos.protocol.capabilities.targets import (
-    TARGETS,
-    RegisteredTarget,
-    TargetHealth,
-    TargetProfile,
-    read_targets,
-)
+from phyagentos.protocol.capabilities.targets import TARGETS, RegisteredTarget, TargetHealth, TargetProfile
 from phyagentos.protocol.documents.document import DocumentFormat, Front, read_document
 from phyagentos.protocol.documents.markdown import format_moment, publish, render_block, render_front, render_table
 from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
@@ -86,7 +80,7 @@ def publish_health(path: Path, health: Mapping[str, TargetHealth]) -> bool:
         Whether it was written: not when only the time would change, nor while it cannot be read or lacks one of them.
     """
     try:
-        targets = read_targets(path.read_text(encoding="utf-8"), str(path)).blocks
+        targets = read_document(path.read_text(encoding="utf-8"), TARGETS, str(path)).blocks
     except (DefinitionError, OSError, UnicodeDecodeError):
         return False
     if not health.keys() <= targets.keys():

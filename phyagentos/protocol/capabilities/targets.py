@@ -12,7 +12,7 @@ from typing import Literal, Self
 import pydantic
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.documents.document import Document, DocumentFormat, read_document
+from phyagentos.protocol.documents.document import DocumentFormat
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.settings.operations import SESSION_OPERATIONS, Operation
 from phyagentos.protocol.world.friction import Surface
@@ -237,8 +237,3 @@ TARGETS = DocumentFormat(
     block=RegisteredTarget,
     key="target",
 )
-
-
-def read_targets(text: str, source: str = "") -> Document[RegisteredTarget]:
-    """Read TARGETS.md: targets by name; raises DefinitionError with every problem at file:line:column."""
-    return read_document(text, TARGETS, source)

@@ -80,12 +80,6 @@ def _read_lines(text: str, source: str) -> tuple[list[LogLine], list[Problem]]:
                 at = f"{day}T{match['time']}Z"
                 lines.append(LogLine(at=at, about=match["about"], by=match["by"], text=match["text"]))
             else:
-                problems.append(
-                    Problem(
-                        "INVALID_LINE",
-                        f"{source}:{number}:1",
-                        repr(line[:40]),
-                        "'- hh:mm:ss **about** (by) text' or '## yyyy-mm-dd'",
-                    )
-                )
+                expected = "'- hh:mm:ss **about** (by) text' or '## yyyy-mm-dd'"
+                problems.append(Problem("INVALID_LINE", f"{source}:{number}:1", repr(line[:40]), expected))
     return lines, problems

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from phyagentos.protocol.documents.document import Document, DocumentFormat, Front, read_document
+from phyagentos.protocol.documents.document import DocumentFormat, Front
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, render_entries
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
@@ -45,8 +45,3 @@ a fact; each names its source or its evidence.
 def render_knowledge(facts: Iterable[Fact]) -> str:
     """KNOWLEDGE.md."""
     return render_entries(Front(phy=KNOWLEDGE.phy), _HEAD, facts, "No fact has been recorded yet.\n")
-
-
-def read_knowledge(text: str, source: str = "") -> Document[Fact]:
-    """Read KNOWLEDGE.md: facts by id; raises DefinitionError with every problem at file:line:column."""
-    return read_document(text, KNOWLEDGE, source)

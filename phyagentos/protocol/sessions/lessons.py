@@ -6,7 +6,7 @@ correction helps.
 
 from collections.abc import Iterable
 
-from phyagentos.protocol.documents.document import Document, DocumentFormat, Front, read_document
+from phyagentos.protocol.documents.document import DocumentFormat, Front
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, render_entries
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
@@ -53,8 +53,3 @@ What verified outcomes taught: under which conditions a strategy failed, and wha
 def render_lessons(lessons: Iterable[Lesson]) -> str:
     """LESSONS.md."""
     return render_entries(Front(phy=LESSONS.phy), _HEAD, lessons, "No lesson has been recorded yet.\n")
-
-
-def read_lessons(text: str, source: str = "") -> Document[Lesson]:
-    """Read LESSONS.md: lessons by id; raises DefinitionError with every problem at file:line:column."""
-    return read_document(text, LESSONS, source)

@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.errors import DefinitionError, format_names
 from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.allowed_collisions import exclude_pairs, sample_collision_matrix
@@ -95,14 +95,9 @@ def build_robot_model(profile: TargetProfile, folder: Path, bounds: ToolBounds =
     model = spec.compile()
     joints = [model.joint(name) for name in profile.arm.joints]
     if [int(joint.qposadr[0]) for joint in joints] != list(range(model.nq)):
-        raise DefinitionError(
-            Problem(
-                code="NO_SERIAL_CHAIN",
-                address=str(path),
-                found=f"joints {format_names(j.name for j in spec.joints)}",
-                expected="the arm's joints in chain order, the gripper's joints, and no others",
-            )
-        )
+        found = f"joints {format_names(joint.name for joint in spec.joints)}"
+        expected = "the arm's joints in chain order, the gripper's joints, and no others"
+        raise DefinitionError.of("NO_SERIAL_CHAIN", str(path), found, expected)
     limits = np.array([joint.range for joint in joints])
     exclude_pairs(spec, sample_collision_matrix(model, mujoco.MjData(model), list(range(model.nq))).idle)
     tool = int(model.site_bodyid[model.site(profile.tcp).id])
@@ -132,9 +127,7 @@ def _check_types(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> Non
     wrong = [name for name, type in types.items() if int(spec.joint(name).type) != type]
     if wrong:
         expected = "hinges as joints of the arm, slides as joints of the gripper"
-        raise DefinitionError(
-            Problem(code="NO_SERIAL_CHAIN", address=str(path), found=format_names(wrong), expected=expected)
-        )
+        raise DefinitionError.of("NO_SERIAL_CHAIN", str(path), format_names(wrong), expected)
 
 
 def _strip(spec: mujoco.MjSpec) -> None:

@@ -14,8 +14,9 @@ from phyagentos.agent.memory.memory import Memory
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.registries import read_skill_registry
-from phyagentos.protocol.sessions.knowledge import read_knowledge
-from phyagentos.protocol.sessions.lessons import read_lessons
+from phyagentos.protocol.documents.document import read_document
+from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
+from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.memory_entries import Standing
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
@@ -86,11 +87,11 @@ class Lab:
 
     @property
     def lessons(self):
-        return read_lessons(self.workspace.lessons.read_text()).blocks
+        return read_document(self.workspace.lessons.read_text(), LESSONS).blocks
 
     @property
     def facts(self):
-        return read_knowledge(self.workspace.knowledge.read_text()).blocks
+        return read_document(self.workspace.knowledge.read_text(), KNOWLEDGE).blocks
 
 
 @pytest.fixture

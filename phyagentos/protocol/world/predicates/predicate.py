@@ -143,13 +143,7 @@ def parse_predicate(text: str, *, address: str = "predicate", template: bool = F
     if predicate is None or findings:
         raise DefinitionError(
             [
-                Problem(
-                    code=code,
-                    address=address,
-                    found=f"{found} at column {column} of {text!r}",
-                    expected=expected,
-                    hint=hint,
-                )
+                Problem(code, address, f"{found} at column {column} of {text!r}", expected, hint)
                 for code, column, found, expected, hint in findings
             ]
         )
