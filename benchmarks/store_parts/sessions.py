@@ -13,7 +13,7 @@ from phyagentos.protocol.sessions.session import Ended, Execution, Scene, Sessio
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Entry, Journal
-from phyagentos.store.segments import FileIO
+from phyagentos.store.segments import SystemIO
 
 LANE = "bench"
 CLOCK = SystemClock()
@@ -59,7 +59,7 @@ def scratch() -> Iterator[Path]:
         yield Path(folder)
 
 
-def open_pair(root: Path, *, durable: bool, file_io: FileIO | None = None) -> tuple[Journal, Journal]:
+def open_pair(root: Path, *, durable: bool, file_io: SystemIO | None = None) -> tuple[Journal, Journal]:
     """The agent's journal and the runtime's."""
     sides = ((Side.AGENT, "agent"), (Side.RUNTIME, "watchdog"))
     agent, runtime = (

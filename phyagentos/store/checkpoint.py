@@ -27,7 +27,7 @@ from phyagentos.protocol.documents.body_codec import render_flow
 from phyagentos.store.follower import Follower, Position
 from phyagentos.store.ledger import GoalImage, Image, Ledger, SessionImage
 from phyagentos.store.records import Tail
-from phyagentos.store.segments import FileIO, damage, open_segment, read_front, sync_folder, write_file
+from phyagentos.store.segments import SystemIO, damage, open_segment, read_front, sync_folder, write_file
 
 NAME = "checkpoint.md"
 _TEMPORARY = ".checkpoint.tmp"
@@ -53,7 +53,7 @@ class Checkpoint:
     image: Image
 
 
-def write_checkpoint(folder: Path, ledger: Ledger, position: Position, file_io: FileIO, *, durable: bool) -> None:
+def write_checkpoint(folder: Path, ledger: Ledger, position: Position, file_io: SystemIO, *, durable: bool) -> None:
     """Publish a checkpoint of all records up to `position` (which must be durable): fsync, rename, fsync."""
     temporary = folder / _TEMPORARY
     data = render_checkpoint(folder.name, ledger.take_image(), position, _read_tail_crc(folder, position))

@@ -16,7 +16,7 @@ from phyagentos.store.maintenance import LOCK_NAME as MAINTENANCE_LOCK
 from phyagentos.store.maintenance import archive_segments
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import Tail
-from phyagentos.store.segments import FileIO, Front, choose_next_name, create_segment, sync_folder
+from phyagentos.store.segments import Front, SystemIO, choose_next_name, create_segment, sync_folder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +34,7 @@ class Compaction:
     archived: list[str]
 
 
-def compact_partition(folder: Path, *, by: str, clock: Clock, file_io: FileIO) -> Compaction:
+def compact_partition(folder: Path, *, by: str, clock: Clock, file_io: SystemIO) -> Compaction:
     """Seal, checkpoint and archive `sessions/<partition>` with the partition locked; other writers continue afterwards.
 
     Raises:
@@ -62,7 +62,7 @@ def keep_still(folder: Path) -> Iterator[PartitionLock]:
         os.close(maintenance)
 
 
-def _compact(folder: Path, lock: PartitionLock, today: str, file_io: FileIO) -> Compaction:
+def _compact(folder: Path, lock: PartitionLock, today: str, file_io: SystemIO) -> Compaction:
     ledger, follower = start_reading(folder)
     with contextlib.closing(follower):
         for record in follower.advance():
@@ -81,7 +81,7 @@ def _compact(folder: Path, lock: PartitionLock, today: str, file_io: FileIO) -> 
         return Compaction(seq=ledger.seq, sealed=sealed, archived=archived)
 
 
-def _seal(folder: Path, follower: Follower, lock: PartitionLock, today: str, file_io: FileIO) -> None:
+def _seal(folder: Path, follower: Follower, lock: PartitionLock, today: str, file_io: SystemIO) -> None:
     """Begin the next segment, so that this one grows no more."""
     current = str(follower.segment)
     name = choose_next_name(current, today)

@@ -33,7 +33,7 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.maintenance import Maintenance
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import JOURNAL_ID, Record, Tail, encode_batch
-from phyagentos.store.segments import FileIO, SyncFailedError, SystemIO, choose_next_name, choose_partition, sync_folder
+from phyagentos.store.segments import SyncFailedError, SystemIO, choose_next_name, choose_partition, sync_folder
 from phyagentos.store.writer import SegmentWriter
 
 __all__ = ["Entry", "Fenced", "IllegalEvent", "Journal", "Record", "choose_partition"]
@@ -69,7 +69,7 @@ class Journal:
         durable: bool = True,
         partition: str | None = None,
         segment_bytes: int = SEGMENT_BYTES,
-        file_io: FileIO | None = None,
+        file_io: SystemIO | None = None,
     ) -> None:
         self.folder = root / "sessions" / (partition or choose_partition(root / "sessions"))
         self._side, self._by, self._clock = side, by, clock

@@ -22,8 +22,8 @@ from phyagentos.store.checkpoint import find_checkpoint_seq, start_reading, writ
 from phyagentos.store.follower import Position
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.segments import (
-    FileIO,
     SyncFailedError,
+    SystemIO,
     list_segments,
     locate_archived,
     open_segment,
@@ -44,7 +44,7 @@ _FRONT_BYTES = 4096
 class Maintenance:
     """Decides when a partition's checkpoint is due, and writes it."""
 
-    def __init__(self, folder: Path, clock: Clock, file_io: FileIO, *, durable: bool) -> None:
+    def __init__(self, folder: Path, clock: Clock, file_io: SystemIO, *, durable: bool) -> None:
         self._folder, self._clock, self._io, self._durable = folder, clock, file_io, durable
         self._seq = find_checkpoint_seq(folder)
         self._segment = ""
@@ -133,7 +133,7 @@ def _leave_for_next_time() -> Iterator[None]:
         pass
 
 
-def archive_segments(folder: Path, horizon_seq: int, known_seq: int, file_io: FileIO, *, durable: bool) -> list[str]:
+def archive_segments(folder: Path, horizon_seq: int, known_seq: int, file_io: SystemIO, *, durable: bool) -> list[str]:
     """Move every segment whose records all come before `horizon_seq`; the names moved, oldest first.
 
     Args:
@@ -154,7 +154,7 @@ def archive_segments(folder: Path, horizon_seq: int, known_seq: int, file_io: Fi
     return moved
 
 
-def _move(source: Path, destination: Path, file_io: FileIO, *, durable: bool) -> None:
+def _move(source: Path, destination: Path, file_io: SystemIO, *, durable: bool) -> None:
     place = destination.parent
     place.mkdir(parents=True, exist_ok=True)
     if durable:  # their creator may have died before their names reached the disk

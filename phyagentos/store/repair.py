@@ -24,7 +24,7 @@ from phyagentos.store.inspection import LOST
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import JOURNAL_ID, MAX_PAYLOAD_BYTES, Record, encode_batch, encode_record
 from phyagentos.store.salvage import Gap, Kept, Survey, iter_surveys
-from phyagentos.store.segments import NONE, FileIO, Front, choose_next_name, sync_folder, write_file
+from phyagentos.store.segments import NONE, Front, SystemIO, choose_next_name, sync_folder, write_file
 
 _LISTED_AT_ONCE = 1000  # entries of one `repair` record, so that it stays far below the largest payload
 _NAMED = re.compile(rb'^- \{"id":"([^"\\\n]{1,200})","ev":"([a-z_]{1,40})"', re.MULTILINE)
@@ -108,7 +108,7 @@ class Repair:
         return sum(cut.gap.lost for cut in self.cuts)
 
 
-def repair_partition(folder: Path, *, accept_loss: bool, by: str, clock: Clock, file_io: FileIO) -> Repair:
+def repair_partition(folder: Path, *, accept_loss: bool, by: str, clock: Clock, file_io: SystemIO) -> Repair:
     """Repair a partition `sessions/<partition>`; `accept_loss` permits more than cutting a torn end.
 
     With a torn end alone `is_done` is False: opening a `Journal` cuts it.
@@ -132,7 +132,7 @@ def repair_partition(folder: Path, *, accept_loss: bool, by: str, clock: Clock, 
 class _Plan:
     """The new files of a partition, staged beside the old ones."""
 
-    def __init__(self, folder: Path, *, by: str, clock: Clock, file_io: FileIO) -> None:
+    def __init__(self, folder: Path, *, by: str, clock: Clock, file_io: SystemIO) -> None:
         self._folder, self._by, self._io = folder, by, file_io
         self._at = clock.wall_iso()
         self._seq, self._before, self._sealed = 0, NONE, NONE

@@ -8,7 +8,6 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from phyagentos.errors import ExecutionError
 
@@ -23,50 +22,31 @@ _NO_PARTITIONS = frozenset({ARCHIVE, "claims", "inbox"})  # other folders beside
 NONE = "none"  # in place of the segment before the first
 
 
-class FileIO(Protocol):
-    """The calls that change the disk, so that a test can make each of them fail."""
-
-    def write(self, fd: int, data: bytes) -> int:
-        """Append; may write less than asked."""
-
-    def truncate(self, fd: int, size: int) -> None:
-        """Cut to `size` bytes."""
-
-    def fdatasync(self, fd: int) -> None:
-        """Make the contents durable."""
-
-    def fsync(self, fd: int) -> None:
-        """Make contents and metadata durable."""
-
-    def replace(self, source: Path, destination: Path) -> None:
-        """Rename over."""
-
-
 class SyncFailedError(OSError):
     """The disk did not confirm; its contents, and the answer to a second try, mean nothing."""
 
 
 class SystemIO:
-    """The operating system's own calls."""
+    """The calls that change the disk; a test derives from it to make one of them fail."""
 
     def write(self, fd: int, data: bytes) -> int:
-        """`write(2)`."""
+        """Append, by `write(2)`; may write less than asked."""
         return os.write(fd, data)
 
     def truncate(self, fd: int, size: int) -> None:
-        """`ftruncate(2)`."""
+        """Cut to `size` bytes, by `ftruncate(2)`."""
         os.ftruncate(fd, size)
 
     def fdatasync(self, fd: int) -> None:
-        """`fdatasync(2)`."""
+        """Make the contents durable, by `fdatasync(2)`."""
         os.fdatasync(fd)
 
     def fsync(self, fd: int) -> None:
-        """`fsync(2)`."""
+        """Make contents and metadata durable, by `fsync(2)`."""
         os.fsync(fd)
 
     def replace(self, source: Path, destination: Path) -> None:
-        """`rename(2)`."""
+        """Rename over, by `rename(2)`."""
         source.replace(destination)
 
 
@@ -195,7 +175,7 @@ def choose_next_name(current: str | None, today: str) -> str:
     return f"{current[:10]}.{int(current[11:]) + 1:03d}"
 
 
-def create_segment(folder: Path, front: Front, file_io: FileIO, *, durable: bool) -> None:
+def create_segment(folder: Path, front: Front, file_io: SystemIO, *, durable: bool) -> None:
     """Publish a whole segment: temporary file, fsync, rename. The writer syncs the folder first.
 
     Raises:
@@ -207,7 +187,7 @@ def create_segment(folder: Path, front: Front, file_io: FileIO, *, durable: bool
     file_io.replace(temporary, folder / f"{front.name}.md")
 
 
-def write_file(path: Path, data: bytes, file_io: FileIO, *, durable: bool) -> None:
+def write_file(path: Path, data: bytes, file_io: SystemIO, *, durable: bool) -> None:
     """Write a new file, and wait for the disk if asked; raises OSError."""
     with path.open("wb", buffering=0) as file:
         write_all(file_io, file.fileno(), data)
@@ -215,7 +195,7 @@ def write_file(path: Path, data: bytes, file_io: FileIO, *, durable: bool) -> No
             sync_file(file.fileno(), file_io.fsync)
 
 
-def write_all(file_io: FileIO, fd: int, data: bytes) -> None:
+def write_all(file_io: SystemIO, fd: int, data: bytes) -> None:
     """Write every byte, however often the system takes only a part; raises OSError."""
     rest = data
     while rest:
@@ -233,7 +213,7 @@ def sync_file(fd: int, sync: Callable[[int], None]) -> None:
         raise SyncFailedError(*error.args) from error
 
 
-def sync_folder(folder: Path, file_io: FileIO) -> None:
+def sync_folder(folder: Path, file_io: SystemIO) -> None:
     """Make the names in a folder durable; raises SyncFailedError."""
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:

@@ -13,7 +13,7 @@ from typing import Any
 from phyagentos.errors import ExecutionError
 from phyagentos.store.follower import Follower
 from phyagentos.store.partition_lock import PartitionLock
-from phyagentos.store.segments import FileIO, Front, SyncFailedError, create_segment, sync_folder, write_all
+from phyagentos.store.segments import Front, SyncFailedError, SystemIO, create_segment, sync_folder, write_all
 
 
 class SegmentWriter:
@@ -24,7 +24,7 @@ class SegmentWriter:
         failure: Why nothing can be written any more.
     """
 
-    def __init__(self, folder: Path, lock: PartitionLock, file_io: FileIO, *, durable: bool) -> None:
+    def __init__(self, folder: Path, lock: PartitionLock, file_io: SystemIO, *, durable: bool) -> None:
         self.segment: str | None = None
         self.failure: ExecutionError | None = None
         self._folder, self._lock, self._io, self._durable = folder, lock, file_io, durable

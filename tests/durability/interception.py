@@ -1,6 +1,6 @@
 """Standing between the store and the operating system: every call that changes the disk below one folder.
 
-It replaces functions of `os`, so that code beside the `FileIO` port is seen too. What goes past `os` as well (a plain
+It replaces functions of `os`, so that code beside `SystemIO` is seen too. What goes past `os` as well (a plain
 `file.write`) shows itself: the recorded calls then do not add up to the folder as it is.
 """
 
