@@ -6,7 +6,6 @@ import os
 import platform
 import shutil
 import socket
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -27,10 +26,10 @@ from phyagentos.cli.outcome import Exit, ExitCode, print_json
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.store.edits.exchange import exchange
+from phyagentos.store.statistics import measure_sync
 from phyagentos.store.watch import Watch
 
 FREE_MIN_BYTES = 1 << 30
-SYNCS = 100
 SYNC_P99_MAX_MS = 20.0  # beyond it, a claim takes longer than a control period
 SKEW_MAX_S = 2.0
 EVENT_WAIT_S = 2.0
@@ -184,16 +183,9 @@ def check_file_system(folder: Path, clock: Clock) -> Finding:
 
 def check_syncs(folder: Path, clock: Clock) -> Finding:
     """How long a record needs to reach the disk."""
-    spans_ms = []
-    with tempfile.NamedTemporaryFile(dir=folder) as file:
-        for _ in range(SYNCS):
-            begin_s = clock.now_s()
-            os.write(file.fileno(), b"x" * 512)
-            os.fdatasync(file.fileno())
-            spans_ms.append(1e3 * (clock.now_s() - begin_s))
-    p99_ms = statistics.quantiles(spans_ms, n=100)[98]
-    found = f"append and fdatasync: median {statistics.median(spans_ms):.2f} ms, p99 {p99_ms:.2f} ms"
-    if p99_ms > SYNC_P99_MAX_MS:
+    times = measure_sync(folder, clock)
+    found = f"append and fdatasync: median {times.p50_ms:.2f} ms, p99 {times.p99_ms:.2f} ms"
+    if times.p99_ms > SYNC_P99_MAX_MS:
         return Finding("durability", Grade.WEAK, found, "Every transition waits for the disk: use a faster one.")
     return Finding("durability", Grade.FINE, found)
 

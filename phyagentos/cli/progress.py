@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from phyagentos.protocol.sessions.heartbeats import Heartbeat, find_heartbeat
+from phyagentos.protocol.sessions.heartbeats import Heartbeat, read_heartbeats
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
@@ -97,15 +97,9 @@ class RunFold:
             return []
         after = {name: node.after for name, node in goal.nodes.items()}
         depths = {name: compute_depth(name, after) for name in after}
-        beats = {beat.session: beat for beat in self.find_heartbeats().values()}
+        beats = {beat.session: beat for beat in read_heartbeats(self._heartbeats).values()}
         names = sorted(depths, key=lambda name: depths[name])
         return [row for name in names for row in self._rows_of(goal, name, depths[name], beats)]
-
-    def find_heartbeats(self) -> dict[str, Heartbeat]:
-        """The latest beat of every target, by target."""
-        names = sorted(path.stem for path in self._heartbeats.glob("*.json"))
-        beats = {name: find_heartbeat(self._heartbeats, name) for name in names}
-        return {name: beat for name, beat in beats.items() if beat is not None}
 
     def _rows_of(self, goal: GoalStatus, name: str, depth: int, beats: Mapping[str, Heartbeat]) -> list[Row]:
         node = goal.nodes[name]

@@ -160,6 +160,19 @@ def start_reading(folder: Path, *, forgets: bool = True) -> tuple[Ledger, Follow
     return Ledger(forgets=forgets), Follower(folder)
 
 
+def read_ledger(folder: Path) -> tuple[Ledger, Position | None]:
+    """The fold of all records, from the checkpoint where there is one, and where the last one ends.
+
+    Raises:
+        ExecutionError: `JOURNAL_DAMAGED`.
+    """
+    ledger, follower = start_reading(folder)
+    with contextlib.closing(follower):
+        for record in follower.read_new():
+            ledger.apply(record)
+        return ledger, follower.position
+
+
 def _render_item(item: GoalImage | SessionImage) -> bytes:
     line = msgspec.json.encode(item)
     if b"null" in line:  # JSON has no infinity; YAML has

@@ -26,7 +26,7 @@ from phyagentos.protocol.documents.body_codec import prepare_body, render_body
 from phyagentos.protocol.sessions.lifecycle import Fenced, Side
 from phyagentos.store.admission import Entry, IllegalEvent
 from phyagentos.store.admission_cache import AdmissionCache, NotCached
-from phyagentos.store.checkpoint import find_checkpoint, find_seen_seq, refuse_missing_end, start_reading
+from phyagentos.store.checkpoint import find_checkpoint, find_seen_seq, read_ledger, refuse_missing_end
 from phyagentos.store.consumer_offset import ConsumerOffset
 from phyagentos.store.follower import Follower
 from phyagentos.store.ledger import Ledger
@@ -107,13 +107,9 @@ class Journal:
 
         Checkpoints are made of this ledger now and then. Raises ExecutionError `JOURNAL_DAMAGED`.
         """
-        ledger, follower = start_reading(self.folder)
-        with contextlib.closing(follower):
-            for record in follower.read_new():
-                ledger.apply(record)
-            self._reading.begin_at(follower.position)
-        self._ledger = ledger
-        return ledger
+        self._ledger, position = read_ledger(self.folder)
+        self._reading.begin_at(position)
+        return self._ledger
 
     def commit(self, entries: Sequence[Entry], *, durable: bool = True) -> list[Record]:
         """Record all of these, in order, or none; returns the records.

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
-from phyagentos.store.checkpoint import find_checkpoint_seq, start_reading, write_checkpoint
+from phyagentos.store.checkpoint import find_checkpoint_seq, read_ledger, write_checkpoint
 from phyagentos.store.follower import Position
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.segments import (
@@ -96,15 +96,9 @@ class Maintenance:
             self.tidy(ledger, position)
         elif gained <= READ_AGAIN_RECORDS:
             with contextlib.suppress(OSError, ExecutionError):
-                self._read_and_tidy()
-
-    def _read_and_tidy(self) -> None:
-        ledger, follower = start_reading(self._folder)
-        with contextlib.closing(follower):
-            for record in follower.read_new():
-                ledger.apply(record)
-            if follower.position is not None:
-                self.tidy(ledger, follower.position)
+                ledger, position = read_ledger(self._folder)
+                if position is not None:
+                    self.tidy(ledger, position)
 
     def _make_durable(self, position: Position) -> None:
         """A checkpoint may never be ahead of what the disk holds."""

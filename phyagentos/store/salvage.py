@@ -77,14 +77,9 @@ class Survey:
         return self.front == self.expected and not any(isinstance(piece, Gap) for piece in self.pieces)
 
 
-def list_segment_files(folder: Path) -> list[tuple[str, Path]]:
-    """Name and file of every segment of a partition, archived ones included, oldest first."""
-    return [(name, locate(folder, name)) for name in list_all_segments(folder)]
-
-
 def iter_surveys(folder: Path, *, known_seq: int = 0) -> Iterator[Survey]:
     """Every segment of a partition, oldest first; `known_seq` is the last number in a checkpoint, 0 without one."""
-    files = list_segment_files(folder)
+    files = [(name, locate(folder, name)) for name in list_all_segments(folder)]
     seq, before, sealed = 0, NONE, NONE
     for index, (name, path) in enumerate(files):
         later = (_find_first_seq(read_segment(folder, name), path) for name, path in files[index + 1 :])

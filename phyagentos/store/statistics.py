@@ -130,8 +130,8 @@ def measure_sync(folder: Path, clock: Clock) -> SyncTimes:
     times_ms = []
     with tempfile.NamedTemporaryFile(dir=folder, prefix=".measure-") as file:
         for _ in range(SYNC_TRIES):
-            os.write(file.fileno(), b"x" * _SYNC_BYTES)
             begin_s = clock.now_s()
+            os.write(file.fileno(), b"x" * _SYNC_BYTES)
             os.fdatasync(file.fileno())
             times_ms.append((clock.now_s() - begin_s) * 1e3)
     cuts = statistics.quantiles(times_ms, n=100)

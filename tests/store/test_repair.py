@@ -15,8 +15,7 @@ from phyagentos.store.inspection import inspect_partition
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import frame_payload, read_record
-from phyagentos.store.salvage import list_segment_files
-from phyagentos.store.segments import SystemIO
+from phyagentos.store.segments import SystemIO, list_all_segments, locate
 from phyagentos.store.statistics import HashingFollower
 from tests.clocks import ManualClock
 from tests.documents.test_log import tell
@@ -299,7 +298,7 @@ def test_any_change_can_be_mended_and_costs_no_record_that_still_stands(tmp_path
     if data.draw(st.booleans()):
         compact_partition(journal.folder, by="o", clock=ManualClock(1e6), file_io=SystemIO())
         original, _, _ = frames_of(journal.folder)
-    paths = [path for _, path in list_segment_files(journal.folder)]
+    paths = [locate(journal.folder, name) for name in list_all_segments(journal.folder)]
     for _ in range(data.draw(st.integers(1, 3))):
         path = data.draw(st.sampled_from(paths))
         whole = path.read_bytes()

@@ -15,9 +15,8 @@ from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.admission import Entry
-from phyagentos.store.follower import Follower
+from phyagentos.store.history import fold_partition
 from phyagentos.store.journal import Journal
-from phyagentos.store.ledger import Ledger
 
 _WAITING = (SessionState.VERIFYING, SessionState.AWAITING_VERIFICATION)
 _TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.UNVERIFIED: "skip"}
@@ -37,12 +36,9 @@ def judge_goalless_sessions(
         The verdicts that were recorded.
     """
     verifier = verifier or SessionVerifier()
-    ledger, follower = Ledger(), Follower(journal.folder)
-    for record in follower.read_new():
-        ledger.apply(record)
-    follower.close()
     judged = []
-    waiting = [each for each in ledger.live_sessions() if not each.contract.goal and each.state in _WAITING]
+    live = fold_partition(journal.folder).live_sessions()
+    waiting = [each for each in live if not each.contract.goal and each.state in _WAITING]
     for status in waiting:
         attempt = verifier.judge(Evidence(workspace.root).read(status), History())
         trigger = _TRIGGERS.get(attempt.verdict, "refuse")

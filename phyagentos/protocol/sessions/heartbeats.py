@@ -49,6 +49,12 @@ def find_heartbeat(folder: Path, target: str) -> Heartbeat | None:
         return None
 
 
+def read_heartbeats(folder: Path) -> dict[str, Heartbeat]:
+    """The latest beat of every target's worker, by target."""
+    found = (find_heartbeat(folder, path.stem) for path in sorted(folder.glob("*.json")))
+    return {beat.target: beat for beat in found if beat is not None}
+
+
 def is_process_alive(pid: int) -> bool:
     """Whether a process of this machine runs; one that has ended and was not yet collected does not."""
     try:

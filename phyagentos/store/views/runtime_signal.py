@@ -3,7 +3,6 @@
 Rendered by the process of the watchdog, at most twice a second, without fsync.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -15,7 +14,7 @@ from phyagentos.protocol.capabilities.targets import Health, TargetHealth
 from phyagentos.protocol.documents.document import Front
 from phyagentos.protocol.documents.markdown import format_moment, publish, render_block, render_front, render_table
 from phyagentos.protocol.documents.plain_text import clean
-from phyagentos.protocol.sessions.heartbeats import Heartbeat, find_heartbeat, is_process_alive
+from phyagentos.protocol.sessions.heartbeats import Heartbeat, is_process_alive, read_heartbeats
 from phyagentos.protocol.sessions.runtime_signal import (
     RUNTIME_SIGNAL,
     Request,
@@ -111,7 +110,7 @@ class RuntimeSignal:
         self._requests: tuple[Request, ...] = ()
         self._requests_changed: tuple[int, ...] = ()
         self._heard: dict[str, tuple[Heartbeat, float]] = {}  # the latest beat and when it was new [s]
-        self._earlier = {beat.target: beat for beat in self._iter_beats()}  # left by a runtime before this one
+        self._earlier = read_heartbeats(workspace.heartbeats)  # left by a runtime before this one
 
     def refresh(self) -> None:
         """Publish when something changed and it is time."""
@@ -135,8 +134,8 @@ class RuntimeSignal:
 
     def _read(self, now_s: float, runtime: RuntimeState) -> Signs:
         workers = {
-            beat.target: WorkerSign(**msgspec.structs.asdict(beat), health=self._judge(beat, now_s, runtime))
-            for beat in self._iter_beats()
+            target: WorkerSign(**msgspec.structs.asdict(beat), health=self._judge(beat, now_s, runtime))
+            for target, beat in read_heartbeats(self._workspace.heartbeats).items()
         }
         folder = self._workspace.signals.parent
         changed = tuple(_read_change(folder / name) for name in _FOLDERS)
@@ -172,12 +171,6 @@ class RuntimeSignal:
         if changed:
             publish_health(self._workspace.target_registry, changed)
         self._health = health
-
-    def _iter_beats(self) -> Iterator[Heartbeat]:
-        for path in sorted(self._workspace.heartbeats.glob("*.json")):
-            beat = find_heartbeat(self._workspace.heartbeats, path.stem)
-            if beat is not None:
-                yield beat
 
 
 def _is_same(a: Signs, b: Signs) -> bool:
