@@ -98,7 +98,8 @@ class EditIntake:
         except ExecutionError:
             raise
         except Exception as error:  # no text may end the process that supervises
-            return Merge((), tuple(self._reject([_refuse_unread(text, error)], self._source)))
+            refused = _refuse_whole(text, _format_failure(error), also=", and report this")
+            return Merge((), tuple(self._reject([refused], self._source)))
 
     def _merge_text(self, text: str, history: History, source: str, *, is_whole: bool) -> Merge:
         history.read_new()
@@ -107,8 +108,8 @@ class EditIntake:
         if page is None:
             if not text.strip():
                 return Merge((), ())
-            refused = [_refuse_unknown(text, sheet.view, history.ledger.seq)]
-            return Merge((), tuple(self._reject(refused, source)))
+            refused = _refuse_whole(text, _explain_unknown(sheet.view, history.ledger.seq))
+            return Merge((), tuple(self._reject([refused], source)))
         base = history.render(page)
         if not is_whole:
             return Merge((), tuple(self._reject(_refuse_unfinished(text, base), source)))
@@ -165,20 +166,17 @@ class EditIntake:
         return new
 
 
-def _refuse_unknown(text: str, view: int | None, seq: int) -> Refused:
+def _refuse_whole(text: str, reason: str, line: int = 1, also: str = "") -> Refused:
+    possible = f"make the same change in the present SESSIONS.md{also}"
+    return Refused(line=line, about="the whole file", reason=reason, possible=possible, text=text)
+
+
+def _explain_unknown(view: int | None, seq: int) -> str:
     if view is None:
-        reason = (
+        return (
             "its first lines do not name the rendering that it was made from ('view: <number>' between two lines '---')"
         )
-    else:
-        reason = f"the journal does not show what was rendered at record {view}; it stands at {seq}"
-    possible = "make the same change in the present SESSIONS.md"
-    return Refused(line=1, about="the whole file", reason=reason, possible=possible, text=text)
-
-
-def _refuse_unread(text: str, error: Exception) -> Refused:
-    possible = "make the same change in the present SESSIONS.md, and report this"
-    return Refused(line=1, about="the whole file", reason=_format_failure(error), possible=possible, text=text)
+    return f"the journal does not show what was rendered at record {view}; it stands at {seq}"
 
 
 def _format_failure(error: Exception) -> str:
@@ -197,15 +195,7 @@ def _refuse_unfinished(text: str, base: str) -> list[Refused]:
     if not new and any(each.startswith(lines[-1]) for each in left):
         return []
     reason = "the file ends before its end mark, so the save was not finished"
-    return [
-        Refused(
-            line=new[0] if new else len(lines),
-            about="the whole file",
-            reason=reason,
-            possible="make the same change in the present SESSIONS.md",
-            text=text,
-        )
-    ]
+    return [_refuse_whole(text, reason, line=new[0] if new else len(lines))]
 
 
 def _refuse_late(change: Accepted, reason: str) -> Refused:

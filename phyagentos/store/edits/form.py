@@ -197,23 +197,13 @@ def _check_predicates(located: Located, path: Address, form: ContractForm) -> li
 
 
 def _to_session(form: ContractForm, id: SessionId) -> Session:
-    scene = Scene(name=form.scene.name, seed=form.scene.seed, episode=form.scene.episode or id)
+    named_alike = form.model_dump(exclude={"id", "scene", "limits", "strategy"})
     return Session(
         id=id,
         goal=BY_HAND,
         node="",
-        objective=form.objective,
-        skill=form.skill,
-        target=form.target,
-        parameters=form.parameters,
-        accept=form.accept,
-        scene=scene,
-        seed=form.seed,
-        requires=form.requires,
-        hold=form.hold,
+        scene=Scene(name=form.scene.name, seed=form.scene.seed, episode=form.scene.episode or id),
         limits=Limits(**form.limits.model_dump()),
         strategy=Strategy(**form.strategy.model_dump()),
-        priority=form.priority,
-        resources=form.resources,
-        reset_policy=form.reset_policy,
+        **named_alike,
     )

@@ -163,10 +163,7 @@ class _SectionMerge:
         try:
             entry = plan_amend(self._id, amendment, self._sessions)
         except Impossible as error:
-            refused = Refused(
-                line=lines[0], about=str(self._id), reason=error.reason, possible=error.possible, text=text
-            )
-            self.refused.append(refused)
+            self._add_refusal(lines[0], error.reason, error.possible, text)
             return []
         amended = [f"{name} {value:g} s" for name, value in amendment.limits.items()]
         amended += [f"priority {amendment.priority}"] if amendment.priority is not None else []
@@ -183,9 +180,8 @@ class _SectionMerge:
             try:
                 read_amendment(located, _LIMITS, {path[-1]: value}, None)
             except DefinitionError as error:
-                return str(
-                    error.problems[0]
-                ), f"seconds, as a number; limits are {format_names(Limits.__struct_fields__)}"
+                known = format_names(Limits.__struct_fields__)
+                return str(error.problems[0]), f"seconds, as a number; limits are {known}"
         if before is None or now is None or _are_equal(now, before) or _are_equal(now, value):
             return None
         reason = f"it was {before!r} where you began, is {now!r} by now, and you want {value!r}"
@@ -196,11 +192,10 @@ class _SectionMerge:
 
     def _refuse_field(self, path: _Path, line: int, reason: str, possible: str) -> None:
         name = ".".join(path) or "the block"
-        self.refused.append(
-            Refused(
-                line=line, about=str(self._id), reason=f"{name}: {reason}", possible=possible, text=self._get_text(line)
-            )
-        )
+        self._add_refusal(line, f"{name}: {reason}", possible, self._get_text(line))
+
+    def _add_refusal(self, line: int, reason: str, possible: str, text: str) -> None:
+        self.refused.append(Refused(line=line, about=str(self._id), reason=reason, possible=possible, text=text))
 
     def _get_text(self, line: int) -> str:
         """The line; the whole section where the value goes on below it."""
