@@ -12,8 +12,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Limits
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest
-from phyagentos.runtime.preflight.examination import Finding
+from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, Finding, TargetToolManifest
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
 from phyagentos.runtime.worker.orders import (

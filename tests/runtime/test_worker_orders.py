@@ -16,7 +16,7 @@ from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
 from phyagentos.runtime.channel import Link
-from phyagentos.runtime.preflight.examination import Finding
+from phyagentos.runtime.preflight.adapter_plan import Finding
 from phyagentos.runtime.worker.embodiment import Embodiment
 from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
 from phyagentos.runtime.worker.orders import (

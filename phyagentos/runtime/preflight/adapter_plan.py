@@ -107,6 +107,23 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     ms: float = 0.0
 
 
+class Finding(msgspec.Struct, frozen=True, kw_only=True):
+    """Result of the examination of one session: a plan, or every problem.
+
+    Attributes:
+        plan: None when there is any problem.
+        tools: None when there is any problem.
+        trials: Of the dry run; empty where none was made.
+        ms: What it cost, wall time [ms], without the loading of a scene.
+    """
+
+    plan: AdapterPlan | None
+    tools: TargetToolManifest | None
+    problems: tuple[Problem, ...] = ()
+    trials: tuple[Trial, ...] = ()
+    ms: float = 0.0
+
+
 def _describe_arguments(tool: Tool) -> Iterator[str]:
     for name, schema in tool.arguments["properties"].items():
         shape = []

@@ -21,7 +21,7 @@ from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import check_tree
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.perception.world_model import WORLD, WorldModel
-from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, Trial
+from phyagentos.runtime.preflight.adapter_plan import Finding, Trial
 from phyagentos.runtime.preflight.compatibility import Preflight, locate
 from phyagentos.runtime.preflight.dry_run import (
     ANSWER_S,
@@ -38,23 +38,6 @@ from phyagentos.runtime.targets.wire import Description
 
 _UNMET = "PRECONDITION_UNMET"  # matters to what acts
 _OTHER_TARGET = frozenset({"TARGET_MISMATCH", "VERSION_MISMATCH"})  # its world is not looked at
-
-
-class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """Result of the examination of one session.
-
-    Attributes:
-        plan: None when there is any problem.
-        tools: None when there is any problem.
-        trials: Of the dry run; empty where none was made.
-        ms: What it cost, wall time [ms], without the loading of a scene.
-    """
-
-    plan: AdapterPlan | None
-    tools: TargetToolManifest | None
-    problems: tuple[Problem, ...] = ()
-    trials: tuple[Trial, ...] = ()
-    ms: float = 0.0
 
 
 @dataclass(slots=True, kw_only=True)

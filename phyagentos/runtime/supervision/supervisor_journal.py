@@ -1,7 +1,6 @@
 """The watchdog's side of the journal: one ledger for all its parts, and the records that it adds."""
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
 
 import msgspec
 
@@ -65,29 +64,20 @@ class SupervisorJournal:
         except IllegalTransition:
             self.follow()
 
-    def iter_attempts(self) -> Iterator[AbstractContextManager[None]]:
-        """Contexts to act in, until no other writer changes the session between reading and recording.
+    def insist(self, act: Callable[[], None]) -> None:
+        """Act again, as long as another writer changes the session between reading and recording.
 
         Raises:
-            IllegalTransition, Fenced: In the last of them.
+            IllegalTransition, Fenced: At the last try.
         """
-        is_refused = False
-
-        @contextmanager
-        def attempt(number: int) -> Iterator[None]:
-            nonlocal is_refused
+        for number in range(1, TRIES + 1):
             try:
-                yield
-                is_refused = False
+                act()
             except (IllegalTransition, Fenced):
                 self.follow()
-                is_refused = True
                 if number == TRIES:
                     raise
-
-        for number in range(1, TRIES + 1):
-            yield attempt(number)
-            if not is_refused:
+            else:
                 return
 
     def get_state(self, session: SessionId) -> SessionState:

@@ -9,7 +9,7 @@ from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.session import Ended, Execution, Session
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.codec import Codec
-from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, Trial
+from phyagentos.runtime.preflight.adapter_plan import Finding
 
 OBSERVERS = 20  # at most, lost in a row while they observe what one session left
 
@@ -100,21 +100,10 @@ class Ready(msgspec.Struct, frozen=True, tag=True):
     """Worker, planner and target are ready; sent once, without an order."""
 
 
-class Checked(msgspec.Struct, frozen=True, tag=True):
-    """Result of preflight: a plan, or every problem.
-
-    Attributes:
-        plan: None when there is any problem.
-        trials: Of the dry run, where one was made.
-        ms: What the examination cost, wall time [ms].
-    """
+class Checked(Finding, frozen=True, kw_only=True, tag=True):
+    """What preflight found of a session, in answer to `Check`."""
 
     session: str
-    plan: AdapterPlan | None
-    tools: TargetToolManifest | None
-    problems: tuple[Problem, ...] = ()
-    trials: tuple[Trial, ...] = ()
-    ms: float = 0.0
 
     def describe_grant(self) -> dict[str, Any]:
         """Body of the start record; operations by name, since their schemas are the target's."""

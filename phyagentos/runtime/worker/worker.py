@@ -188,14 +188,7 @@ class WorkerLoop:
             self._publish_environment(0.0)
         if found.tools is not None:
             self._handle.permit(found.tools.expose)
-        return Checked(
-            session=session.id,
-            plan=found.plan,
-            tools=found.tools,
-            problems=found.problems,
-            trials=found.trials,
-            ms=found.ms,
-        )
+        return Checked(session=session.id, **msgspec.structs.asdict(found))
 
     def _is_unwanted(self, order: Check) -> bool:
         """Whether the session in its check was stopped meanwhile."""

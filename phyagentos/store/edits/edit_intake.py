@@ -108,8 +108,8 @@ class EditIntake:
         if page is None:
             if not text.strip():
                 return Merge((), ())
-            refused = _refuse_whole(text, _explain_unknown(sheet.view, history.ledger.seq))
-            return Merge((), tuple(self._reject([refused], source)))
+            unknown = _refuse_whole(text, _explain_unknown(sheet.view, history.ledger.seq))
+            return Merge((), tuple(self._reject([unknown], source)))
         base = history.render(page)
         if not is_whole:
             return Merge((), tuple(self._reject(_refuse_unfinished(text, base), source)))
