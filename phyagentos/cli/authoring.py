@@ -1,13 +1,12 @@
 """Commands for people who write goals and skills: `lint` and `compile`."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from phyagentos.cli.arguments import Overrides, get_file, open_library, parse_overrides
-from phyagentos.cli.outcome import ExitCode, print_note, print_problems, print_result
+from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_problems, print_result
 
 if TYPE_CHECKING:
     from phyagentos.agent.goals.graph import GoalGraph
@@ -47,7 +46,7 @@ def compile_graph(
     if mermaid:
         print_result(render_mermaid(compiled))
     elif as_json:
-        print_result(json.dumps({"goal": compiled.name, "sessions": _describe_nodes(compiled)}, indent=2))
+        print_json({"goal": compiled.name, "sessions": _describe_nodes(compiled)})
     else:
         _print_graph(compiled)
 

@@ -1,6 +1,5 @@
 """Commands about evidence: `evidence verify`, `evidence prune`."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,7 +7,8 @@ import msgspec
 import typer
 from msgspec.structs import asdict
 
-from phyagentos.cli.outcome import ExitCode, print_problems, print_result
+from phyagentos.cli.explaining import Space
+from phyagentos.cli.outcome import ExitCode, print_json, print_problems, print_result
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
@@ -19,7 +19,6 @@ from phyagentos.protocol.world.environment import Environment
 if TYPE_CHECKING:
     from phyagentos.store.retention import RetentionReport
 
-Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
 AsJson = Annotated[bool, typer.Option("--json", help="The report as JSON on stdout.")]
 
 
@@ -27,7 +26,7 @@ def verify(workspace: Space, as_json: AsJson = False) -> int:
     """Hash every bundle of an ended session again, and follow what its snapshots point at."""
     checked, problems = _verify(Workspace.open(workspace))
     if as_json:
-        print_result(json.dumps({"bundles": checked, "problems": [asdict(problem) for problem in problems]}))
+        print_json({"bundles": checked, "problems": [asdict(problem) for problem in problems]})
     else:
         print_problems(problems)
         found = f"{len(problems)} problem{'s' if len(problems) != 1 else ''}" if problems else "as recorded"
@@ -46,7 +45,7 @@ def prune(
     place = Workspace.open(workspace)
     report = apply_retention(place, read_retention(place), SystemClock(), dry_run=dry_run)
     if as_json:
-        print_result(msgspec.json.encode(report).decode())
+        print_json(report)
     else:
         print_result("\n".join(_describe(report, dry_run=dry_run)))
 

@@ -3,7 +3,6 @@
 The real worker and world of each target check it, in a temporary workspace. Nothing moves.
 """
 
-import json
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ import typer
 
 from phyagentos.cli.arguments import Overrides, get_file, open_library, parse_overrides
 from phyagentos.cli.explaining import get_session
-from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import GoalId, Session
@@ -45,7 +44,7 @@ def preflight(
         found = examination.examine([_settle(each) for each in order.sessions])
     reports = [_report(session, found[session.id], order) for session in order.sessions]
     if as_json:
-        print_result(json.dumps({"subject": subject, "sessions": reports}, indent=2))
+        print_json({"subject": subject, "sessions": reports})
     else:
         print_result("\n".join(line for report in reports for line in _render(report)))
     refused = [report["session"] for report in reports if report["problems"]]

@@ -94,7 +94,6 @@ def show_tree(
 
 
 def _find_names(kind: Listing) -> list[str]:
-
     library = Library.open(Path.cwd())
     match kind:
         case Listing.GRAPHS:

@@ -1,6 +1,5 @@
 """`paos store`: check, repair, compact and count the journal of a workspace."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 import typer
 
-from phyagentos.cli.outcome import ExitCode, print_note, print_result
+from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_result
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -42,7 +41,7 @@ def check(workspace: Space, partition: Partition = None, as_json: Json = False) 
     if as_json:
         findings = [asdict(finding) | {"is_damage": finding.is_damage} for finding in found.findings]
         counts = {"segments": found.segments, "records": found.records, "last_seq": found.last_seq}
-        _print_json({"lane": folder.name, "is_whole": found.is_whole, **counts, "findings": findings})
+        print_json({"lane": folder.name, "is_whole": found.is_whole, **counts, "findings": findings})
     else:
         for finding in found.findings:
             print_result(str(finding))
@@ -72,7 +71,7 @@ def repair(
         facts = {"is_needed": done.is_needed, "is_done": done.is_done or is_cut, "lost": done.lost}
         cuts = [cut.describe() for cut in done.cuts]
         aside = [str(path) for path in done.aside]
-        _print_json({"lane": folder.name, **facts, "cuts": cuts, "concerns": list(done.sessions), "aside": aside})
+        print_json({"lane": folder.name, **facts, "cuts": cuts, "concerns": list(done.sessions), "aside": aside})
     else:
         print_result("\n".join(_describe_repair(done)))
     if is_refused:
@@ -88,7 +87,7 @@ def compact(workspace: Space, partition: Partition = None, as_json: Json = False
     folder = _find_partition(workspace, partition)
     done = compact_partition(folder, by=_BY, clock=SystemClock(), file_io=SystemIO())
     if as_json:
-        _print_json({"lane": folder.name, **asdict(done)})
+        print_json({"lane": folder.name, **asdict(done)})
         return
     print_result(f"{len(done.archived)} segments archived; checkpoint at record {done.seq}")
     for name in done.archived:
@@ -109,7 +108,7 @@ def stats(
     times = measure_sync(folder, SystemClock()) if disk else None
     if as_json:
         plain: dict[str, Any] = msgspec.to_builtins(found)
-        _print_json(plain | ({"fdatasync": msgspec.to_builtins(times)} if times is not None else {}))
+        print_json(plain | ({"fdatasync": msgspec.to_builtins(times)} if times is not None else {}))
     else:
         print_result("\n".join(_describe_statistics(found)))
         if times is not None:
@@ -120,7 +119,6 @@ def stats(
 
 
 def _find_partition(workspace: Path, partition: str | None) -> Path:
-
     sessions = Workspace.open(workspace).sessions
     folder = sessions / (partition or choose_partition(sessions))
     if not folder.is_dir():
@@ -158,7 +156,3 @@ def _describe_statistics(found: "Statistics") -> Iterator[str]:
     yield f"sessions     {', '.join(f'{count} {state}' for state, count in found.sessions.items()) or 'none'}"
     if found.largest is not None:
         yield f"largest      {found.largest.id}: {found.largest.records} records, {found.largest.bytes} bytes"
-
-
-def _print_json(value: dict[str, Any]) -> None:
-    print_result(json.dumps(value, ensure_ascii=False))

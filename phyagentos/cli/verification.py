@@ -1,18 +1,17 @@
 """`paos verify`: another judgement of a session that has its verdict, by judges of one's choice."""
 
+from collections.abc import Iterable
 from contextlib import closing
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import msgspec
 import typer
 
-from phyagentos.cli.explaining import get_session
-from phyagentos.cli.outcome import ExitCode, print_result
+from phyagentos.cli.explaining import Space, get_session
+from phyagentos.cli.outcome import ExitCode, print_json, print_result
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import SessionStatus
-from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.settings.verification import JudgeName
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
 def verify(
     session: Annotated[str, typer.Argument(help="Id of the session.")],
-    workspace: Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")],
+    workspace: Space,
     with_: Annotated[
         str | None,
         typer.Option(
@@ -59,11 +58,10 @@ def verify(
         ]
         attempt = review_session(place, journal, status, verifier, lineage)
     if as_json:
-        print_result(msgspec.json.encode(attempt).decode())
+        print_json(attempt)
     else:
         print_result(f"{status.contract.id}: {attempt.verdict}  {attempt.reason}")
-        for criterion in attempt.criteria:
-            print_result(f"  {criterion.truth}: {criterion.kind} {criterion.text}: {criterion.because}")
+        _print_criteria(attempt.criteria)
         decided = status.decision.verdict if status.decision is not None else "none"
         print_result(f"  added as judgement {len(status.attempts) + 1}; the verdict stays {decided}")
     return int(ExitCode.GOAL_MET if attempt.verdict is Verdict.SUCCESS else ExitCode.GOAL_NOT_MET)
@@ -80,12 +78,16 @@ def _verify_from_frames(
     seen = perceive_again(workspace, status)
     again = judge_again(Evidence(workspace.root).read(status), seen, verifier, status.decision)
     if as_json:
-        print_result(msgspec.json.encode(again).decode())
+        print_json(again)
     else:
         equal = "equal to what was recorded" if not again.differences else "not what was recorded"
         print_result(f"{again.session}: {len(again.criteria)} criteria from {again.looks} looks, {equal}")
-        for criterion in again.criteria:
-            print_result(f"  {criterion.truth}: {criterion.kind} {criterion.text}: {criterion.because}")
+        _print_criteria(again.criteria)
         for difference in again.differences:
             print_result(f"  differs: {difference}")
     return int(ExitCode.GOAL_NOT_MET if again.differences else ExitCode.GOAL_MET)
+
+
+def _print_criteria(criteria: Iterable[Criterion]) -> None:
+    for criterion in criteria:
+        print_result(f"  {criterion.truth}: {criterion.kind} {criterion.text}: {criterion.because}")

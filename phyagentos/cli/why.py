@@ -8,6 +8,7 @@ from typing import Any
 
 from phyagentos.agent.judging.diagnosis import diagnose
 from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
+from phyagentos.cli.console import MARKS
 from phyagentos.cli.planted_faults import find_unstruck
 from phyagentos.protocol.sessions.evidence import Bundle, read_bundle
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
@@ -15,11 +16,9 @@ from phyagentos.protocol.sessions.session import Execution, SessionId, SessionSt
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.idealisations import format_idealisations
-from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.ledger import Ledger
 
 _OWN_WAY = "the skill's own way"
-_MARKS = {Truth.TRUE: "✓", Truth.FALSE: "✗", Truth.UNKNOWN: "?"}
 
 
 def explain_session(workspace: Workspace, ledger: Ledger, id: SessionId) -> str:
@@ -71,7 +70,7 @@ def _explain_attempt(attempt: Attempt, bundle: Bundle) -> Iterator[str]:
         because = criterion.because or _show(criterion.measured)
         at = f" at {criterion.at_s:.2f} s" if criterion.at_s is not None else ""
         source = f" ({criterion.evidence}{at})" if criterion.evidence else ""
-        yield f"    {_MARKS[criterion.truth]} {criterion.kind} {criterion.text}: {because}{source}"
+        yield f"    {MARKS[criterion.truth][0]} {criterion.kind} {criterion.text}: {because}{source}"
     if attempt.verdict is Verdict.SUCCESS:
         return
     diagnosis = diagnose(bundle, attempt.criteria)
