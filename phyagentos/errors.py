@@ -32,10 +32,16 @@ class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
     subject: str = ""
 
     @classmethod
-    def unknown(cls, code: str, address: str, name: str, possible: Iterable[str], found: str = "") -> "Problem":
-        """A name that is not among the possible ones, with the nearest of them; `found` where more was written."""
+    def unknown(
+        cls, code: str, address: str, name: str, possible: Iterable[str], found: str = "", by: str = "", fix: str = ""
+    ) -> "Problem":
+        """A name that is not among the possible ones, with the nearest of them, else `fix`.
+
+        `found` is what was written, where that is more than the name; `by` is what requires it.
+        """
         possible = tuple(possible)
-        return cls(code, address, found or repr(name), format_names(possible), format_hint(name, possible))
+        hint = format_hint(name, possible) or fix
+        return cls(code, address, found or repr(name), format_names(possible), hint, triggered_by=by)
 
     def __str__(self) -> str:
         """One line: where, which, found, possible, next."""

@@ -35,7 +35,6 @@ from phyagentos.runtime.preflight.dry_run import (
     DryRun,
     Grasp,
     Home,
-    Place,
     Reach,
     compute_reach,
     find_motions,
@@ -109,8 +108,7 @@ def test_the_first_motions_of_a_tree_are_found_through_its_subtrees():
     motions = list(find_motions("pick_and_place", arguments, Library.open(), REGISTRY))
 
     then = Destination("tray", "inside", (0.4, 0.1, 0.0))
-    place = Place("tray", "inside", (0.4, 0.1, 0.0))
-    assert motions == [Grasp("cube", then, removable=()), Grasp("cube", then), place]
+    assert motions == [Grasp("cube", then, removable=()), Grasp("cube", then), then]
     assert list(find_motions("stack", {"object": "a", "support": "b"}, Library.open(), REGISTRY))[1].relation == "on"
     assert list(find_motions("home", {}, Library.open(), REGISTRY)) == [Home()]
     assert list(find_motions("nowhere", {}, Library.open(), REGISTRY)) == []

@@ -17,7 +17,7 @@ from phyagentos.protocol.world.predicates.exchanges import exchange, find_groups
 from phyagentos.protocol.world.predicates.predicate import Predicate, View, find_formula, iter_entities, parse_predicate
 from phyagentos.protocol.world.predicates.syntax import And, Call, Name, iter_calls
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.runtime.preflight.findings import make_problem, make_unknown
+from phyagentos.runtime.preflight.findings import make_problem
 
 _CONDITIONS = ("requires", "hold", "accept")
 
@@ -27,7 +27,7 @@ def iter_parameter_problems(session: Session, skill: SkillRuntime) -> Iterator[P
     by = f"skill {skill.skill}: parameters"
     for name in session.parameters:
         if name not in skill.parameters:
-            yield make_unknown("PARAMETER_UNKNOWN", f"parameters.{name}", name, skill.parameters, triggered_by=by)
+            yield Problem.unknown("PARAMETER_UNKNOWN", f"parameters.{name}", name, skill.parameters, by=by)
     for name, parameter in skill.parameters.items():
         value, address = session.parameters.get(name), f"parameters.{name}"
         if value is None:
@@ -104,7 +104,7 @@ def _make_missing(
 ) -> Problem:
     """A name that the world does not hold; where it stands for a description, with what that fits."""
     if (text := session.scene.described.get(name)) is None:
-        return make_unknown("ENTITY_UNKNOWN", address, name, known, triggered_by=by)
+        return Problem.unknown("ENTITY_UNKNOWN", address, name, known, by=by)
     fitting = find_candidates(text, now.entities)
     several = len(fitting) > 1 and Truth.TRUE in fitting.values()
     shown = [each for each in now.entities.values() if (each.name in fitting if fitting else each.kind == UNNAMED)]

@@ -1,6 +1,5 @@
 """Whether a session fits a target: the checks in order, and the grant. Paper sections 3.4 and 4.5."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import msgspec
@@ -23,7 +22,7 @@ from phyagentos.runtime.preflight.arguments import (
     iter_precondition_problems,
     iter_predicate_problems,
 )
-from phyagentos.runtime.preflight.findings import make_problem
+from phyagentos.runtime.preflight.findings import locate, make_problem
 from phyagentos.runtime.preflight.live import iter_handshake_problems, iter_live_ability_problems, iter_timing_problems
 from phyagentos.runtime.preflight.needs import (
     find_exposed,
@@ -200,8 +199,3 @@ def _locate_space(skill: SkillRuntime, problem: Problem) -> Problem:
     whose = "target" if side == "target" else "skill"
     by = f"skill {skill.skill}: action_space"
     return msgspec.structs.replace(problem, address=f"{whose}.action_space.{field}", triggered_by=by)
-
-
-def locate(session: Session, problems: Iterable[Problem]) -> list[Problem]:
-    """The same problems, each with this session's address."""
-    return [msgspec.structs.replace(problem, address=f"{session.id}: {problem.address}") for problem in problems]

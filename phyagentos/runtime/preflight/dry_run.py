@@ -115,16 +115,8 @@ class Grasp:
     removable: tuple[str, ...] | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """The tree puts down what it grasped."""
-
-    destination: str
-    relation: str
-    near: tuple[float, float, float] | None
-
-
-Motions = Generator[Home | Grasp | Place, None, bool]
+Motions = Generator[Home | Grasp | Destination, None, bool]
+"""A destination is where the tree puts down what it grasped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -239,23 +231,23 @@ class DryRun:
         return _judge(name, answer, ms), answer
 
     def _try_place(
-        self, session: Session, motion: Place, payload: Payload, now: Environment, world: World, q_rad: "np.ndarray"
+        self, session: Session, to: Destination, payload: Payload, now: Environment, world: World, q_rad: "np.ndarray"
     ) -> Trial:
-        name = f"place {payload.entity} {motion.relation} {motion.destination}"
-        place = now.entities.get(motion.destination) or now.regions.get(motion.destination)
+        name = f"place {payload.entity} {to.relation} {to.name}"
+        place = now.entities.get(to.name) or now.regions.get(to.name)
         if place is None:
             return Trial(motion=name, outcome="undecided", message="the destination is not in the world")
-        if motion.relation == "on" and isinstance(place, Entity) and not _has_face(place):
-            message = f"{motion.destination} has no level face on which anything could stand"
+        if to.relation == "on" and isinstance(place, Entity) and not _has_face(place):
+            message = f"{to.name} has no level face on which anything could stand"
             return Trial(motion=name, outcome="impossible", code="NO_SPACE", message=message)
         request = FindPlacements(
             world=world,
             payload=payload,
-            destination=motion.destination,
+            destination=to.name,
             q_rad=q_rad,
             seed=session.seed,
-            relation=motion.relation,
-            near=motion.near,
+            relation=to.relation,
+            near=to.near,
             avoid=session.strategy.avoid_sites,
             count=CANDIDATES,
         )
@@ -328,13 +320,12 @@ def _find_in(
         if role is Role.HOME:
             yield Home()
         elif role in _GRASPING and isinstance(object := wired.get("object"), str):
-            place, makes_room = _make_place(wired), role is Role.PLAN_ROOM
-            then = Destination(place.destination, place.relation, place.near) if place else None
+            then, makes_room = _make_destination(wired), role is Role.PLAN_ROOM
             if then is not None or not makes_room:
                 yield Grasp(object, then, () if makes_room else None)
             if makes_room:
                 return True  # the rest of its tree moves what is found to be in the way, and nothing else
-        elif role is Role.PLAN_SITE and (place := _make_place(wired)) is not None:
+        elif role is Role.PLAN_SITE and (place := _make_destination(wired)) is not None:
             yield place
             return False
         elif role not in _PASSED_OVER:
@@ -342,14 +333,14 @@ def _find_in(
     return True
 
 
-def _make_place(wired: Mapping[str, Any]) -> Place | None:
+def _make_destination(wired: Mapping[str, Any]) -> Destination | None:
     destination, near = wired.get("destination"), wired.get("near")
     if not isinstance(destination, str):
         return None
     if near is not None and find_mismatch(_POINT, near):
         return None  # reported with the arguments
     point = None if near is None else (float(near[0]), float(near[1]), float(near[2]))
-    return Place(destination, str(wired.get("relation") or "inside"), point)
+    return Destination(destination, str(wired.get("relation") or "inside"), point)
 
 
 def make_trial_problem(trial: Trial, session: Session) -> Problem:

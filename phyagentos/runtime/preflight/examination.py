@@ -22,7 +22,7 @@ from phyagentos.runtime.execution.tree_check import check_tree
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.perception.world_model import WORLD, WorldModel
 from phyagentos.runtime.preflight.adapter_plan import Finding, Trial
-from phyagentos.runtime.preflight.compatibility import Preflight, locate
+from phyagentos.runtime.preflight.compatibility import Preflight
 from phyagentos.runtime.preflight.dry_run import (
     ANSWER_S,
     SHARE,
@@ -32,7 +32,7 @@ from phyagentos.runtime.preflight.dry_run import (
     find_motions,
     make_trial_problem,
 )
-from phyagentos.runtime.preflight.findings import make_problem
+from phyagentos.runtime.preflight.findings import locate, make_problem
 from phyagentos.runtime.preflight.needs import iter_payload_problems
 from phyagentos.runtime.targets.wire import Description
 

@@ -3,7 +3,10 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from phyagentos.errors import Problem, format_hint, format_names
+import msgspec
+
+from phyagentos.errors import Problem
+from phyagentos.protocol.sessions.session import Session
 
 
 def make_problem(
@@ -14,13 +17,9 @@ def make_problem(
     return Problem(code, address, shown, expected, fix, triggered_by=triggered_by, subject=subject)
 
 
-def make_unknown(
-    code: str, address: str, name: str, known: Iterable[str], *, triggered_by: str = "", fix: str = ""
-) -> Problem:
-    """A name that is not among the known ones; the hint is the nearest of them, else `fix`."""
-    names = list(known)
-    hint = format_hint(name, names) or fix
-    return make_problem(code, address, repr(name), format_names(names), triggered_by=triggered_by, fix=hint)
+def locate(session: Session, problems: Iterable[Problem]) -> list[Problem]:
+    """The same problems, each with this session's address."""
+    return [msgspec.structs.replace(problem, address=f"{session.id}: {problem.address}") for problem in problems]
 
 
 def describe_problem(problem: Problem) -> Mapping[str, Any]:

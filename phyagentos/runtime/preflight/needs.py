@@ -13,7 +13,7 @@ from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.operations import CORE_OPERATIONS, SESSION_OPERATIONS, Operation
 from phyagentos.protocol.settings.runtime_contract import RuntimeContract
 from phyagentos.protocol.world.scenes import Body, SceneSpec
-from phyagentos.runtime.preflight.findings import make_problem, make_unknown
+from phyagentos.runtime.preflight.findings import make_problem
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 
@@ -31,21 +31,16 @@ def iter_ability_problems(skill: SkillRuntime, profile: TargetProfile) -> Iterat
             if need not in offered:
                 by = f"skill {skill.skill}: needs.{name}"
                 fix = f"Choose a target that offers it; {profile.target} does not."
-                yield make_unknown(code, f"skill.needs.{name}", need, offered, triggered_by=by, fix=fix)
+                yield Problem.unknown(code, f"skill.needs.{name}", need, offered, by=by, fix=fix)
 
 
 def iter_resource_problems(session: Session, contract: RuntimeContract) -> Iterator[Problem]:
     """Undeclared resources: two sessions with two names for one thing could hold it at once."""
     for index, name in enumerate(session.resources):
         if name not in contract.resources:
-            yield make_unknown(
-                "RESOURCE_UNDECLARED",
-                f"resources[{index}]",
-                name,
-                contract.resources,
-                triggered_by="runtime_contract.yaml: resources",
-                fix="Add it to 'resources' of runtime_contract.yaml.",
-            )
+            address, by = f"resources[{index}]", "runtime_contract.yaml: resources"
+            fix = "Add it to 'resources' of runtime_contract.yaml."
+            yield Problem.unknown("RESOURCE_UNDECLARED", address, name, contract.resources, by=by, fix=fix)
 
 
 def find_operations(skill: SkillRuntime) -> tuple[Operation, ...]:

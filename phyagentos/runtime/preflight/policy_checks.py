@@ -11,7 +11,7 @@ from phyagentos.protocol.capabilities.policy_descriptors import POLICY_PROTOCOL,
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.settings.sensors import Length, Sensor, Sensors, Signal, find_source
-from phyagentos.runtime.preflight.findings import make_problem, make_unknown
+from phyagentos.runtime.preflight.findings import make_problem
 from phyagentos.runtime.preflight.sensing import RATE_TOLERANCE
 
 TIME_TOLERANCE_S = 1e-9
@@ -92,7 +92,7 @@ def _iter_stream_problems(
 ) -> Iterator[Problem]:
     address = f"skill.policy.observations.{name}"
     if name not in profile.observations:
-        yield make_unknown("OBSERVATION_UNAVAILABLE", address, name, profile.observations, triggered_by=by)
+        yield Problem.unknown("OBSERVATION_UNAVAILABLE", address, name, profile.observations, by=by)
         return
     found = find_source(sensors, name, stream.frame)
     if found is None:

@@ -10,6 +10,7 @@ from phyagentos.protocol.sessions.session import Ended, Execution, Session
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.preflight.adapter_plan import Finding
+from phyagentos.runtime.preflight.findings import locate
 
 OBSERVERS = 20  # at most, lost in a row while they observe what one session left
 
@@ -151,6 +152,5 @@ def serve_refusals(control: Channel, problems: Sequence[Problem]) -> None:
             return
         if not isinstance(order, Check):
             return
-        id = order.session.id
-        located = tuple(msgspec.structs.replace(problem, address=f"{id}: {problem.address}") for problem in problems)
-        control.send_bytes(encode(Checked(session=id, plan=None, tools=None, problems=located)))
+        located = tuple(locate(order.session, problems))
+        control.send_bytes(encode(Checked(session=order.session.id, plan=None, tools=None, problems=located)))
