@@ -6,10 +6,11 @@ from msgspec import to_builtins
 
 from phyagentos.geometry import to_child
 from phyagentos.protocol.world.environment import Entity, Pose
-from phyagentos.runtime.execution.leaf import FailureCode, Leaf, Status
+from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Status
 from phyagentos.runtime.execution.loads import measure_payload
 from phyagentos.runtime.execution.trajectory_player import Progress, TrajectoryPlayer
 from phyagentos.runtime.motion.requests import (
+    Approach,
     Approaches,
     FindLine,
     Motion,
@@ -113,6 +114,8 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
 class ApproachPlanningLeaf(PlanningLeaf[Approaches]):
     """A leaf that requests approaches and writes them to the port `approaches`."""
 
+    OUTPUT_PORTS = {"approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first.")}
+
     @final
     def on_answer(self, answer: Approaches) -> Status:
         """Write the approaches, name the labels."""
@@ -122,6 +125,8 @@ class ApproachPlanningLeaf(PlanningLeaf[Approaches]):
 
 class LinePlanningLeaf(PlanningLeaf[Approaches]):
     """A leaf that requests one straight way and writes it to the port `approach`."""
+
+    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The way, from here to the end.")}
 
     def request_line(self, waypoints: tuple[Pose, ...]) -> FindLine:
         """A line from the present posture through tool poses, with the ports `payload` and `ignore`."""

@@ -7,7 +7,7 @@ from phyagentos.protocol.world.predicates.geometry import compute_reach
 from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
-from phyagentos.runtime.motion.requests import Approach, MotionRequest, Payload
+from phyagentos.runtime.motion.requests import MotionRequest, Payload
 from phyagentos.runtime.perception.world_model import BELIEF
 
 OVER_M = 0.005  # of the peg's lower end above the rim, between two tries
@@ -26,7 +26,6 @@ class PlanInsert(LinePlanningLeaf):
         "down": PortInformation(data_type=bool, default_value=False, description="Into it; over it if false."),
         "ignore": PortInformation(data_type=str, required=False, description="Entity that may be touched."),
     }
-    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The way, from here to the end.")}
 
     def compose(self) -> MotionRequest | Status:
         """One request; each activation downwards shifts the place."""

@@ -2,7 +2,7 @@
 
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
-from phyagentos.runtime.motion.requests import Approach, MotionRequest, Payload
+from phyagentos.runtime.motion.requests import MotionRequest, Payload
 
 
 class PlanLine(LinePlanningLeaf):
@@ -14,7 +14,6 @@ class PlanLine(LinePlanningLeaf):
         "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
         "ignore": PortInformation(data_type=str, required=False, description="Entity that may be touched."),
     }
-    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The way, from here to the end.")}
 
     def compose(self) -> MotionRequest | Status:
         """One request."""

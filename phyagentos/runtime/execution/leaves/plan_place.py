@@ -3,7 +3,7 @@
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.leaves.plan_room import list_removable
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
-from phyagentos.runtime.motion.requests import Approaches, FindPlacements, MotionRequest, Payload
+from phyagentos.runtime.motion.requests import FindPlacements, MotionRequest, Payload
 from phyagentos.runtime.perception.world_model import BELIEF
 
 
@@ -25,7 +25,6 @@ class PlanPlace(ApproachPlanningLeaf):
             data_type=bool, default_value=True, description="Whether it may be let go above a walled floor."
         ),
     }
-    OUTPUT_PORTS = {"approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first.")}
 
     def compose(self) -> MotionRequest | Status:
         """One request."""

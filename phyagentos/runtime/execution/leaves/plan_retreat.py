@@ -4,7 +4,7 @@ from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
-from phyagentos.runtime.motion.requests import Approach, MotionRequest, Payload
+from phyagentos.runtime.motion.requests import MotionRequest, Payload
 
 
 class PlanRetreat(LinePlanningLeaf):
@@ -16,7 +16,6 @@ class PlanRetreat(LinePlanningLeaf):
         "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
         "ignore": PortInformation(data_type=str, required=False, description="Entity that may be touched."),
     }
-    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The way, from here to the end.")}
 
     def compose(self) -> MotionRequest | Status:
         """One waypoint above the tool."""

@@ -3,7 +3,7 @@
 from phyagentos.protocol.world.predicates.geometry import compute_reach
 from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
-from phyagentos.runtime.motion.requests import Approaches, FindTouch, MotionRequest
+from phyagentos.runtime.motion.requests import FindTouch, MotionRequest
 from phyagentos.runtime.perception.world_model import BELIEF
 
 
@@ -16,7 +16,6 @@ class PlanTouch(ApproachPlanningLeaf):
         "to": PortInformation(data_type=tuple, description="Where its middle shall be, world frame [m]."),
         "hover_m": PortInformation(data_type=float, default_value=0.06, description="Length of the way [m]."),
     }
-    OUTPUT_PORTS = {"approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first.")}
 
     def compose(self) -> MotionRequest | Status:
         """One request, with the fingers as they stand."""

@@ -7,7 +7,7 @@ from phyagentos.geometry import compute_matrix, compute_pose, turn
 from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
-from phyagentos.runtime.motion.requests import Approach, Array, MotionRequest, Payload
+from phyagentos.runtime.motion.requests import Array, MotionRequest, Payload
 from phyagentos.runtime.motion.shapes import compute_entity_box
 from phyagentos.runtime.perception.world_model import BELIEF
 
@@ -27,7 +27,6 @@ class PlanWipe(LinePlanningLeaf):
         "strokes": PortInformation(data_type=bool, default_value=False, description="Over it; to its corner if false."),
         "ignore": PortInformation(data_type=str, required=False, description="Entity that may be touched."),
     }
-    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The way, from here to the end.")}
 
     def compose(self) -> MotionRequest | Status:
         """One request; strokes push along what is lower than the middle of the pads."""
