@@ -7,13 +7,13 @@ import contextlib
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.errors import PhyAgentOSError
-from phyagentos.protocol.sessions.statechart import Condition, Row, Statechart, render_rows
+from phyagentos.protocol.sessions.statechart import Condition, Model, Row, Statechart, render_rows
 
 FAILURES = 6  # one more is the end: a minute has passed, and a full disk or a port in use would have been free again
 
@@ -51,18 +51,7 @@ PHASE_TRANSITIONS: tuple[Row, ...] = (
 )
 
 
-class Supervised(Protocol):
-    """What the conditions read; the machine changes `state`."""
-
-    state: str
-    failures: int
-
-    @property
-    def lost(self) -> object | None:
-        """The session whose outcome is unknown."""
-
-
-_CONDITIONS: dict[str, Condition] = {
+_CONDITIONS: dict[str, Condition] = {  # of a supervisor: the session whose outcome is unknown, and failures in a row
     "nothing lost": lambda event: event.model.lost is None,
     "a session lost": lambda event: event.model.lost is not None,
     "attempts left": lambda event: event.model.failures < FAILURES,
@@ -85,7 +74,7 @@ def build_phase_chart() -> Statechart:
     return Statechart(Phase, PHASE_TRANSITIONS, lambda row: _CONDITIONS.get(row.when))
 
 
-def fire_phase(target: str, supervised: Supervised, trigger: str) -> None:
+def fire_phase(target: str, supervised: Model, trigger: str) -> None:
     """Fire one event of a target; raises `IllegalPhase` for an event without a row."""
     if not build_phase_chart().fire(supervised, trigger):
         raise IllegalPhase(target, supervised.state, trigger)

@@ -98,17 +98,12 @@ class Predicate:
     @property
     def is_lasting(self) -> bool:
         """Whether every part describes a lasting state, rather than a passing fact such as `holding`."""
-        library = get_predicate_library()
-        found = (library.find(call.name) for call in iter_calls(self.formula))
+        found = map(_find, iter_calls(self.formula))
         return all(definition is not None and definition.lasting for definition in found)
 
     def iter_references(self) -> Iterator[Reference]:
         """Every name it mentions, left to right; names of metrics are none of the world's."""
-        for call in iter_calls(self.formula):
-            definition = get_predicate_library().find(call.name)
-            for argument, term in zip(definition.arguments if definition else (), call.terms, strict=False):
-                if isinstance(term, Name) and argument.kind is not ArgumentKind.METRIC:
-                    yield Reference(term.text, argument.kind, term.column)
+        return (each for each in _iter_names(self.formula) if each.kind is not ArgumentKind.METRIC)
 
     def rename_targets(self, targets: Mapping[str, str]) -> "Predicate":
         """The same predicate with target roles replaced by the targets they stand for."""
@@ -116,7 +111,7 @@ class Predicate:
             return self
 
         def change(call: Call) -> Call:
-            definition = get_predicate_library().find(call.name)
+            definition = _find(call)
             kinds = [argument.kind for argument in definition.arguments] if definition else []
             terms = [
                 Name(targets.get(term.text, term.text))
@@ -177,11 +172,8 @@ def find_things(text: str, world: Environment) -> tuple[str, ...]:
 def iter_metrics(text: str) -> Iterator[str]:
     """Names of the metrics that a predicate compares, left to right; none of text that is no predicate."""
     predicate, _ = _parse(text, True)
-    for call in iter_calls(predicate.formula) if predicate is not None else ():
-        definition = get_predicate_library().find(call.name)
-        for argument, term in zip(definition.arguments if definition else (), call.terms, strict=False):
-            if isinstance(term, Name) and argument.kind is ArgumentKind.METRIC:
-                yield term.text
+    names = _iter_names(predicate.formula) if predicate is not None else ()
+    return (each.name for each in names if each.kind is ArgumentKind.METRIC)
 
 
 @lru_cache(maxsize=4096)
@@ -192,10 +184,8 @@ def has_metric(text: str) -> bool:
 
 def is_metric_only(predicate: Predicate) -> bool:
     """Whether a predicate compares metrics and asks nothing of the world."""
-    found = [get_predicate_library().find(call.name) for call in iter_calls(predicate.formula)]
-    return all(
-        each is not None and each.arguments[:1] and each.arguments[0].kind is ArgumentKind.METRIC for each in found
-    )
+    found = map(_find, iter_calls(predicate.formula))
+    return all(each and each.arguments[:1] and each.arguments[0].kind is ArgumentKind.METRIC for each in found)
 
 
 def substitute(text: str, parameters: Mapping[str, Any]) -> str:
@@ -259,6 +249,15 @@ def _iter_use_findings(formula: Formula) -> Iterator[_Finding]:
         case And(parts) | Or(parts):
             for part in parts:
                 yield from _iter_use_findings(part)
+
+
+def _iter_names(formula: Formula) -> Iterator[Reference]:
+    """Every name, left to right, as what the argument is that it stands for."""
+    for call in iter_calls(formula):
+        definition = _find(call)
+        for argument, term in zip(definition.arguments if definition else (), call.terms, strict=False):
+            if isinstance(term, Name):
+                yield Reference(term.text, argument.kind, term.column)
 
 
 def _find(call: Call) -> PredicateDefinition | None:
