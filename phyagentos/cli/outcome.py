@@ -8,7 +8,6 @@ import sys
 import traceback
 from collections.abc import Iterable
 from enum import IntEnum
-from pathlib import Path
 
 from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem
 
@@ -70,7 +69,7 @@ def print_problems(problems: Iterable[Problem]) -> int:
     return len(unique)
 
 
-def report_exception(error: BaseException, *, debug: bool, log: Path | None = None) -> ExitCode:
+def report_exception(error: BaseException, *, debug: bool) -> ExitCode:
     """Print what a person needs of an exception and choose the exit code."""
     if isinstance(error, KeyboardInterrupt):
         return ExitCode.INTERRUPTED
@@ -84,8 +83,7 @@ def report_exception(error: BaseException, *, debug: bool, log: Path | None = No
         count = print_problems(error.problems)
         print_note(f"{count} problem{'s' if count != 1 else ''}")
         return ExitCode.INVALID_INPUT
-    where = f" Log: {log}." if log is not None else ""
     name = "" if isinstance(error, PhyAgentOSError) else f"{type(error).__name__}: "
     hint = "" if debug else " Add --debug for the traceback."
-    print_note(f"paos: {name}{str(error).rstrip('.')}.{where}{hint}")
+    print_note(f"paos: {name}{str(error).rstrip('.')}.{hint}")
     return ExitCode.INTERNAL_ERROR

@@ -81,9 +81,9 @@ def read_goal_graph(path: Path, catalogue: Catalogue, overrides: Mapping[str, st
     return graph
 
 
-def check_goal_graph(path: Path, catalogue: Catalogue, overrides: Mapping[str, str] | None = None) -> list[Problem]:
+def check_goal_graph(path: Path, catalogue: Catalogue) -> list[Problem]:
     """Every problem of a goal graph; empty when it can run."""
-    return _load(path, catalogue, overrides or {})[1]
+    return _load(path, catalogue, {})[1]
 
 
 def render_mermaid(graph: GoalGraph) -> str:

@@ -97,16 +97,13 @@ class ActionSpace(Authored):
         return self.arm_width + (self.gripper is not None)
 
 
-def describe_target_space(profile: TargetProfile, chunk_length: int = 100) -> ActionSpace:
-    """What a target with joint servos takes, one row per control period.
-
-    `chunk_length` bounds the rows that are accepted at once; beyond two seconds a plan is outdated.
-    """
+def describe_target_space(profile: TargetProfile) -> ActionSpace:
+    """What a target with joint servos takes, one row per control period."""
     return ActionSpace(
         representation="joint_position",
         joints=profile.arm.joints,
         rate_hz=1.0 / profile.control_period_s,
-        chunk_length=chunk_length,
+        chunk_length=100,  # rows that are accepted at once; beyond two seconds a plan is outdated
         gripper=GripperRange(closed=0.0, open=profile.gripper.max_width_m),
         velocity_max=profile.arm.velocity_rad_s,
     )

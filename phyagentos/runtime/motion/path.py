@@ -185,10 +185,10 @@ def _cut(rows, along, low, high):  # type: ignore[no-untyped-def]  # noqa: ANN00
     return ends[0], ends[1], points[0], points[1]
 
 
-def round_corners(rows_rad: Array, checker: Checker, passes: int = ROUNDING_PASSES) -> Array:
+def round_corners(rows_rad: Array, checker: Checker) -> Array:
     """The path in steps of at most 0.12 rad, averaged 1-2-1 as often as that stays free."""
     rows = densify(rows_rad, SPACING_RAD)
-    for _ in range(passes if len(rows) > 3 else 0):
+    for _ in range(ROUNDING_PASSES if len(rows) > 3 else 0):
         rounded = rows.copy()
         rounded[1:-1] = (rows[:-2] + 2.0 * rows[1:-1] + rows[2:]) / 4.0
         if not checker.path_is_free(rounded):
