@@ -48,14 +48,10 @@ def perceive_again(workspace: Workspace, status: SessionStatus) -> list[tuple[Lo
 
 def _check_settings(workspace: Workspace, folder: Path) -> None:
     recorded = read_yaml(folder / CONTRACT).data.get("settings_sha256", {})
+    found = "another file than the session ran with"
+    hint = f"Restore it, or judge on the snapshots: `paos verify {folder.name}` without --from-frames."
     changed = [
-        Problem(
-            "SETTINGS_CHANGED",
-            str(path),
-            "another file than the session ran with",
-            f"sha256 {recorded[path.name]}",
-            f"Restore it, or judge on the snapshots: `paos verify {folder.name}` without --from-frames.",
-        )
+        Problem("SETTINGS_CHANGED", str(path), found, f"sha256 {recorded[path.name]}", hint)
         for path in (workspace.perception, workspace.sensors)
         if path.name in recorded and compute_file_hash(path) != recorded[path.name]
     ]

@@ -71,13 +71,10 @@ def _open_vision(settings: JudgeSettings) -> VisionJudge:
         raise DefinitionError.of("VISION_NOT_CONFIGURED", settings.address, "no block 'vision'", "a model", hint)
     key = os.environ.get(model.api_key_env, "") if model.api_key_env else ""
     if model.api_key_env and not key:
-        raise DefinitionError.of(
-            "API_KEY_MISSING",
-            f"{settings.address}.vision.api_key_env",
-            f"environment variable {model.api_key_env} is not set",
-            "the key of the endpoint",
-            f"Set {model.api_key_env}, or leave 'api_key_env' out when the endpoint needs no key.",
-        )
+        address = f"{settings.address}.vision.api_key_env"
+        found = f"environment variable {model.api_key_env} is not set"
+        hint = f"Set {model.api_key_env}, or leave 'api_key_env' out when the endpoint needs no key."
+        raise DefinitionError.of("API_KEY_MISSING", address, found, "the key of the endpoint", hint)
     endpoint = OpenAiEndpoint(
         url=model.url, model=model.model, clock=settings.clock, key=key, timeout_s=model.timeout_s
     )

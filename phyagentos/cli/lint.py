@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from phyagentos.cli.arguments import FOLDERS, open_library
-from phyagentos.errors import DefinitionError, Problem, find_nearest
+from phyagentos.errors import DefinitionError, Problem, format_hint
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
 from phyagentos.protocol.capabilities.targets import TARGETS, find_unshared
@@ -119,15 +119,11 @@ def _read_keys(path: Path) -> list[str]:
 def _unknown_kind(path: Path) -> Problem:
     read_yaml(path)  # an unreadable file or a syntax error is the better message
     keys = _read_keys(path)
-    expected = ", ".join(f"{key!r} ({kind})" for key, kind in _KEYS.items())
-    nearest = next((near for key in keys if (near := find_nearest(key, _KEYS))), None)
-    return Problem(
-        "UNKNOWN_KIND",
-        f"{path}:1:1",
-        f"top-level keys {', '.join(keys) or '(none)'}",
-        f"one of the keys {expected}, a SKILL.md, a protocol document or a settings file",
-        f"Did you mean {nearest!r}?" if nearest else "",
-    )
+    known = ", ".join(f"{key!r} ({kind})" for key, kind in _KEYS.items())
+    found = f"top-level keys {', '.join(keys) or '(none)'}"
+    expected = f"one of the keys {known}, a SKILL.md, a protocol document or a settings file"
+    hint = next((hint for key in keys if (hint := format_hint(key, _KEYS))), "")
+    return Problem("UNKNOWN_KIND", f"{path}:1:1", found, expected, hint)
 
 
 def _check(kind: FileKind, path: Path, library: Library) -> None:

@@ -434,10 +434,7 @@ def read_environment(text: str, source: str = "") -> Snapshot:
     """Read ENVIRONMENT.md; raises DefinitionError: every problem at file:line:column, `NOTHING_OBSERVED` when empty."""
     blocks = read_document(text, ENVIRONMENT, source).blocks
     if "Snapshot" not in blocks:
-        raise DefinitionError.of(
-            "NOTHING_OBSERVED",
-            f"{source or ENVIRONMENT.file}:1:1",
-            "no block of YAML below '## Snapshot'",
-            hint="The worker of a target writes one at the end of its first session.",
-        )
+        address, found = f"{source or ENVIRONMENT.file}:1:1", "no block of YAML below '## Snapshot'"
+        hint = "The worker of a target writes one at the end of its first session."
+        raise DefinitionError.of("NOTHING_OBSERVED", address, found, hint=hint)
     return blocks["Snapshot"]

@@ -8,7 +8,7 @@ target is read, which holds the greatest force since the one before.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from msgspec import UNSET
 
@@ -63,16 +63,17 @@ class HoldMonitor:
         interchangeable: tuple[tuple[str, ...], ...] = (),
     ) -> None:
         self.every = every
-        self._interchangeable = interchangeable
         self._predicates: tuple[tuple[str, Predicate], ...] = tuple((text, parse_predicate(text)) for text in texts)
         self._felt = tuple(each for each in self._predicates if is_metric_only(each[1]))
         self._seen = tuple(each for each in self._predicates if each not in self._felt)
         self._initial = initial
-        self._target = target
         names = frozenset(name for _, predicate in self._predicates for name in iter_entities(predicate))
         self._named = self.need = Need(things=names) if names else WORLD
         self._looked_s = initial.time_s  # at everything, or so that all was decided
         self._peaks: dict[str, float] = {}
+        self._start = View(
+            now=initial, initial=initial, target=target, metrics=self._peaks, interchangeable=interchangeable
+        )
         self._worst: dict[str, tuple[Evaluation, float]] = {}
         self._known_s: dict[str, float] = {}
         self._unseen: dict[str, tuple[Evaluation, float]] = {}  # the unknown samples that are not confirmed yet
@@ -95,7 +96,7 @@ class HoldMonitor:
 
     def shows_violation(self, now: Environment) -> bool:
         """Whether a look at no more than it needs shows a condition that is false: a reason to look at everything."""
-        view = self._view(now)
+        view = replace(self._start, now=now)
         return not self.need.everything and any(each.evaluate(view).truth is Truth.FALSE for _, each in self._seen)
 
     def sample(self, now: Environment, look: Look | None = None, *, is_last: bool = False) -> Criterion | None:
@@ -111,7 +112,8 @@ class HoldMonitor:
         return self._note(evaluations, now, look, is_last=is_last)
 
     def _evaluate(self, predicates: Iterable[tuple[str, Predicate]], now: Environment) -> list[tuple[str, Evaluation]]:
-        return [(text, predicate.evaluate(self._view(now))) for text, predicate in predicates]
+        view = replace(self._start, now=now)
+        return [(text, predicate.evaluate(view)) for text, predicate in predicates]
 
     def _note(
         self,
@@ -139,15 +141,6 @@ class HoldMonitor:
             if evaluation.truth is Truth.FALSE and violated is None:
                 violated = _to_criterion(text, evaluation, now.time_s)
         return violated
-
-    def _view(self, now: Environment) -> View:
-        return View(
-            now=now,
-            initial=self._initial,
-            target=self._target,
-            metrics=self._peaks,
-            interchangeable=self._interchangeable,
-        )
 
     def _keep(self, text: str, role: LookRole, look: Look | None) -> None:
         if look is not None:

@@ -244,9 +244,8 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
             yield from _iter_literal_problems(tree, place, value, inputs[port])
     for port, information in inputs.items():
         if information.required and not information.has_default and port not in node.wiring:
-            yield tree.located.problem(
-                "MISSING_PORT", node.address, f"{node.type} without {port!r}", f"a value for {port!r}"
-            )
+            found = f"{node.type} without {port!r}"
+            yield tree.located.problem("MISSING_PORT", node.address, found, f"a value for {port!r}")
 
 
 def _iter_reference_problems(
@@ -257,12 +256,8 @@ def _iter_reference_problems(
         expected = format_names(f"${key}" for key in written)
         yield tree.located.problem("UNWRITTEN_KEY", place, found, expected, format_hint(value.key, written))
     elif port.data_type not in (written[value.key], object):
-        yield tree.located.problem(
-            "WRONG_TYPE",
-            place,
-            f"'${value.key}' of type {written[value.key].__name__}",
-            f"type {_name_of(port.data_type)}",
-        )
+        found = f"'${value.key}' of type {_name_of(written[value.key])}"
+        yield tree.located.problem("WRONG_TYPE", place, found, f"type {_name_of(port.data_type)}")
 
 
 def _iter_literal_problems(

@@ -48,14 +48,9 @@ def iter_handshake_problems(profile: TargetProfile, contract: RuntimeContract, l
         asked_by = f"target {profile.target}, as it runs"
         yield make_problem("CONTRACT_MISMATCH", address, contract.world_mode, live.mode, asked_by)
     if live.version != WIRE_VERSION:
-        yield make_problem(
-            "VERSION_MISMATCH",
-            "target.wire",
-            f"version {live.version}",
-            f"version {WIRE_VERSION}",
-            "this runtime",
-            "Start target and worker from the same installation.",
-        )
+        found, expected = f"version {live.version}", f"version {WIRE_VERSION}"
+        fix = "Start target and worker from the same installation."
+        yield make_problem("VERSION_MISMATCH", "target.wire", found, expected, "this runtime", fix)
 
 
 def iter_live_ability_problems(skill: SkillRuntime, profile: TargetProfile, live: Description) -> Iterator[Problem]:
@@ -73,14 +68,8 @@ def iter_timing_problems(profile: TargetProfile, contract: RuntimeContract) -> I
     for name in names:
         found, expected = getattr(contract, name), getattr(profile, name)
         if not math.isclose(found, expected, rel_tol=RELATIVE_TOLERANCE):
-            yield make_problem(
-                "CONTRACT_MISMATCH",
-                f"runtime_contract.yaml: {name}",
-                found,
-                f"{expected:g}",
-                f"{by}: {name}",
-                "Both sides of the wire must count on the same.",
-            )
+            address, fix = f"runtime_contract.yaml: {name}", "Both sides of the wire must count on the same."
+            yield make_problem("CONTRACT_MISMATCH", address, found, f"{expected:g}", f"{by}: {name}", fix)
     rate_hz = 1.0 / profile.control_period_s
     if contract.sampling_hz > rate_hz * (1.0 + RELATIVE_TOLERANCE):
         address = "runtime_contract.yaml: sampling_hz"
@@ -89,10 +78,6 @@ def iter_timing_problems(profile: TargetProfile, contract: RuntimeContract) -> I
         yield make_problem("CONTRACT_MISMATCH", address, contract.sampling_hz, f"at most {rate_hz:g} Hz", asked_by, fix)
     steps = profile.control_period_s / profile.physics_step_s
     if not math.isclose(steps, max(round(steps), 1), rel_tol=RELATIVE_TOLERANCE):
-        yield make_problem(
-            "CONTRACT_MISMATCH",
-            "target.control_period_s",
-            profile.control_period_s,
-            f"a whole number of physics steps of {profile.physics_step_s:g} s",
-            f"{by}: physics_step_s",
-        )
+        address, asked_by = "target.control_period_s", f"{by}: physics_step_s"
+        whole = f"a whole number of physics steps of {profile.physics_step_s:g} s"
+        yield make_problem("CONTRACT_MISMATCH", address, profile.control_period_s, whole, asked_by)

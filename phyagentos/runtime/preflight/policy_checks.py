@@ -41,14 +41,10 @@ def iter_policy_problems(
         yield from _iter_lateness_problems(name, stream, sensors, late_max_s, by)
     chunk_s = skill.action_space.chunk_length / skill.action_space.rate_hz
     if policy.inference_s > chunk_s:
-        yield make_problem(
-            "POLICY_TOO_SLOW",
-            "skill.policy.inference_s",
-            f"{policy.inference_s:g} s",
-            f"at most {chunk_s:g} s, which one chunk lasts",
-            f"{by}: chunk_length / rate_hz",
-            "Longer chunks, or a faster server: the robot would wait in the middle of a motion.",
-        )
+        address, found = "skill.policy.inference_s", f"{policy.inference_s:g} s"
+        expected, by = f"at most {chunk_s:g} s, which one chunk lasts", f"{by}: chunk_length / rate_hz"
+        fix = "Longer chunks, or a faster server: the robot would wait in the middle of a motion."
+        yield make_problem("POLICY_TOO_SLOW", address, found, expected, by, fix)
 
 
 def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Problem]:
@@ -56,25 +52,18 @@ def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Proble
     policy = skill.policy
     if policy is None:
         return
+    by = f"policy {policy.policy}"
     try:
         served = ask(policy.endpoint)
     except ExecutionError as error:
-        expected = f"a policy server at {policy.endpoint}"
-        by = f"policy {policy.policy}"
-        fix = "Start the server."
+        expected, fix = f"a policy server at {policy.endpoint}", "Start the server."
         yield make_problem("POLICY_UNREACHABLE", "skill.policy.endpoint", str(error), expected, by, fix)
         return
     for name in PolicyDescriptor.model_fields:
         declared, found = getattr(policy, name), getattr(served, name)
         if name != "endpoint" and declared != found:
-            yield make_problem(
-                "POLICY_MISMATCH",
-                f"skill.policy.{name}",
-                str(found),
-                str(declared),
-                f"policy {policy.policy}",
-                "The server at this endpoint is not the one that SKILL.md describes.",
-            )
+            fix = "The server at this endpoint is not the one that SKILL.md describes."
+            yield make_problem("POLICY_MISMATCH", f"skill.policy.{name}", str(found), str(declared), by, fix)
 
 
 def _is_endpoint(text: str) -> bool:
@@ -144,9 +133,8 @@ def _iter_source_problems(address: str, stream: Stream, sensor: Sensor, by: str)
     if stream.frame != sensor.frame:
         yield make_problem("OBSERVATION_FRAME", f"{address}.frame", stream.frame, sensor.frame, by)
     if stream.rate_hz > sensor.rate_hz * (1.0 + RATE_TOLERANCE):
-        yield make_problem(
-            "OBSERVATION_RATE", f"{address}.rate_hz", stream.rate_hz, f"at most {sensor.rate_hz:g} Hz", by
-        )
+        expected = f"at most {sensor.rate_hz:g} Hz"
+        yield make_problem("OBSERVATION_RATE", f"{address}.rate_hz", stream.rate_hz, expected, by)
 
 
 def _describe_picture(stream: Stream, sensor: Sensor) -> Signal | None:

@@ -78,17 +78,12 @@ def _iter_force_problems(limits: TargetLimits, profile: TargetProfile, own_n: fl
     force_n = float(np.asarray(limits.gripper_force_max.value))
     if own_n <= force_n * (1.0 + RELATIVE_TOLERANCE):  # never true of NaN
         return
-    is_known = not math.isnan(own_n)
-    yield make_problem(
-        "GRIPPER_FORCE",
-        _place(profile, "gripper_force_max"),
-        f"{own_n:g} N, which the gripper can press with"
-        if is_known
-        else "a gripper whose force the target does not declare",
-        f"at most {force_n:g} N",
-        "safety.yaml: gripper_force_max",
-        "Use a weaker gripper, or raise the limit with a source." if is_known else "Let the target declare its force.",
-    )
+    found, fix = "a gripper whose force the target does not declare", "Let the target declare its force."
+    if not math.isnan(own_n):
+        found = f"{own_n:g} N, which the gripper can press with"
+        fix = "Use a weaker gripper, or raise the limit with a source."
+    place, by = _place(profile, "gripper_force_max"), "safety.yaml: gripper_force_max"
+    yield make_problem("GRIPPER_FORCE", place, found, f"at most {force_n:g} N", by, fix)
 
 
 def iter_start_problems(limits: TargetLimits, profile: TargetProfile, now: Environment) -> Iterator[Problem]:
@@ -130,34 +125,26 @@ def iter_tool_problems(profile: TargetProfile, live: Description, now: Environme
 
 
 def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
-    n = len(profile.arm.joints)
+    n, by = len(profile.arm.joints), f"target {profile.target}: arm.joints"
     for name in PER_JOINT:
         limit = getattr(limits, name)
         if not _fits(limit, n):
             found = f"{len(limit.value)} numbers"
-            expected = f"one, or {n}: one per joint"
-            by = f"target {profile.target}: arm.joints"
-            yield make_problem("WRONG_LENGTH", _place(profile, name), found, expected, by)
+            yield make_problem("WRONG_LENGTH", _place(profile, name), found, f"one, or {n}: one per joint", by)
     arm = profile.arm
     fields = ("home_rad", "velocity_rad_s", "acceleration_rad_s2", "jerk_rad_s3", "torque_nm", "stiffness_nm_rad")
     for field in (*fields, "damping_nms_rad"):
         if len(getattr(arm, field)) != n:
-            address = f"target.arm.{field}"
-            asked_by = f"target {profile.target}: arm.joints"
-            yield make_problem(
-                "WRONG_LENGTH", address, f"{len(getattr(arm, field))} numbers", f"{n}: one per joint", asked_by
-            )
+            found = f"{len(getattr(arm, field))} numbers"
+            yield make_problem("WRONG_LENGTH", f"target.arm.{field}", found, f"{n}: one per joint", by)
 
 
 def _iter_range_problems(profile: TargetProfile, low: Array, high: Array) -> Iterator[Problem]:
     for index, joint in enumerate(profile.arm.joints):
         if low[index] >= high[index]:
-            yield make_problem(
-                "LIMIT_EMPTY",
-                f"{_place(profile, 'joint_position_min')}[{index}]",
-                f"{joint} from {low[index]:g} to {high[index]:g} rad",
-                "the least below the greatest",
-            )
+            address = f"{_place(profile, 'joint_position_min')}[{index}]"
+            found = f"{joint} from {low[index]:g} to {high[index]:g} rad"
+            yield make_problem("LIMIT_EMPTY", address, found, "the least below the greatest")
     home = profile.arm.home_rad
     outside = [
         joint

@@ -141,13 +141,9 @@ def read_contract(located: Located, path: Address, id: str) -> Session:
     owner = located.data
     for step in path:
         owner = owner[step] if isinstance(owner, dict) and step in owner else None
+    hint = "Delete the line: it belongs to the agent; by hand it serves no goal."
     problems = [
-        located.problem(
-            "NOT_BY_HAND",
-            (*path, key),
-            repr(key),
-            hint="Delete the line: it belongs to the agent; by hand it serves no goal.",
-        )
+        located.problem("NOT_BY_HAND", (*path, key), repr(key), hint=hint)
         for key in _OF_AGENT
         if isinstance(owner, dict) and owner.get(key)
     ]

@@ -65,13 +65,8 @@ class BridgeChain:
     def _check_form(self, rows: Array) -> Violation | None:
         source = self.source
         if rows.ndim != 2 or rows.shape[1] != source.width or not 1 <= len(rows) <= source.chunk_length:
-            return Violation(
-                ViolationCode.WRONG_SHAPE,
-                "chunk",
-                float(rows.size),
-                float(source.chunk_length * source.width),
-                "numbers",
-            )
+            most = float(source.chunk_length * source.width)
+            return Violation(ViolationCode.WRONG_SHAPE, "chunk", float(rows.size), most, "numbers")
         if rows.dtype != np.float64:
             return Violation(ViolationCode.WRONG_SHAPE, "chunk", float(rows.dtype.itemsize), 8.0, "bytes a number")
         if not np.isfinite(rows).all():

@@ -46,14 +46,9 @@ def compile_chain(
     """
     problems = [*_check_space(source, "source"), *_check_space(target, "target")]
     if source.representation != target.representation:
+        found, hint = source.representation, "Poses become joint angles by planning, not by a bridge."
         problems.append(
-            Problem(
-                "REPRESENTATION_UNBRIDGED",
-                "source.representation",
-                source.representation,
-                target.representation,
-                "Poses become joint angles by planning, not by a bridge.",
-            )
+            Problem("REPRESENTATION_UNBRIDGED", "source.representation", found, target.representation, hint)
         )
     if problems:
         return tuple(problems)

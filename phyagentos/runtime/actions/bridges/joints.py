@@ -67,13 +67,8 @@ class ProjectionBridge(ActionBridge):
         absent = [joint for joint in target.joints if joint not in source.joints]
         unplaced = [joint for joint in absent if joint not in source.fixed]
         if unplaced:
-            return Problem(
-                "JOINT_MISSING",
-                "joints",
-                format_names(source.joints),
-                format_names(target.joints),
-                f"Give the position of {format_names(unplaced)} under `fixed`.",
-            )
+            found, hint = format_names(source.joints), f"Give the position of {format_names(unplaced)} under `fixed`."
+            return Problem("JOINT_MISSING", "joints", found, format_names(target.joints), hint)
         stay = tuple(joint for joint in source.joints if joint in target.joints)
         converted = replace_space(source, joints=(*stay, *absent), fixed={}, drop=())
         kept = np.array([source.joints.index(joint) for joint in stay], dtype=np.intp)

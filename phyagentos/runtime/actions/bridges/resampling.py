@@ -44,13 +44,9 @@ class ResampleBridge(ActionBridge):
         length = source.chunk_length * factor if up else source.chunk_length // factor
         last = ratio.denominator == 1 or not up
         if last and not 1 <= length <= target.chunk_length:
-            return Problem(
-                "CHUNK_LENGTH",
-                "chunk_length",
-                f"{source.chunk_length} rows at {source.rate_hz:g} Hz make {length} at {target.rate_hz:g} Hz",
-                f"1 to {target.chunk_length} rows",
-                "Shorten the chunk." if length else "A chunk must last at least one period of the target.",
-            )
+            found = f"{source.chunk_length} rows at {source.rate_hz:g} Hz make {length} at {target.rate_hz:g} Hz"
+            hint = "Shorten the chunk." if length else "A chunk must last at least one period of the target."
+            return Problem("CHUNK_LENGTH", "chunk_length", found, f"1 to {target.chunk_length} rows", hint)
         return cls(source, replace_space(source, rate_hz=rate, chunk_length=length), factor, up)
 
     @override
