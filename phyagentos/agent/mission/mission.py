@@ -4,7 +4,6 @@ The loop holds no state of its own: the controller decides from the records, so 
 """
 
 import logging
-import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -24,6 +23,7 @@ from phyagentos.agent.mission.report import MissionReport, build_report
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.sessions.lifecycle import Fenced, IllegalTransition
@@ -34,7 +34,6 @@ from phyagentos.store.admission import IllegalEvent
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.segments import SystemIO, sync_folder
 from phyagentos.store.turn_marks import TurnMarks
 from phyagentos.store.views.tasks import render_tasks
 from phyagentos.store.watch import Watch
@@ -116,9 +115,9 @@ class Mission:
             return self.resume(id)
         if overrides:
             data = override_yaml(read_yaml(graph_file), overrides).data
-            _write_durably(file, yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode())
+            replace_durably(file, yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode())
         elif file.resolve() != graph_file.resolve():
-            _write_durably(file, graph_file.read_bytes())
+            replace_durably(file, graph_file.read_bytes())
         controller = self._make_controller(SessionCompiler(graph=graph, catalogue=catalogue, goal=id, seed=seed))
         self._journal.commit(controller.open())
         return self._pursue(controller)
@@ -261,14 +260,3 @@ class Mission:
         self._published_seq = self.ledger.seq
         cost_s = self._clock.now_s() - now_s
         self._next_publish_s = now_s + max(PUBLISH_PERIOD_S, cost_s / PUBLISH_SHARE)
-
-
-def _write_durably(path: Path, data: bytes) -> None:
-    """Write a file atomically and durably: a recorded goal can be read after a power cut."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    with temporary.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
-    sync_folder(path.parent, SystemIO())

@@ -11,6 +11,7 @@ import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.durable_files import replace_durably, sync_folder
 from phyagentos.protocol.documents.plain_text import clean
 
 LATCH = "estop.json"
@@ -63,19 +64,16 @@ def latch(signals: Path, wanted: Latch) -> None:
         if is_latched(signals):
             raise
         (signals / RESERVE).rename(signals / LATCH)
-    _sync_folder(signals)
+    sync_folder(signals)
 
 
 def provide_reserve(signals: Path) -> None:
     """Prepare the file that becomes the latch when the disk is full."""
     signals.mkdir(parents=True, exist_ok=True)
     if not (signals / RESERVE).exists():
-        temporary = signals / f".{RESERVE}.{os.getpid()}.tmp"
-        try:
-            _write(temporary, Latch(reason="the disk was full: who asked and why could not be written"))
-            temporary.replace(signals / RESERVE)
-        except OSError:
-            temporary.unlink(missing_ok=True)
+        content = Latch(reason="the disk was full: who asked and why could not be written")
+        with contextlib.suppress(OSError):
+            replace_durably(signals / RESERVE, _encode(content))
 
 
 def _link(signals: Path, wanted: Latch) -> None:
@@ -104,11 +102,9 @@ def reset(signals: Path, reason: str, clock: Clock) -> Path:
         raise DefinitionError.of("NOT_LATCHED", str(signals), "no latched emergency stop")
     at = clock.wall_iso()
     kept = signals / _KEPT.format(stamp=at.replace(":", "").replace(".", ""))
-    temporary = signals / f".{LATCH}.{os.getpid()}.tmp"
-    _write(temporary, msgspec.structs.replace(held, reset_reason=reason.strip(), reset_at=at))
-    temporary.replace(signals / LATCH)
+    replace_durably(signals / LATCH, _encode(msgspec.structs.replace(held, reset_reason=reason.strip(), reset_at=at)))
     (signals / LATCH).rename(kept)  # a rename wakes the watchers; a removal would not
-    _sync_folder(signals)
+    sync_folder(signals)
     provide_reserve(signals)
     return kept
 
@@ -116,18 +112,3 @@ def reset(signals: Path, reason: str, clock: Clock) -> Path:
 def _encode(content: Latch) -> bytes:
     fields = {name: clean(text) for name, text in msgspec.structs.asdict(content).items()}  # JSON takes not every text
     return msgspec.json.format(msgspec.json.encode(Latch(**fields))) + b"\n"
-
-
-def _write(path: Path, content: Latch) -> None:
-    with path.open("wb") as file:
-        file.write(_encode(content))
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _sync_folder(folder: Path) -> None:
-    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)

@@ -17,6 +17,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.errors import ExecutionError, Problem
+from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.sessions.verdicts import Attempt
 
 MANIFEST = "manifest.json"
@@ -98,7 +99,8 @@ class Sealer:
             return sealed
         files = {entry.name: self._record(entry) for entry in sorted(_iter_files(folder), key=lambda entry: entry.name)}
         manifest = Manifest(phy=FORMAT, session=folder.name, files=files, sealed_late=late)
-        temporary = _write_temporary(folder, manifest, durable=False)
+        temporary = folder / f".{MANIFEST}.{os.getpid()}.tmp"
+        temporary.write_bytes(_encode(manifest))
         try:
             (folder / MANIFEST).hardlink_to(temporary)  # a clean-up may have been faster, and may have thinned it
         except FileExistsError:
@@ -144,8 +146,7 @@ def read_manifest(folder: Path) -> Manifest | None:
 
 def replace_manifest(folder: Path, manifest: Manifest) -> None:
     """Replace the manifest as a whole and durably: what it lists as gone may be deleted afterwards."""
-    _write_temporary(folder, manifest, durable=True).replace(folder / MANIFEST)
-    _sync_folder(folder)
+    replace_durably(folder / MANIFEST, _encode(manifest))
 
 
 def unseal_bundle(folder: Path) -> None:
@@ -205,14 +206,8 @@ def iter_objects(evidence: Path) -> Iterator[Path]:
     yield from sorted((evidence / OBJECTS).glob("??/*"))
 
 
-def _write_temporary(folder: Path, manifest: Manifest, *, durable: bool) -> Path:
-    temporary = folder / f".{MANIFEST}.{os.getpid()}.tmp"
-    with temporary.open("wb") as file:
-        file.write(msgspec.json.format(msgspec.json.encode(manifest), indent=2) + b"\n")
-        if durable:
-            file.flush()
-            os.fsync(file.fileno())
-    return temporary
+def _encode(manifest: Manifest) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(manifest), indent=2) + b"\n"
 
 
 def _iter_files(folder: Path) -> Iterator["os.DirEntry[str]"]:
@@ -261,11 +256,3 @@ def _missing(folder: Path, name: str, record: FileRecord) -> Problem:
     shared = folder.parent / OBJECTS / get_object_name(name, record.sha256)
     hint = f"The same bytes are in {shared}." if shared.exists() else ""
     return Problem("MISSING", str(folder / name), "no such file", f"sha256 {record.sha256}", hint)
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

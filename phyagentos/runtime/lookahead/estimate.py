@@ -62,8 +62,8 @@ def _believe_body(body: Body, entity: Entity) -> Body:
             "shapes": tuple(map(_believe_shape, entity.shapes)) or body.shapes,  # else nothing was measured
             "stretch_z": None,
             "contents": None if entity.contents is not None and not entity.contents.most else body.contents,
-            "mass_span_kg": _narrow(body.mass_span_kg),
-            "grip_span": _narrow(body.grip_span),
+            "mass_span_kg": body.mass_span_kg and _center(body.mass_span_kg),
+            "grip_span": body.grip_span and _center(body.grip_span),
         }
     )
 
@@ -75,10 +75,6 @@ def _believe_shape(shape: Shape) -> Solid:
         roll, pitch, yaw = Rotation.from_quat((x, y, z, w)).as_euler("XYZ").tolist()
         euler_rad = (roll, pitch, yaw)
     return Solid(kind=shape.kind, size_m=shape.size_m, position_m=shape.pose.position_m, euler_rad=euler_rad)
-
-
-def _narrow(span: tuple[float, float] | None) -> tuple[float, float] | None:
-    return None if span is None else _center(span)
 
 
 def _center(span: tuple[float, float]) -> tuple[float, float]:

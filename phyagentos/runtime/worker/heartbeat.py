@@ -35,30 +35,16 @@ class HeartbeatWriter:
 
         With `at_once` even within a tenth of a second, since a long silence follows.
         """
-        now_s = self._clock.now_s()
-        if now_s - self._written_at_s < PERIOD_S and not at_once:
-            return
-        self._written_at_s = now_s
-        self._beat = msgspec.structs.replace(
-            self._beat,
-            session=session,
-            epoch=epoch,
-            sequence=self._beat.sequence + 1,
-            tick=tick,
-            sim_time_s=sim_time_s,
-            leaf=leaf,
-            phase=phase,
-        )
-        write_heartbeat(self._folder, self._beat)
+        doing = {"session": session, "epoch": epoch, "tick": tick, "sim_time_s": sim_time_s, "leaf": leaf}
+        self._publish(at_once=at_once, phase=phase, **doing)
 
-    def beat_again(self, phase: str) -> None:
-        """Repeat the last beat in another phase."""
-        beat = self._beat
-        self.beat(
-            phase=phase,
-            session=beat.session,
-            epoch=beat.epoch,
-            tick=beat.tick,
-            sim_time_s=beat.sim_time_s,
-            leaf=beat.leaf,
-        )
+    def beat_paused(self) -> None:
+        """Repeat the last beat in the phase `paused`."""
+        self._publish(phase="paused")
+
+    def _publish(self, *, at_once: bool = False, **changed: object) -> None:
+        now_s = self._clock.now_s()
+        if at_once or now_s - self._written_at_s >= PERIOD_S:
+            self._written_at_s = now_s
+            self._beat = msgspec.structs.replace(self._beat, sequence=self._beat.sequence + 1, **changed)
+            write_heartbeat(self._folder, self._beat)

@@ -217,7 +217,7 @@ class WorkerLoop:
         while self._stop is None and self._control.poll():
             self._obey(receive_order(self._control))
         while self._is_paused and self._stop is None and self._handle.is_at_rest:
-            self._heartbeat.beat_again("paused")
+            self._heartbeat.beat_paused()
             if self._control.poll(REST_S):
                 self._obey(receive_order(self._control))
             if self._clock.now_s() > self._lease_until_s:
@@ -228,7 +228,7 @@ class WorkerLoop:
 
     def _is_ending(self) -> bool:
         """Whether the session has to end, while a motion of it waits for other targets."""
-        self._heartbeat.beat_again("paused")
+        self._heartbeat.beat_paused()
         while self._stop is None and self._control.poll():
             self._obey(receive_order(self._control))
         return self._stop is not None or self._clock.now_s() > self._lease_until_s
