@@ -40,3 +40,9 @@ class SystemClock:
     def sleep(self, seconds: float) -> None:
         """Block this thread."""
         threading.Event().wait(seconds)
+
+
+def compute_seconds(start: str, end: str) -> float:
+    """Wall time between two stamps of `Clock.wall_iso` [s]."""
+    begin, stop = (datetime.datetime.fromisoformat(stamp) for stamp in (start, end))
+    return (stop - begin).total_seconds()

@@ -1,10 +1,10 @@
 """The state of a run: a fold of the journal and of the heartbeats into rows of sessions and nodes."""
 
-import datetime
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from phyagentos.clock import compute_seconds
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, read_heartbeats
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
 from phyagentos.protocol.sessions.session import SessionStatus
@@ -122,9 +122,3 @@ class RunFold:
 def compute_depth(node: str, after: Mapping[str, tuple[str, ...]]) -> int:
     """Length of the longest way from a node without predecessors; the compiler has refused cycles."""
     return max((1 + compute_depth(before, after) for before in after.get(node, ())), default=0)
-
-
-def compute_seconds(start: str, end: str) -> float:
-    """Wall time between two stamps of records [s]."""
-    begin, stop = (datetime.datetime.fromisoformat(stamp) for stamp in (start, end))
-    return (stop - begin).total_seconds()

@@ -5,7 +5,7 @@ Sealed segments are found by the index, the open one is searched; every record i
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import closing
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
 
 import msgspec
@@ -32,7 +32,7 @@ from phyagentos.store.segments import (
 KIN = ("parent", "child")  # in the body of `child_of`
 
 
-class Histories:
+class Histories(AbstractContextManager["Histories"]):
     """Looks up histories in one partition `sessions/<partition>`; close it, or use it in a `with` block.
 
     Methods raise ExecutionError: `JOURNAL_DAMAGED`, `INDEX_UNAVAILABLE`.
@@ -41,9 +41,6 @@ class Histories:
     def __init__(self, folder: Path) -> None:
         self.index = HistoryIndex(folder)
         self._folder = folder
-
-    def __enter__(self) -> "Histories":
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -4,7 +4,6 @@ What is removed is first written into the manifest, durably, and only then delet
 Sessions and goals that have not ended are never touched. The policy stands in runtime_contract.yaml.
 """
 
-import datetime
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +11,7 @@ from pathlib import Path
 import msgspec
 from filelock import FileLock, Timeout
 
-from phyagentos.clock import Clock
+from phyagentos.clock import Clock, compute_seconds
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import (
@@ -188,7 +187,7 @@ class _Cleaning:
         policy = self._policy
         beyond = max(len(succeeded) - policy.keep_last, 0)
         for status in succeeded[:beyond]:
-            if _age_s(status.updated_at, self._now) > policy.keep_days * _DAY_S:
+            if compute_seconds(status.updated_at, self._now) > policy.keep_days * _DAY_S:
                 rule = f"keep_last {policy.keep_last}, keep_days {policy.keep_days:g}"
                 self._take(folders[status.contract.id], rule, frozenset(policy.drop))
         if policy.max_bytes is None:
@@ -253,7 +252,7 @@ def _find_ended(workspace: Workspace, now: str) -> dict[SessionId, SessionStatus
         for id, status in ledger.sessions.items()
         if status.state in FINAL_STATES
         and status.contract.goal not in running
-        and _age_s(status.updated_at, now) > GRACE_S
+        and compute_seconds(status.updated_at, now) > GRACE_S
     }
 
 
@@ -268,7 +267,3 @@ def _sweep(evidence_folder: Path) -> None:
     for path in iter_objects(evidence_folder):
         if path.stat().st_nlink == 1:
             path.unlink()
-
-
-def _age_s(at: str, now: str) -> float:
-    return (datetime.datetime.fromisoformat(now) - datetime.datetime.fromisoformat(at)).total_seconds()

@@ -224,19 +224,14 @@ class Mission:
 
     def _give_up(self, goal: GoalController) -> None:
         self._read(goal)
-        waiting = [status.contract.id for status in goal.iter_live()]
-        if waiting and goal.status.is_cancelled:
-            raise ExecutionError(
-                "RUNTIME_LOST",
-                f"goal {goal.goal} is cancelled, but no watchdog brings {', '.join(waiting)} to rest. Start "
-                f"'paos watch', and the agent again with '--goal {goal.goal}': that ends them.",
-            )
+        waiting = ", ".join(status.contract.id for status in goal.iter_live())
+        message = f"goal {goal.goal}: no watchdog runs {waiting}"
+        remedy = "Start 'paos watch' and run it again; it continues from its records."
+        if goal.status.is_cancelled:
+            message = f"goal {goal.goal} is cancelled, but no watchdog brings {waiting} to rest"
+            remedy = f"Start 'paos watch', and the agent again with '--goal {goal.goal}': that ends them."
         if waiting:
-            raise ExecutionError(
-                "RUNTIME_LOST",
-                f"goal {goal.goal}: no watchdog runs {', '.join(waiting)}. Start 'paos watch' and run it again; "
-                "it continues from its records.",
-            )
+            raise ExecutionError("RUNTIME_LOST", f"{message}. {remedy}")
 
     def _read(self, goal: GoalController | None = None) -> int:
         """Take in new records; how many there were."""

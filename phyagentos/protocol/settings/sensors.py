@@ -6,7 +6,7 @@ from typing import Literal
 import pydantic
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.documents.schema import Authored, Located, read_yaml, validate
+from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
 from phyagentos.protocol.settings.cameras import CameraBackend, CameraSettings, NoiseLevel
 
 PERFECT = "none"  # the noise level that every file has
@@ -104,11 +104,7 @@ def read_sensors(path: Path) -> Sensors:
     """Read sensors.yaml; raises DefinitionError with every problem at file:line:column."""
     located = read_yaml(path)
     sensors = validate(Sensors, located)
-    _check_noise_level(sensors, located)
-    return sensors
-
-
-def _check_noise_level(sensors: Sensors, located: Located) -> None:
     levels = dict.fromkeys((PERFECT, *sensors.noise_levels))
     if sensors.noise_level not in levels:
         raise DefinitionError(located.unknown("UNKNOWN_NOISE_LEVEL", ("noise_level",), sensors.noise_level, levels))
+    return sensors

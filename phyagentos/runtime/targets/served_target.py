@@ -85,10 +85,15 @@ class ServedTarget:
         """One control period without a command: an unfinished motion is stopped, then held."""
         if self._scene is None:
             return
-        if self.driver.is_moving and self._authority.session:
+        if self.driver.is_moving:
+            self.note_deadman()
+        self.driver.hold(self.control_period_s)
+
+    def note_deadman(self) -> None:
+        """Revoke the session's authority: no command came in time, in the middle of a motion."""
+        if self._authority.session:
             self._authority.stop("DEADMAN")
             self._note_event("Deadman")
-        self.driver.hold(self.control_period_s)
 
     def look_for_stops(self) -> bool:
         """Halt when the emergency stop is latched; whether it is."""

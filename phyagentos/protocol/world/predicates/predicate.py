@@ -136,12 +136,11 @@ def parse_predicate(text: str, *, address: str = "predicate", template: bool = F
     """
     predicate, findings = _parse(text, template)
     if predicate is None or findings:
-        raise DefinitionError(
-            [
-                Problem(code, address, f"{found} at column {column} of {text!r}", expected, hint)
-                for code, column, found, expected, hint in findings
-            ]
-        )
+        problems = [
+            Problem(code, address, f"{found} at column {column} of {text!r}", expected, hint)
+            for code, column, found, expected, hint in findings
+        ]
+        raise DefinitionError(problems)
     return predicate
 
 

@@ -90,12 +90,6 @@ class SharedTarget(ServedTarget):
         self._keep_stop()
         return True
 
-    def note_deadman(self) -> None:
-        """Revoke the session's authority: no command came in time, in the middle of a motion."""
-        if self._authority.session:
-            self._authority.stop("DEADMAN")
-            self._note_event("Deadman")
-
 
 def serve_together(
     targets: Sequence[SharedTarget], serve: Callable[[SharedTarget], None], pace_by: Clock | None = None
