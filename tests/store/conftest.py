@@ -8,6 +8,8 @@ from phyagentos.protocol.sessions.session import Scene, Session
 from phyagentos.store.journal import Entry, Journal
 from tests.clocks import ManualClock
 
+from .edit_stand import EditStand
+
 
 def make_session(id="tidy-7.red", **changes):
     facts = {
@@ -58,3 +60,13 @@ def open_journal(tmp_path, clock):
     yield open_one
     for journal in opened:
         journal.close()
+
+
+@pytest.fixture
+def stand(tmp_path, clock, submit):
+    """Two sessions that wait, in a workspace that is edited."""
+    stand = EditStand(tmp_path / "w", clock)
+    stand.commit("agent", submit("a"), submit("b"))
+    stand.settle(1)
+    yield stand
+    stand.close()

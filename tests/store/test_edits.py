@@ -8,8 +8,6 @@ from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
 from phyagentos.protocol.sessions.session import Limits
 from phyagentos.store.journal import Entry
 
-from .edit_stand import EditStand
-
 NEW = """## by-hand
 ```yaml
 contract:
@@ -20,15 +18,6 @@ contract:
   scene: {name: tabletop/cubes_and_trays}
 ```
 """
-
-
-@pytest.fixture
-def stand(tmp_path, clock, submit):
-    stand = EditStand(tmp_path / "w", clock)
-    stand.commit("agent", submit("a"), submit("b"))
-    stand.settle(1)
-    yield stand
-    stand.close()
 
 
 def events(stand):

@@ -7,8 +7,6 @@ import pytest
 from phyagentos.store.edits import edit_intake as edits
 from phyagentos.store.journal import Entry
 
-from .edit_stand import EditStand
-
 CONTRACT = """kind: submit
 contract:
   objective: wave
@@ -17,15 +15,6 @@ contract:
   accept: ["upright(bottle)"]
   scene: {name: tabletop/cubes_and_trays, seed: 7}
 """
-
-
-@pytest.fixture
-def stand(tmp_path, clock, submit):
-    stand = EditStand(tmp_path / "w", clock)
-    stand.commit("agent", submit("a"), submit("b"))
-    stand.settle(1)
-    yield stand
-    stand.close()
 
 
 def drop(stand, name, text):

@@ -7,17 +7,16 @@ import pytest
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.settings.safety import GUARDED, Limit, read_safety
-from phyagentos.protocol.world.environment import Pose, TargetState
 from phyagentos.runtime.actions.guard import SafetyGuard
 from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandle
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.actions.violations import Intervention, ViolationCode
-from phyagentos.runtime.targets.wire import Command, Description, Halt, Kinematics, Step
+from phyagentos.runtime.targets.wire import Description, Halt, Kinematics
 
-HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+from .test_guard import DT, HOME, N, build_command, build_step
+
 ACCELERATION = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
-N, DT = 10, 0.002
 STILL = Kinematics(axes=((0.0, 0.0, 1.0),) * 7, anchors_m=((0.4, 0.0, 0.4),) * 7, tcp_m=(0.4, 0.0, 0.4))
 PLANAR = Kinematics(axes=((0.0, 0.0, 1.0),) * 7, anchors_m=((0.0, 0.0, 0.0),) * 7, tcp_m=(0.5, 0.0, 0.4))
 
@@ -47,23 +46,6 @@ def build_description(**changes):
         "gripper_force_n": 70.0,
     }
     return Description(**{**facts, **changes})
-
-
-def build_step(time_s=0.0):
-    state = TargetState(q_rad=tuple(HOME), qd_rad_s=(0.0,) * 7, gripper_width_m=0.08, tcp=Pose((0.4, 0.0, 0.4)))
-    return Step(time_s=time_s, target=state, tracking_error_rad=0.0)
-
-
-def build_command(q=None, qd=None, width=None, expires_at_s=0.06):
-    return Command(
-        session="s",
-        epoch=1,
-        sequence=1,
-        expires_at_s=expires_at_s,
-        q_rad=np.tile(HOME, (N, 1)) if q is None else q,
-        qd_rad_s=np.zeros((N, 7)) if qd is None else qd,
-        gripper_width_m=np.full(N, 0.08) if width is None else width,
-    )
 
 
 @pytest.fixture

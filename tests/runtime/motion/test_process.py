@@ -32,6 +32,16 @@ def ask(planner, request):
     return planner.poll()
 
 
+def cancel(process, request):
+    process.submit(request)
+    process.cancel()
+    answer = None
+    while answer is None:
+        process.wait(1.0)
+        answer = process.poll()
+    return answer
+
+
 def test_another_process_answers_with_the_same_bits(process, planner, request_of_cube):
     there, here = ask(process, request_of_cube), ask(LocalPlanner(planner), request_of_cube)
 
@@ -51,12 +61,7 @@ def test_a_second_request_before_the_answer_is_refused(process, request_of_cube)
 
 
 def test_a_cancelled_request_is_answered_so_and_the_next_one_works(process, request_of_cube):
-    process.submit(request_of_cube)
-    process.cancel()
-    answer = None
-    while answer is None:
-        process.wait(1.0)
-        answer = process.poll()
+    answer = cancel(process, request_of_cube)
 
     assert isinstance(answer, NoPlan)
     assert answer.code == "CANCELLED"
@@ -67,12 +72,7 @@ def test_a_planner_that_does_not_listen_is_replaced(process, request_of_cube):
     assert isinstance(ask(process, request_of_cube), Approaches)
     deaf = process.pid
     os.kill(deaf, signal.SIGSTOP)
-    process.submit(request_of_cube)
-    process.cancel()
-    answer = None
-    while answer is None:
-        process.wait(1.0)
-        answer = process.poll()
+    answer = cancel(process, request_of_cube)
 
     assert answer.code == "CANCELLED"
     assert "replaced" in answer.message
