@@ -60,7 +60,7 @@ SABOTAGES = (
     Sabotage(
         name="deadman_off",
         lie="An arm whose client falls silent in mid-motion may be commanded on as if nothing had happened.",
-        edits=(Edit(SERVED, "if self.driver.is_moving and self._authority.session:", "if False:"),),
+        edits=(Edit(SERVED, "self.note_deadman()", "pass"),),
         tests=(
             "tests/runtime/targets/test_realtime.py::"
             "test_a_stream_that_breaks_off_in_mid_motion_ends_in_a_hold_and_is_not_taken_up_again",

@@ -271,8 +271,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.lookahead.estimate",
-                '            "mass_span_kg": _narrow(body.mass_span_kg),\n'
-                '            "grip_span": _narrow(body.grip_span),\n',
+                '            "mass_span_kg": body.mass_span_kg and _center(body.mass_span_kg),\n'
+                '            "grip_span": body.grip_span and _center(body.grip_span),\n',
                 "",
             ),
         ),
