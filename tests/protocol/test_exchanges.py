@@ -124,3 +124,15 @@ def test_too_many_namings_are_unknown_and_not_tried():
     assert "40320 ways" in found.because
     assert EXCHANGES_MAX < 40320
     assert truth("count(upright(*)) == 8", world(*alike)) is Truth.TRUE
+
+
+def test_more_namings_than_a_memory_holds_are_counted_and_not_listed():
+    names = "abcdefghijklmnop"
+    now, initial = (
+        [cube(name, x=0.1 * k, alternatives=tuple(set(names) - {name}), **facts) for k, name in enumerate(names)]
+        for facts in ({"named_at_s": 8.0}, {"observed_at_s": 5.0})
+    )
+    found = value("not moved(*)", world(*now), world(*initial, time_s=5.0))
+
+    assert found.truth is Truth.UNKNOWN
+    assert "ways to name a, b, c" in found.because

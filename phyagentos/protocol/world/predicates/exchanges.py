@@ -7,6 +7,7 @@ agree that things are interchangeable: then the believed names are theirs.
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import permutations, product
+from math import perm, prod
 from typing import TypeVar
 
 import msgspec
@@ -31,13 +32,10 @@ def iter_exchanged(formula: Formula, view: View) -> Iterator[tuple[View, tuple[s
     groups = [group for group in find_groups(view.now) if _matters(formula, view, group)]
     if not groups:
         return
-    spaces = [_list_exchanges(formula, view, group) for group in groups]
-    count = 1
-    for space in spaces:
-        count *= len(space)
+    count = prod(_count_exchanges(formula, view, group) for group in groups)
     if count > EXCHANGES_MAX:
         raise ValueError(f"{count} ways to name {', '.join(sorted(set().union(*groups)))}")
-    for chosen in product(*spaces):
+    for chosen in product(*(_list_exchanges(formula, view, group) for group in groups)):
         now = {name: body for pair in chosen for name, body in pair[0].items()}
         then = {name: body for pair in chosen for name, body in pair[1].items()}
         names = tuple(sorted({name for each in (now, then) for name, body in each.items() if name != body}))
@@ -77,9 +75,20 @@ def _rename(known: Mapping[str, Known], bodies: Exchange) -> dict[str, Known]:
     return stays | {name: msgspec.structs.replace(known[body], name=name) for name, body in renamed.items()}
 
 
+def _count_exchanges(formula: Formula, view: View, group: frozenset[str]) -> int:
+    """How many `_list_exchanges` would give; a dozen alike things have more than a memory holds."""
+    ways = perm(len(group), len(_list_fixed(formula, view, group)))
+    return (1 if _is_agreed(view, group) else ways) * (1 if _is_followed(view, group) else ways)
+
+
+def _list_fixed(formula: Formula, view: View, group: frozenset[str]) -> list[str]:
+    """Names of a group whose bodies decide the value of a formula."""
+    return sorted(group if _has_star(formula) and not _is_followed(view, group) else group & _find_names(formula))
+
+
 def _list_exchanges(formula: Formula, view: View, group: frozenset[str]) -> list[tuple[Exchange, Exchange]]:
     """For now and for the initial snapshot: the same exchange where the naming has followed the bodies since."""
-    fixed = sorted(group if _has_star(formula) and not _is_followed(view, group) else group & _find_names(formula))
+    fixed = _list_fixed(formula, view, group)
     ways = [
         _complete(dict(zip(fixed, bodies, strict=True)), group) for bodies in permutations(sorted(group), len(fixed))
     ]
