@@ -39,7 +39,7 @@ class LaggingTarget(PerfectTarget):
 @pytest.fixture
 def recorded(build_bench, build_session, profile):
     bench = build_bench(LaggingTarget(profile))
-    bench.runner._bundles.pictures = True
+    bench.runner.bundles.pictures = True
     bench.target.q = bench.target.q + 0.3
     session = build_session(skill="home", parameters={})
     execution = bench.run(session)

@@ -41,6 +41,7 @@ class Steps:
     """Examiner, runner, handle and perception that only note what is asked of them."""
 
     is_at_rest = True
+    bundles = SimpleNamespace(prepare=lambda: None)
 
     def __init__(self) -> None:
         self.told: list[str] = []

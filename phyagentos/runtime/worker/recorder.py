@@ -204,6 +204,11 @@ class Bundles:
         self._latest = recorder.files
         return recorder
 
+    def prepare(self) -> None:
+        """Open files for the next bundle; it takes a moment, so nothing should wait for it."""
+        if self._latest is not None:
+            self._latest.prepare()
+
 
 @cache
 def read_fingerprint() -> bytes:

@@ -82,7 +82,7 @@ class SessionRunner:
         self, *, target: Embodiment, skills: SkillLoader, bundles: Bundles, clock: Clock, sampling_hz: float = 10.0
     ) -> None:
         self._target, self._handle, self._world = target, target.handle, target.world
-        self._skills, self._bundles, self._clock = skills, bundles, clock
+        self._skills, self.bundles, self._clock = skills, bundles, clock
         self._sample_every = max(1, round(1.0 / (sampling_hz * target.profile.control_period_s)))
         self._model_of: tuple[str, Path] | None = None  # episode and the folder that holds its model
         self._open_criteria: tuple[str, ...] = ()
@@ -113,8 +113,8 @@ class SessionRunner:
             How the execution ended. Never raises for what the world, a leaf or a tree did.
         """
         self._open_criteria = ()
-        recorder = self._bundles.open(evidence)
-        recorder.write_contract(session, epoch, plan, self._bundles.settings_sha256)
+        recorder = self.bundles.open(evidence)
+        recorder.write_contract(session, epoch, plan, self.bundles.settings_sha256)
         await_lease()
         began_s = self._clock.now_s()
         try:
@@ -157,7 +157,7 @@ class SessionRunner:
         Raises:
             ExecutionError: `TARGET_LOST` when the world cannot be observed either.
         """
-        recorder = self._bundles.open(order.evidence)
+        recorder = self.bundles.open(order.evidence)
         self._handle.begin(order.session.id, epoch)
         self._handle.halt()
         self._handle.settle(SETTLE_S)
@@ -313,7 +313,7 @@ class SessionRunner:
 
     def _take_picture(self, recorder: Recorder, name: str) -> None:
         cameras = self._handle.describe().cameras
-        if self._bundles.pictures and cameras and self._handle.permits("render"):
+        if self.bundles.pictures and cameras and self._handle.permits("render"):
             recorder.write_file(name, self._handle.render(cameras[0]))
 
 

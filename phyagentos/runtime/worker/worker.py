@@ -135,6 +135,7 @@ class WorkerLoop:
                 self._control.send_bytes(encode(finished))
                 self._unsealed.append(order.evidence)
                 self._unpublished = order.session.scene
+                self._runner.bundles.prepare()  # while the next order is on its way
                 self._publish_environment(PUBLISH_PERIOD_S)
             elif isinstance(order, Reconcile):
                 self._control.send_bytes(encode(self._reconcile(order)))
