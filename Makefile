@@ -50,7 +50,7 @@ test: setup  ## every test, journeys last
 	&& rm -rf $$left
 
 test-extras: setup $(PEERS)/.installed  ## tests beside systems of others, which it installs in build/peers
-	@$(BIN)/pytest -q -m extras --peers-python $(PEERS)/bin/python
+	@$(BIN)/pytest -q -m extras --peers-python=$(PEERS)/bin/python
 
 $(PEERS)/.installed: pyproject.toml | $(STAMP)
 	@test -x $(PEERS)/bin/python || $(PYTHON) -m venv $(PEERS)
