@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from phyagentos.geometry import Pose, compute_matrix, compute_quaternion, turn
 from phyagentos.protocol.world.environment import Entity, Mechanism
-from phyagentos.protocol.world.mechanisms import compute_motion, find_hinge, measure_amount, measure_lever
+from phyagentos.protocol.world.mechanisms import compute_motion, compute_twist, find_hinge, measure_amount
 
 number = st.floats(-1.0, 1.0, allow_nan=False)
 vector = st.tuples(number, number, number)
@@ -29,13 +29,17 @@ direction = vector.filter(lambda v: np.linalg.norm(v) > 0.1).map(
 def test_what_moved_by_an_amount_shows_it(kind, axis, anchor, at, turned, point, travel, share):
     closed = Pose(at, compute_quaternion(turn(turned)))
     mechanism = Mechanism(kind, axis, travel, closed, anchor)
-    point_m = np.array(point)
-    if measure_lever(mechanism, point_m) < 0.01:
-        return
-    amount = share * travel
+    point_m, amount = np.array(point), share * travel
     moved = compute_motion(mechanism, amount) @ compute_matrix(closed)
+    at_m = (moved @ (*point, 1.0))[:3]
+    twist = compute_twist(mechanism, at_m)
+    lever = 1.0 if kind == "slide" else 1.0 / np.linalg.norm(twist[3:])
+    if lever < 0.01:
+        return
 
-    assert measure_amount(mechanism, point_m, (moved @ (*point, 1.0))[:3]) == pytest.approx(amount, abs=1e-6)
+    assert measure_amount(mechanism, point_m, at_m) == pytest.approx(amount, abs=1e-6)
+    on = (compute_motion(mechanism, amount + 1e-6) @ compute_matrix(closed) @ (*point, 1.0))[:3]
+    np.testing.assert_allclose(on - at_m, 1e-6 * lever * twist[:3], atol=1e-10)
 
 
 def test_a_lid_opens_upwards_about_its_far_edge():

@@ -54,13 +54,15 @@ def measure_amount(mechanism: Mechanism, point_m: "Array", at_m: "Array") -> flo
     return angle if angle >= least else angle + 2 * float(np.pi)
 
 
-def measure_lever(mechanism: Mechanism, point_m: "Array") -> float:
-    """Distance that a point (3,) of the thing, in its own frame, travels for one unit of the amount [m, or m/rad]."""
+def compute_twist(mechanism: Mechanism, at_m: "Array") -> "Array":
+    """(6,) motion along and turn about the world's axes, for one metre of the path of a point at `at_m` (3,)."""
     import numpy as np
 
+    axis, anchor = _place_axis(mechanism)
     if mechanism.kind == "slide":
-        return 1.0
-    return float(np.linalg.norm(np.cross(np.array(mechanism.axis), point_m - np.array(mechanism.anchor_m))))
+        return np.concatenate((axis, np.zeros(3)))
+    along = np.cross(axis, at_m - anchor)
+    return np.concatenate((along, axis)) / max(float(np.linalg.norm(along)), 1e-3)  # nearer to the axis, no turn shows
 
 
 def _place_axis(mechanism: Mechanism) -> "tuple[Array, Array]":

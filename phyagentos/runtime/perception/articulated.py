@@ -1,7 +1,7 @@
 """Locates drawers, doors and lids by their handles, which stay visible wherever the rest of them is.
 
-Beside their one degree of freedom the nominal pose counts rather than the measurement, so that only the handle's error
-along its own path is left.
+Beside their one degree of freedom the nominal pose counts rather than the measurement: a handle is nowhere but on its
+path, its pose has one unknown, and only its error along the path is left.
 """
 
 from collections.abc import Mapping
@@ -12,9 +12,29 @@ import numpy as np
 
 from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Entity, Mechanism
-from phyagentos.protocol.world.mechanisms import compute_motion, measure_amount, measure_lever
+from phyagentos.protocol.world.mechanisms import compute_motion, compute_twist, measure_amount
 from phyagentos.protocol.world.scenes import Body, SceneSpec
 from phyagentos.runtime.perception.solids import Array
+
+SHOWN = (  # by the part
+    *("visible", "status", "speed_m_s", "still_since_s", "observed_at_s"),
+    *("confidence", "source", "looks", "position_std_m", "evidence"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Where a part of a thing with a joint can be: how that opens, and (4, 4) the part's pose in its frame."""
+
+    mechanism: Mechanism
+    thing_T_part: Array
+
+    def place(self, at_m: Array) -> tuple[Array, Array]:
+        """(3, 3) rotation and (3,) position in the world, at the opening that a position (3,) shows."""
+        mechanism = self.mechanism
+        amount = np.clip(measure_amount(mechanism, self.thing_T_part[:3, 3], at_m), 0.0, mechanism.travel)
+        T = compute_motion(mechanism, float(amount)) @ compute_matrix(mechanism.closed) @ self.thing_T_part
+        return T[:3, :3], T[:3, 3]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,24 +67,14 @@ def place_articulated(articulated: Mapping[str, Articulated], entities: Mapping[
         part, mechanism = entities.get(each.part), each.mechanism
         if part is None:
             continue
-        measured = measure_amount(mechanism, each.part_m, np.array(part.pose.position_m))
-        amount = float(np.clip(measured, 0.0, mechanism.travel))
-        is_hinge = mechanism.kind == "hinge"
+        at_m = np.array(part.pose.position_m)
+        amount = float(np.clip(measure_amount(mechanism, each.part_m, at_m), 0.0, mechanism.travel))
         placed[name] = msgspec.structs.replace(
             each.template,
             pose=compute_pose(compute_motion(mechanism, amount) @ compute_matrix(mechanism.closed)),
             joint=amount / mechanism.travel,
             mechanism=mechanism,
-            visible=part.visible,
-            status=part.status,
-            speed_m_s=part.speed_m_s,
-            still_since_s=part.still_since_s,
-            observed_at_s=part.observed_at_s,
-            confidence=part.confidence,
-            source=part.source,
-            looks=part.looks,
-            position_std_m=part.position_std_m,
-            turn_std_rad=part.position_std_m / measure_lever(mechanism, each.part_m) if is_hinge else 0.0,
-            evidence=part.evidence,
+            turn_std_rad=part.position_std_m * float(np.linalg.norm(compute_twist(mechanism, at_m)[3:])),
+            **{key: getattr(part, key) for key in SHOWN},
         )
     return placed

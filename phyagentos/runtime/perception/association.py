@@ -5,6 +5,7 @@ cost wins (`naming`). Form and colour separate unlike things. Like ones are sepa
 that was lost, or never known, each lists the names that it may have as well.
 """
 
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -144,7 +145,7 @@ def _track(
             continue
         if set(entity.alternatives) & names - thing.alike:
             continue
-        away = [_measure_gap(middle, prior[1]) for middle in middles]
+        away = [math.dist(middle, prior[1]) for middle in middles]
         nearest = int(np.argmin(away))
         is_own = _measure_share(cloud, pieces[nearest], thing) >= OWN_MIN
         if is_own and away[nearest] < thing.diameter_m / 2 + LINK_M:
@@ -180,7 +181,7 @@ def _assign(
 
     def is_same_place(row: int, column: int) -> bool:
         one, other = fits.get((row, int(chosen[row]))), fits[row, column]
-        return one is not None and _measure_gap(one.position_m, other.position_m) < group[row].diameter_m / 2
+        return one is not None and math.dist(one.position_m, other.position_m) < group[row].diameter_m / 2
 
     by_looks = list(iter_exchanges(looks, chosen, is_same_place))
     undecided = list(iter_exchanges(costs, chosen, is_same_place))
@@ -248,7 +249,7 @@ def _weigh_pairs(
             few = 1 - min(len(piece), FEW) / FEW
             shown[row, column] = found.cost_m + FEW_COST * few + COLOR_COST * (1 - share)
             if prior is not None and entity is not None and entity.status is Status.SEEN:
-                away_m = _measure_gap(found.position_m, prior[1])
+                away_m = math.dist(found.position_m, prior[1])
                 travelled[row, column] = TRAVEL_COST * min(away_m, TRAVEL_MAX_M)
     return shown, travelled, fits
 
@@ -257,10 +258,6 @@ def _get_prior(entity: Entity | None) -> tuple[Array, Array] | None:
     if entity is None or entity.status is Status.GONE:
         return None
     return compute_rotation(entity.pose.quaternion_wxyz), np.array(entity.pose.position_m)
-
-
-def _measure_gap(one: Array, other: Array) -> float:
-    return float(np.linalg.norm(one - other))
 
 
 def _measure_size(points: Array) -> float:

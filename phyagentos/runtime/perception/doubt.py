@@ -16,6 +16,7 @@ CORRELATED = 2.0  # neighbouring pixels share their errors: so many of them coun
 SIGMA = 1.4826  # of a normal distribution, by its median distance
 RESIDUAL_M = 0.0005  # no residual is less: the model of a thing is as exact as this
 BIAS_M, BIAS_PER_M = 0.0003, 180.0  # of a position in every look: its least, and what it grows by with the variance
+PATH_CALIBRATION, PATH_BIAS_PER_M = 0.6, 120.0  # of a position on a path: per noise in one camera, and the variance
 BIAS_TURN = 0.7  # of the same shift between two ends of a thing
 OPEN_LEAST = 0.1  # of the common variance: a mean of more looks than it takes to come to this would not follow
 OUTLINE_M, OUTLINE_TURN = 0.004, 2.0  # where a face in sight ends fixes its thing this well, and a turn by its width
@@ -44,10 +45,8 @@ class Doubt:
     def compute_gain(self, before: Array) -> Array:
         """(2,) weights of this look in the mean with those before, whose deviations are `before` (2,)."""
         shared = np.minimum(self.common, before) ** 2
-        old, new = before**2 - shared, self.total**2 - shared
-        gain: Array = np.maximum(old, OPEN_LEAST * shared) / np.maximum(
-            np.maximum(old, OPEN_LEAST * shared) + new, 1e-12
-        )
+        old, new = np.maximum(before**2 - shared, OPEN_LEAST * shared), self.total**2 - shared
+        gain: Array = old / np.maximum(old + new, 1e-12)
         return gain
 
     def fuse(self, before: Array) -> Array:
@@ -67,6 +66,8 @@ def compute_doubt(
     width_m: float,
     free: Array,
     huber_m: float,
+    path: Array | None = None,
+    cameras: int = 1,
 ) -> Doubt:
     """The doubt of a fit.
 
@@ -79,6 +80,8 @@ def compute_doubt(
         width_m: Of the thing.
         free: (6,) is 1 for each free motion of the fit; what is not free is known as well as the map is.
         huber_m: Distances beyond this are weighted down.
+        path: (6,) the only motion of a part of a mechanism, for one metre along it; then the doubt is that along it.
+        cameras: That see it: each has a calibration of its own.
     """
     jacobian, weighted = linearise(distance_m, gradient, np.ascontiguousarray(arm_m), rotation, np.arange(6), huber_m)
     weight = huber_m / np.maximum(np.abs(distance_m), huber_m)
@@ -90,13 +93,16 @@ def compute_doubt(
     motions *= free[:, None]
     outline_m = max(OUTLINE_M, float(np.sqrt(variance)))  # an edge in sight wavers as depth does
     known = np.array([outline_m] * 3 + [OUTLINE_TURN * outline_m / max(width_m, 1e-3)] * axes.shape[1])
+    bias_turn = BIAS_TURN / max(width_m, 1e-3) if axes.shape[1] and np.any(free[3:]) else 0.0
+    bias_m, is_map = BIAS_M + BIAS_PER_M * variance, free.reshape(2, 3).min(axis=1) == 0.0
+    if path is not None:
+        motions, known = path[:, None], known[:1]
+        bias_turn, is_map = float(np.linalg.norm(path[3:])), np.array([False, True])
+        bias_m = float(np.hypot(PATH_CALIBRATION * np.sqrt(variance / cameras), PATH_BIAS_PER_M * variance))
     spread = CORRELATED * variance
     matrix = motions.T @ (weighted @ jacobian.T) @ motions / spread + np.diag(known**-2.0)
     covariance = motions @ np.linalg.inv(matrix) @ motions.T
     parts = covariance[:3, :3], covariance[3:, 3:]
     left = np.array([max(np.linalg.eigvalsh(part)[-1], 0.0) for part in parts])  # (2,) variances that the points leave
-    bias_m = BIAS_M + BIAS_PER_M * variance
-    bias_rad = BIAS_TURN * bias_m / max(width_m, 1e-3)
-    common = np.array([bias_m, bias_rad if axes.shape[1] and np.any(free[3:]) else 0.0])
-    common = np.hypot(common, MAP_STDS * (free.reshape(2, 3).min(axis=1) == 0.0))
+    common = np.hypot(np.array([bias_m, bias_turn * bias_m]), MAP_STDS * is_map)
     return Doubt(np.sqrt(left + common**2), common)

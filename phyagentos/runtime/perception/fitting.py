@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 
 from phyagentos.geometry import turn
+from phyagentos.protocol.world.mechanisms import compute_twist
+from phyagentos.runtime.perception.articulated import Path
 from phyagentos.runtime.perception.doubt import FREE, UPRIGHT_STDS, Doubt, compute_doubt
 from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.inventory import ObjectModel
@@ -74,10 +76,11 @@ class Fit:
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """Points of a surface (n, 3) in the world, with the unit directions (n, 3) towards the cameras that see them."""
+    """Points of a surface (n, 3) in the world, with the unit directions (n, 3) towards the `cameras` that see them."""
 
     points_m: Array
     towards: Array
+    cameras: int = 1
 
     @classmethod
     def of(cls, seen: Cloud, views: tuple[CameraView, ...], most: int = POINTS_MAX) -> "Patch":
@@ -85,7 +88,7 @@ class Patch:
         if len(seen.points_m) > most:
             seen = seen.take(np.linspace(0, len(seen.points_m) - 1, most).astype(np.intp))
         eyes = np.array([view.position_m for view in views]).reshape(-1, 3)
-        return cls.from_eyes(seen.points_m, eyes[seen.view_index])
+        return replace(cls.from_eyes(seen.points_m, eyes[seen.view_index]), cameras=len(np.unique(seen.view_index)))
 
     @classmethod
     def from_eyes(cls, points_m: Array, eyes_m: Array) -> "Patch":
@@ -96,7 +99,7 @@ class Patch:
     def thin(self, most: int) -> "Patch":
         """About so many of the points, evenly taken."""
         every = max(1, len(self.points_m) // most)
-        return Patch(self.points_m[::every], self.towards[::every])
+        return Patch(self.points_m[::every], self.towards[::every], self.cameras)
 
     def measure(self, solids: Solids, rotation: Array, position_m: Array) -> tuple[Array, Array]:
         """(n,) distances to solids posed in the world, and (n, 3) their gradients in the solids' frame."""
@@ -104,13 +107,14 @@ class Patch:
 
 
 def refine(
-    solids: Solids, patch: Patch, rotation: Array, position_m: Array, free: Array, iterations: int
+    solids: Solids, patch: Patch, rotation: Array, position_m: Array, free: Array | Path, iterations: int
 ) -> tuple[Array, Array]:
     """Gauss-Newton on seen points in the world, from one start; the solids are in the thing's frame.
 
-    `free` (6,) is 1 for each free translation along, and rotation about, x, y, z of the world.
+    `free` (6,) is 1 for each free translation along, and rotation about, x, y, z of the world; or it is the only path.
     """
-    moves = np.flatnonzero(free)
+    path = free if isinstance(free, Path) else None
+    moves = np.flatnonzero(FREE if isinstance(free, Path) else free)
     damping = DAMPING * np.diag(_SCALE[moves])
     for _ in range(iterations):
         distance, gradient = patch.measure(solids, rotation, position_m)
@@ -118,10 +122,16 @@ def refine(
         jacobian, weighted = linearise(distance, gradient, arm, rotation, moves, HUBER_M)
         matrix = weighted @ jacobian.T + damping
         step = np.zeros(6)
-        step[moves] = -np.linalg.solve(matrix, weighted @ distance)
+        if path is None:
+            step[moves] = -np.linalg.solve(matrix, weighted @ distance)
+        else:
+            motion = compute_twist(path.mechanism, position_m)
+            step = -motion * float(motion @ weighted @ distance) / float(motion @ matrix @ motion)
         step[:3] = np.clip(step[:3], -0.03, 0.03)
         step[3:] = np.clip(step[3:], -0.4, 0.4)
         rotation, position_m = turn(step[3:]) @ rotation, position_m + step[:3]
+        if path is not None:
+            rotation, position_m = path.place(position_m)
         if np.abs(step[:3]).max() < 1e-4 and np.abs(step[3:]).max() < 1e-3:
             break
     return rotation, position_m
@@ -159,7 +169,7 @@ def fit(
     few = patch.thin(COARSE_POINTS)
     ranked: list[tuple[float, Array, Array]] = []
     for rotation, position in iter_starts(thing, patch.points_m):
-        free = UPRIGHT if _is_standing(rotation) else FREE
+        free = thing.path or (UPRIGHT if _is_standing(rotation) else FREE)
         pose = refine(thing.solids, few, rotation, position, free, 3)
         ranked.append((_weigh(thing, few, views, *pose, obstacle)[0], *pose))
     ranked.sort(key=lambda each: each[0])
@@ -171,7 +181,7 @@ def fit(
         return None
     own, limit_m = _tilt(thing, best.rotation), ranked[0][0] + _compute_alike(best.rms_m, len(few.points_m))
     alike_m, other_tilt_rad = best.cost_m + _compute_alike(best.rms_m, best.count), 0.0
-    for cost_m, turned, moved in ranked:
+    for cost_m, turned, moved in ranked if thing.path is None else ():
         if cost_m < limit_m and abs(_tilt(thing, turned) - own) > best.doubt.total[1]:  # by few points: ask all of them
             pose = refine(thing.solids, patch, turned, moved, UPRIGHT if _is_standing(turned) else FREE, 8)
             if _weigh(thing, patch, views, *pose, obstacle)[0] < alike_m:
@@ -201,7 +211,7 @@ def compare_lookalikes(
 ) -> Fit:
     """The fit, or the least tilted one of those that are as good, with what these differ by; `keep` the given one."""
     best, tilts, alike_m = found, [_tilt(thing, found.rotation)], _compute_alike(found.rms_m, found.count)
-    for turned, shift in thing.lookalikes:
+    for turned, shift in thing.lookalikes if thing.path is None else ():
         rotation = found.rotation @ turned
         position = found.position_m + rotation @ (turned.T @ shift)
         other = _finish(thing, patch, views, rotation, position, obstacle)
@@ -234,10 +244,10 @@ def _finish(
     obstacle: Solids | None = None,
 ) -> Fit:
     """Refine freely, and upright where it may stand: upright is concluded where the points do not contradict it."""
-    standing = thing.form is not Form.BALL and _is_standing(rotation)
+    standing = thing.form is not Form.BALL and thing.path is None and _is_standing(rotation)
     if standing:
         rotation = stand_up(rotation)
-    free = UPRIGHT if standing else FREE
+    free = thing.path or (UPRIGHT if standing else FREE)
     rotation, position_m = refine(thing.solids, patch, rotation, position_m, free, 8)
     freely, moved = refine(thing.solids, patch, rotation, position_m, FREE, 8) if standing else (rotation, position_m)
     doubt = measure_doubt(thing, thing.solids, patch, freely, moved)
@@ -261,9 +271,9 @@ def measure_doubt(
     thing: ObjectModel, solids: Solids, patch: Patch, rotation: Array, position_m: Array, free: Array = FREE
 ) -> Doubt:
     """How far a pose may be off, by the points that it was fitted to."""
-    distance, gradient = patch.measure(solids, rotation, position_m)
-    arm = patch.points_m - position_m
-    return compute_doubt(distance, gradient, arm, rotation, thing.turns, thing.width_m, free, HUBER_M)
+    seen, arm = patch.measure(solids, rotation, position_m), patch.points_m - position_m
+    path = None if thing.path is None else compute_twist(thing.path.mechanism, position_m)
+    return compute_doubt(*seen, arm, rotation, thing.turns, thing.width_m, free, HUBER_M, path, patch.cameras)
 
 
 def _weigh(
@@ -307,7 +317,10 @@ def _swing(rotation: Array, now: Array, wanted: Array) -> Array:
 
 
 def iter_starts(thing: ObjectModel, points: Array) -> Iterator[tuple[Array, Array]]:
-    """Start poses: standing on each side, along the points, turned in steps."""
+    """Start poses: standing on each side, along the points, turned in steps; on its path where it has one."""
+    if thing.path is not None:
+        yield thing.path.place(np.median(points, axis=0))
+        return
     low, high = np.percentile(points, (2, 98), axis=0)
     center = (low + high) / 2
     for rotation in _iter_orientations(thing, points):

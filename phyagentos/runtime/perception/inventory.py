@@ -11,13 +11,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.geometry import compute_rotation, convert_euler, multiply
+from phyagentos.geometry import compute_matrix, compute_rotation, convert_euler, multiply
 from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.world.alike import find_alike, find_turned
 from phyagentos.protocol.world.descriptions import add_described
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, PriorKnowledge, Shape
 from phyagentos.protocol.world.scenes import Body, Number3, Placement, SceneSpec, Solid
-from phyagentos.runtime.perception.articulated import Articulated, find_articulated
+from phyagentos.runtime.perception.articulated import Articulated, Path, find_articulated
 from phyagentos.runtime.perception.forms import (
     Form,
     find_form,
@@ -55,6 +55,7 @@ class ObjectModel:
         width_m: The middle one of its three extents.
         turns: (3, k) axes, in its own frame, about which a turn changes its form.
         lookalikes: Rotations (3, 3) with shifts (3,), in its own frame, that nearly repeat its form.
+        path: Where it can be at all, as a part of a mechanism; None for others.
         alike: Names of other things that no picture tells from it.
     """
 
@@ -74,6 +75,7 @@ class ObjectModel:
     width_m: float
     turns: Array
     lookalikes: tuple[tuple[Array, Array], ...]
+    path: Path | None = None
     alike: frozenset[str] = frozenset()
 
     @property
@@ -189,8 +191,10 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
             articulated[name] = jointed
         else:
             thing = _make_thing(name, body, tuple(dict.fromkeys(indices)), spec)
+            whole = articulated.get(body.part_of or "")
+            path = None if whole is None else Path(whole.mechanism, compute_matrix(thing.template.pose))
             measured = {key: getattr(given[name], key) for key in MEASURED} if name in given else {}
-            things[name] = replace(thing, template=msgspec.structs.replace(thing.template, **measured))
+            things[name] = replace(thing, path=path, template=msgspec.structs.replace(thing.template, **measured))
     balls: dict[int, tuple[float, int]] = {}
     for ball in spec.list_balls().values() if prior is Prior.FULL else ():
         radius_m, count = balls.get(color := register(ball.shapes[0], ball), (0.0, 0))

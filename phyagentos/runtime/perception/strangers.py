@@ -4,6 +4,7 @@ Each becomes an entity without a name of its own, as a box that stands on whatev
 planning, and one of the things that `*` stands for. Nothing is known of its form and colour but what was seen.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import count
 
@@ -72,11 +73,11 @@ def find_strangers(
         shape, rotation, position = box
         cut_m = CUT_STD_M if _is_cut(is_cut[cluster], camera[cluster]) else 0.0
         size_std_m = float(np.linalg.norm((SIDE_STD_M, SIDE_NOISE * noise_m, cut_m)))
-        nearest = min(before, key=lambda name: _measure_apart(before[name], position), default="")
-        if not nearest or _measure_apart(before[nearest], position) > SAME_M:
+        nearest = min(before, key=lambda name: math.dist(before[name].pose.position_m, position), default="")
+        if not nearest or math.dist(before[nearest].pose.position_m, position) > SAME_M:
             nearest = next(name for name in map(f"{PREFIX}{{}}".format, count(1)) if name not in {*entities, *found})
         was = before.pop(nearest, None)
-        is_still = was is not None and _measure_apart(was, position) < STILL_M
+        is_still = was is not None and math.dist(was.pose.position_m, position) < STILL_M
         red, green, blue = (np.median(rgb[cluster], axis=0) / 255.0).round(4).tolist()
         is_whole = not cut_m and len(cluster) >= FORM_POINTS
         found[nearest] = Entity(
@@ -175,10 +176,6 @@ def _measure_gap(foot: Array, map_solids: Solids, named: Sequence[Entity]) -> fl
     known = [map_solids, *(_pose(each) for each in named if each.shapes and each.status is not Status.GONE)]
     reached = np.min([solids.measure(down) for solids in known if solids.kinds], axis=0) < STEP_M
     return float(STEP_M * reached.argmax()) if reached.any() else 0.0
-
-
-def _measure_apart(entity: Entity, position: Array) -> float:
-    return float(np.linalg.norm(position - np.array(entity.pose.position_m)))
 
 
 def _is_named(stranger: Entity, named: Sequence[Entity]) -> bool:
