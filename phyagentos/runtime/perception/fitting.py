@@ -318,11 +318,11 @@ def _swing(rotation: Array, now: Array, wanted: Array) -> Array:
 
 def iter_starts(thing: ObjectModel, points: Array) -> Iterator[tuple[Array, Array]]:
     """Start poses: standing on each side, along the points, turned in steps; on its path where it has one."""
-    if thing.path is not None:
-        yield thing.path.place(np.median(points, axis=0))
-        return
     low, high = np.percentile(points, (2, 98), axis=0)
     center = (low + high) / 2
+    if thing.path is not None:
+        yield thing.path.place(center)
+        return
     for rotation in _iter_orientations(thing, points):
         reach = thing.solids.measure_extent(rotation.T @ np.array([0.0, 0.0, 1.0]))
         position = np.array([center[0], center[1], high[2] - reach[1]])
