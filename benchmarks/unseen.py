@@ -13,7 +13,8 @@ The judge (`unseen_parts/judge.py`) reads `scene.mjb` and `terminal.npz` with nu
 the package. Where two honest judges may differ (1 mm, 1 degree, half the weight borne) a session is open: it counts
 neither for nor against a verdict. An infeasible goal is refused before motion when no session of a node that cannot be
 met moved the arm. Half of the goals with equal things say that these are interchangeable: the judge then accepts every
-naming. The others cannot be decided by looks: their nodes are listed, and count for false successes alone.
+naming. The others cannot be decided by looks: their nodes are listed, and count for false successes alone. A node that
+was never begun, behind one that cannot be met or claims what is false, is no missed first attempt; it is counted apart.
 
 What scene, goal and fault files cannot say yet is missing here: meshes and curved hollow walls (bowls and mugs are
 rings of flat walls), bodies outside of the inventory (flat coloured prints are seen and not reported), glassy or black

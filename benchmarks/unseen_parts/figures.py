@@ -38,8 +38,12 @@ class Tally:
 
     @property
     def first_attempts(self) -> list[NodeRecord]:
-        """Feasible nodes of goals without a fault: a fault may make a first attempt fail rightly."""
-        return [node for goal in self.goals if not goal.faults for node in goal.nodes if node.feasible == "yes"]
+        """Feasible nodes of goals without a fault: a fault may make a first attempt fail rightly.
+
+        A node that was never begun, behind one that cannot be met, cannot be met either.
+        """
+        whole = [goal for goal in self.goals if not goal.faults]
+        return [n for goal in whole for n in goal.nodes if n.feasible == "yes" and n.name not in goal.blocked]
 
     @property
     def infeasible(self) -> list[GoalRecord]:
@@ -107,6 +111,10 @@ class Tally:
             table.add_row(name, f"{sum(values)} of {count}", f"[{low:.4f}, {high:.4f}]")
         for name in ("judged_unmet_in_truth", "judged_open", "crashed", "hung"):
             table.add_row(name.replace("_", " "), f"{figures[name]:.0f}", "")
+        blocked = sum(
+            node.feasible == "yes" and node.name in goal.blocked for goal in self.goals for node in goal.nodes
+        )
+        table.add_row("feasible nodes not begun, behind one that cannot be met", f"{blocked}", "")
         planted = sum(len(goal.faults) for goal in self.goals)
         table.add_row("faults that never struck", f"{sum(len(goal.unstruck) for goal in self.goals)} of {planted}", "")
         console.print(table)

@@ -80,6 +80,7 @@ class NodeRecord:
         feasible: `yes`, `no`, or `open`: a claim that is false, or nearly so, before anything moves, or twins.
         why: What makes it infeasible.
         first: Whether its first session was judged a success and is one.
+        after: Names of nodes before it.
     """
 
     name: str
@@ -87,6 +88,7 @@ class NodeRecord:
     feasible: str
     why: str
     first: bool
+    after: tuple[str, ...] = ()
 
     @property
     def is_ambiguous(self) -> bool:
@@ -125,6 +127,16 @@ class GoalRecord:
     error: str = ""
 
     @property
+    def blocked(self) -> frozenset[str]:
+        """Nodes that were not begun, behind one that cannot be met or that claims what is false."""
+        begun, blocked = {session.node for session in self.sessions}, set[str]()
+        hopeless = {node.name for node in self.nodes if node.feasible != "yes"}
+        for node in self.nodes:  # each stands after those that it needs
+            if node.name not in begun and not (hopeless | blocked).isdisjoint(node.after):
+                blocked.add(node.name)
+        return frozenset(blocked)
+
+    @property
     def is_false_success(self) -> bool:
         """Said to be met, and it is not."""
         return self.verdict == "success" and self.truth == "unmet"
@@ -148,7 +160,7 @@ class GoalRecord:
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> "GoalRecord":
         """From plain data."""
-        nodes = tuple(NodeRecord(**node) for node in data["nodes"])
+        nodes = tuple(NodeRecord(**node | {"after": tuple(node.get("after", ()))}) for node in data["nodes"])
         sessions = tuple(SessionRecord(**each | {"against": tuple(each["against"])}) for each in data["sessions"])
         lists = {name: tuple(data.get(name, ())) for name in ("faults", "against", "unstruck")}
         return cls(**data | lists | {"nodes": nodes, "sessions": sessions})
@@ -263,7 +275,7 @@ class Recorder:
             feasible, why = (feasible, why) if truth == "met" else ("open", "; ".join(against))
         first = next((s for s in sessions if s.node == node.name and s.attempt == 0), None)
         met = first is not None and first.verdict == "success" and first.truth != "unmet"
-        return NodeRecord(name=node.name, skill=node.skill, feasible=feasible, why=why, first=met)
+        return NodeRecord(name=node.name, skill=node.skill, feasible=feasible, why=why, first=met, after=node.after)
 
 
 def list_asked(bundle: Path, told: dict[str, Any]) -> list[str]:

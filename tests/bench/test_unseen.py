@@ -205,6 +205,27 @@ def test_figures_count_verdicts_against_truth():
     assert figures["false_success_bound"] > 2 / 5
 
 
+@pytest.mark.parametrize(
+    ("before", "begun", "counted"),
+    [
+        ("no", ("n1",), ["n3"]),
+        ("open", ("n1",), ["n3"]),
+        ("yes", ("n1",), ["n1", "n2", "n3"]),
+        ("no", ("n1", "n2"), ["n2", "n3"]),
+    ],
+)
+def test_a_node_behind_one_that_cannot_be_met_counts_only_if_it_was_begun(before, begun, counted):
+    feasible = {"n1": before, "n2": "yes", "n3": "yes"}
+    nodes = tuple(
+        NodeRecord(name=name, skill="pick", feasible=each, why="", first=False, after=("n1",) if name == "n2" else ())
+        for name, each in feasible.items()
+    )
+    record = make_record(3, *(make_session("failure", "unmet", node=name) for name in begun), nodes=nodes)
+
+    assert [node.name for node in Tally([record]).first_attempts] == counted
+    assert GoalRecord.from_json(json.loads(json.dumps(record.as_json()))).blocked == record.blocked
+
+
 def test_a_session_that_asks_to_look_again_is_no_false_failure_when_a_look_follows():
     sessions = [make_session("replan", "met", cause="EVIDENCE_MISSING", id=id) for id in ("g.n1", "g.n1.r1")]
     assert [session.is_false_failure for session in mark_open(sessions)] == [False, True]
