@@ -66,6 +66,32 @@ def test_a_window_that_shows_a_static_cache_has_the_bits_of_one_cast_alone(physi
                 np.testing.assert_array_equal(getattr(covered, part), getattr(alone, part), strict=True)
 
 
+def test_a_window_that_shows_no_motion_has_the_same_bits_before_and_after_it(physics):
+    kept, camera = RayCaster(physics.model), open_cameras(physics.model, SHIPPED, seed=7)["left"]
+    whole, before, found = camera.mounting.lens, pose_state(physics.model, np.array(physics.data.qpos)), []
+    place = camera.mounting.find(before)
+    kept.cast(before, Shot(whole, place, 3.0, still=True))
+    for after in pose_many(physics):
+        for left in range(0, whole.width - 24, 24):
+            for top in range(0, whole.height - 24, 24):
+                window = (left, top, 24, 24)
+                shot = Shot(whole.crop(window), place, 3.0, still=True, whole=whole, corner=(left, top))
+                one, other = kept.cast(after, shot), kept.cast(before, shot)
+                is_equal = all(
+                    np.array_equal(getattr(one, part), getattr(other, part)) for part in ("rgb", "depth_m", "incidence")
+                )
+                found.append((kept.shows_motion(after, before, shot), is_equal))
+    assert set(found) >= {(True, False), (False, True)}
+    assert (False, False) not in found
+
+
+def test_a_camera_that_moves_may_always_show_motion(physics):
+    camera = open_cameras(physics.model, SHIPPED, seed=7)["wrist"]
+    before, after = pose_state(physics.model, np.array(physics.data.qpos)), next(pose_many(physics))
+    shot = Shot(camera.mounting.lens, camera.mounting.find(after), 3.0)
+    assert RayCaster(physics.model).shows_motion(after, before, shot)
+
+
 def test_the_compiled_light_has_the_bits_of_array_operations(physics):
     model, mounting = copy(physics.model), open_cameras(physics.model, SHIPPED, seed=7)["left"].mounting
     lens = mounting.lens

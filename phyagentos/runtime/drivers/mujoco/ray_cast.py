@@ -60,6 +60,14 @@ class RayCaster:
         beam = Rays(shot.viewpoint, rays @ shot.viewpoint.rotation.T, shot.far_m * float(lengths.max()))
         return self._paint(data, beam, lengths, shoot(self._model, data, beam)).reshape(shape)
 
+    def shows_motion(self, data: mujoco.MjData, begin: mujoco.MjData, shot: Shot) -> bool:
+        """Whether a picture may show that something moved since `begin`; a camera that moves shows it always."""
+        cache = self._get_cache(data, shot) if shot.still else None
+        if cache is None or self._moving.sign_fixed(begin) != cache.signature:
+            return True
+        wanted, moved = shot.find_pixels(), self._moving.find_moved(data, begin)
+        return any(len(self._moving.find_near(each, cache.lens, cache.rays, wanted, moved)) for each in (data, begin))
+
     def _paint(self, data: mujoco.MjData, rays: Rays, lengths: Array, hits: Hits) -> Picture:
         """Colours, depths and cosines of (n,) pixels from the hits of their rays."""
         n = len(lengths)

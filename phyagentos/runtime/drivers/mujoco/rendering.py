@@ -63,6 +63,10 @@ class GraphicsCaster:
             return picture
         return Picture(colors[some][None], depth[some][None], picture.incidence[some][None], finish[some][None])
 
+    def shows_motion(self, data: mujoco.MjData, begin: mujoco.MjData, shot: Shot) -> bool:
+        """Not known without drawing."""
+        return True
+
     def _draw(self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint) -> tuple[Any, Any]:
         size = (lens.width, lens.height)
         if size not in self._renderers:

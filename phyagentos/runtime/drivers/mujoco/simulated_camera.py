@@ -36,6 +36,9 @@ class Caster(Protocol):
     def cast(self, data: mujoco.MjData, shot: Shot) -> Picture:
         """One picture of a state with computed poses."""
 
+    def shows_motion(self, data: mujoco.MjData, begin: mujoco.MjData, shot: Shot) -> bool:
+        """Whether a picture may show that something moved since `begin`."""
+
 
 class UnknownMountingError(LookupError):
     """The model lacks the camera's carrier."""
@@ -120,7 +123,7 @@ class SimulatedCamera:
     def _cast(self, states: Exposed, shot: Shot) -> Picture:
         data, begin = states
         picture = self._caster.cast(data, shot)
-        if begin is None:
+        if begin is None or not self._caster.shows_motion(data, begin, shot):
             return picture
         there = self.mounting.find(begin).then(self._error)
         return blur(picture, self._caster.cast(begin, replace(shot, viewpoint=there)))

@@ -22,6 +22,7 @@ EDGE_PX = 1  # around the rectangle of a ball's picture, for rounding
 EDGE_M = 1e-4  # around a box, for rounding
 _LEAST = 1e-12  # of a direction: along a face
 FLAT_RAD = 1.57  # beyond, a ball reaches out of any picture
+UNSEEN = 1e-4  # a move of a solid that no pixel shows [m], or of its rotation
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,10 +147,23 @@ class MovingSolids:
         emptied.geom_xpos[self._moving] = AWAY_M
         return emptied
 
-    def find_near(self, data: mujoco.MjData, lens: Lens, rays: Rays, wanted: NDArray[np.intp]) -> NDArray[np.intp]:
+    def find_moved(self, one: mujoco.MjData, other: mujoco.MjData) -> NDArray[np.intp]:
+        """Which of the movable solids have moved visibly between two states."""
+        parts = ((one.geom_xpos, other.geom_xpos), (one.geom_xmat, other.geom_xmat))
+        changes = (np.abs(a.take(self._shown, axis=0) - b.take(self._shown, axis=0)).max(axis=1) for a, b in parts)
+        return np.flatnonzero(np.maximum(*changes) > UNSEEN)
+
+    def find_near(
+        self,
+        data: mujoco.MjData,
+        lens: Lens,
+        rays: Rays,
+        wanted: NDArray[np.intp],
+        among: NDArray[np.intp] | slice = slice(None),
+    ) -> NDArray[np.intp]:
         """Indices of those of the `wanted` pixels of the whole picture whose rays may hit a movable solid."""
         view = rays.viewpoint.position_m, rays.viewpoint.rotation
-        solids = (self._shown, self._radii_m, self._boxes, data.geom_xpos, data.geom_xmat)
+        solids = (self._shown[among], self._radii_m[among], self._boxes[among], data.geom_xpos, data.geom_xmat)
         form = (lens.fx, lens.fy, lens.cx, lens.cy, lens.height)
         found: NDArray[np.intp] = _find_near(wanted, lens.width, rays.directions, form, view, solids)
         return found
