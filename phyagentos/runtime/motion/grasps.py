@@ -60,7 +60,8 @@ def find_grasps(
     corners = compute_grasp_ways(entity, profile, fingers, request.hover_m, corners=True)
     solids = list(_iter_solid_ways(entity, profile, fingers, request.hover_m))
     if not ways and not solids:
-        return job.fail("TOO_WIDE", f"{entity.name} is wider than the gripper opens ({profile.gripper.max_width_m} m).")
+        opens = f"the gripper opens ({profile.gripper.max_width_m} m), less {1e3 * LEAST_CLEARANCE_M:.0f} mm of room"
+        return job.fail("TOO_WIDE", f"{entity.name} is wider than {opens}.")
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     tried: set[str] = set()
     dead, dead_ends = set[str](), list[list[Approach]]()
