@@ -5,7 +5,7 @@ from numba import njit
 POSITION, VELOCITY, DISAGREEMENT, STEP, CHANGE, BEND, JERK = range(7)  # in the order of `found`
 
 
-@njit("void(f8[:,:,::1], f8[:,:,::1], f8[::1], f8, f8[:,:,::1])", cache=True)  # ready before the first command
+@njit("void(f8[:,:,::1], f8[:,:,::1], f8[::1], f8, f8[:,:,::1])", cache=True)  # at import: no command compiles
 def measure_rows(points, slopes, middle, half_s, found):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Fills in magnitudes `found` (7, k, n), and `slopes` (2, k + 1, n) behind the row before the first.
 

@@ -62,7 +62,7 @@ class BundleFiles:
         fd = self._spare.pop()
         try:
             stamp = _fill(fd, data)
-            source = f"/proc/self/fd/{fd}"  # followed where a folder is given; an absolute path leaves it unused
+            source = f"/proc/self/fd/{fd}"  # a link, which Python follows only where `src_dir_fd` is given, too
             os.link(source, path, src_dir_fd=fd, follow_symlinks=True)
         except FileExistsError:
             raise

@@ -1,6 +1,6 @@
 """What a target asks of every command and around every physics step, compiled by numba.
 
-Types are given, so that all is compiled, or found on the disk, before the first command: then the disk may be full.
+Types are given, so that numba compiles at import. No command compiles, or writes to the cache of numba on the disk.
 """
 
 import numpy as np
