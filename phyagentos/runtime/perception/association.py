@@ -25,10 +25,11 @@ from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import CameraView, Cloud
 
 GATE_M = 0.0065  # a fit that leaves more than this is no fit
+JOINED_M = 0.003  # nor are several clusters one thing if their common fit leaves more
 UNSEEN_COST = 0.012  # of leaving a thing without a cluster
 TRAVEL_COST = 0.02  # per metre from where it was, up to `TRAVEL_MAX_M`
 TRAVEL_MAX_M = 0.20
-FEW, FEW_COST = 60, 0.003  # a handful of points fits anything
+FEW, FEW_COST = 60, 0.003  # a handful of points fits anything, unless it is asked that the thing is not in the table
 COLOR_COST = 0.006  # of a cluster without a pixel of the thing's own colour
 OWN_MIN = 0.1  # of the pixels of a cluster; with less of its own colour it is another thing
 SPILL = 4  # a cluster this many times smaller than one of its colour that fits nothing is a part of that
@@ -83,7 +84,11 @@ def associate(
         taken = {id(match.points) for match in tracked.values()}
         rest = [thing for thing in group if thing.name not in tracked]
         if rest:
-            matches |= _assign(rest, believed, cloud, [piece for piece in pieces if id(piece) not in taken], views)
+            known = [(thing, match.fit, match.points) for thing in group if (match := tracked.get(thing.name))]
+            pieces = [piece for piece in pieces if id(piece) not in taken]
+            if len(rest) == 1:
+                pieces = _join_parts(rest[0], cloud, pieces, views)
+            matches |= _assign(rest, believed, cloud, pieces, views, known, map_solids)
     if map_solids is None:
         return matches
     fits = {name: match.fit for name, match in matches.items()}
@@ -168,11 +173,17 @@ def _assign(
     cloud: Cloud,
     pieces: Sequence[Piece],
     views: tuple[CameraView, ...],
+    known: Sequence[tuple[ObjectModel, Fit, Piece]],
+    map_solids: Solids | None,
 ) -> dict[str, Match]:
-    """The matches of least cost by form, colour and history; without those that may as well be elsewhere."""
-    shown, travelled, fits = _weigh_pairs(group, believed, cloud, pieces, views)
+    """The matches of least cost by form, colour and history; without those that may as well be elsewhere.
+
+    `known` are other things, and their clusters, which are none of `pieces`.
+    """
+    shown, travelled, fits = _weigh_pairs(group, believed, cloud, pieces, views, map_solids)
     best = [(int(row), column) for column, row in enumerate(shown.argmin(axis=0))]
     own = [(group[row], fits[row, column], pieces[column]) for row, column in best if (row, column) in fits]
+    own += known
     stray = [index for index, piece in enumerate(pieces) if _is_stray(cloud, piece, own)]
     shown[:, stray] = HUGE
     unseen = np.where(np.eye(len(group), dtype=np.bool_), UNSEEN_COST, HUGE)
@@ -194,8 +205,8 @@ def _assign(
         if any(_is_spill(cloud, pieces[column], piece, thing) for piece in unclaimed):
             continue
         doubts = {group[other].name for rows in undecided if row in rows for other in rows - {row}}
-        known = {other.name for other in group} - {group[o].name for rows in by_looks if row in rows for o in rows}
-        inherited = set(believed[thing.name].alternatives) - known if thing.name in believed else set()
+        names = {other.name for other in group} - {group[o].name for rows in by_looks if row in rows for o in rows}
+        inherited = set(believed[thing.name].alternatives) - names if thing.name in believed else set()
         matches[thing.name] = Match(
             fit=fits[row, column],
             points=pieces[column],
@@ -205,10 +216,22 @@ def _assign(
     return matches
 
 
+def _join_parts(thing: ObjectModel, cloud: Cloud, pieces: list[Piece], views: tuple[CameraView, ...]) -> list[Piece]:
+    """The clusters, or that of which the only thing looked for explains all: its parts may be seen from above alone."""
+    own = [piece for piece in pieces if _measure_share(cloud, piece, thing) >= OWN_MIN]
+    if len(own) < 2:
+        return pieces
+    whole = np.concatenate(own)
+    if _measure_size(cloud.points_m[whole]) > ROOM * thing.diameter_m + LINK_M:
+        return pieces
+    found = fit(thing, cloud.take(whole), views)
+    return pieces if found is None or found.cost_m > JOINED_M else [whole]
+
+
 def _is_stray(cloud: Cloud, piece: Piece, own: Sequence[tuple[ObjectModel, Fit, Piece]]) -> bool:
     """Whether a cluster is pixels of the edges of a thing that is seen by many more: then it is no place of another."""
     return any(
-        len(piece) < STRAY_SHARE * len(seen)
+        len(piece) < min(STRAY_SHARE * len(seen), FEW)
         and float(np.median(np.abs(thing.solids.measure(found.to_own_frame(cloud.points_m[piece]))))) < STRAY_M
         for thing, found, seen in own
     )
@@ -230,6 +253,7 @@ def _weigh_pairs(
     cloud: Cloud,
     pieces: Sequence[Piece],
     views: tuple[CameraView, ...],
+    map_solids: Solids | None,
 ) -> tuple[Array, Array, dict[tuple[int, int], Fit]]:
     """Costs by looks and costs of travel, both (n, m), `HUGE` without a fit; and the fits."""
     shown = np.full((len(group), len(pieces)), HUGE)
@@ -242,7 +266,7 @@ def _weigh_pairs(
             share = _measure_share(cloud, piece, thing)
             if share < OWN_MIN or _measure_size(cloud.points_m[piece]) > ROOM * thing.diameter_m + LINK_M:
                 continue
-            found = fit(thing, cloud.take(piece), views, prior)
+            found = fit(thing, cloud.take(piece), views, prior, map_solids if len(piece) < FEW else None)
             if found is None or found.cost_m > GATE_M:
                 continue
             fits[row, column] = found

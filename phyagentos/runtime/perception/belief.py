@@ -16,7 +16,7 @@ from phyagentos.protocol.world.environment import LIFTED_M, Change, Entity, Pose
 from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.association import Match, associate, exchange_doubts
 from phyagentos.runtime.perception.contents import count_balls
-from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, is_upright, stand_up
+from phyagentos.runtime.perception.fitting import SURE_POINTS, Fit, choose_symmetric, is_upright, stand_up
 from phyagentos.runtime.perception.fixed_things import measure_fixed
 from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.grip import Hand, carry, check_hand, find_held, let_go
@@ -195,7 +195,7 @@ def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, 
         status=Status.SEEN,
         speed_m_s=speed,
         still_since_s=since_s if base.movable else None,
-        confidence=_rate(found),
+        confidence=_rate(found, entity.confidence if entity is not None else 0.0),
         source=SOURCE,
         looks=looks,
         position_std_m=place_m,
@@ -302,7 +302,7 @@ def _leave_out(cloud: Cloud, inventory: Inventory, entities: Mapping[str, Entity
             continue
         if not thing.template.movable:
             alike = [c for c in loose if c in thing.colors or _is_like(inventory, c, thing)]
-            among = is_among(cloud.colors, alike)
+            among = is_among(cloud.colors, (*alike, *thing.colors))
             margin = NEAR_FIXED_M
         else:
             among, margin = cloud.colors == thing.colors[0], HAND_M
@@ -360,11 +360,16 @@ def _stretch(shapes: tuple[Shape, ...], factor: float) -> tuple[Shape, ...]:
     )
 
 
-def _rate(found: Fit) -> float:
-    """Confidence: the visible share of the expected surface, times the quality of the fit."""
+def _rate(found: Fit, before: float) -> float:
+    """Confidence: the visible share of the expected surface, times the quality of the fit.
+
+    Where few points confirm the pose before, it is that of `before`.
+    """
+    if found.is_kept:
+        return before
     shown = 1.0 - found.sight.contradicted_fraction
     fitting = float(np.exp(-((found.rms_m / 0.006) ** 2)))
-    enough = min(1.0, found.count / 20)
+    enough = min(1.0, found.count / SURE_POINTS)
     possible = float(np.exp(-((found.sunk_m / SUNK_DOUBT_M) ** 2)))
     return round(shown * (0.4 + 0.6 * fitting) * enough * possible, 3)
 

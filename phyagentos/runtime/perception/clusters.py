@@ -11,6 +11,8 @@ from scipy.spatial import cKDTree
 from phyagentos.runtime.perception.solids import Array
 
 POINTS_MIN = 5  # fewer are noise
+_WAYS = np.array([*np.ndindex(3, 3, 3)]) - 1.0
+_DIRECTIONS = np.array([way / np.linalg.norm(way) for way in _WAYS if way @ (9.0, 3.0, 1.0) > 0.0])
 SPREAD = 1.35  # a cluster this much larger than the largest thing of its colour is more than one
 
 
@@ -76,8 +78,7 @@ def split(points: Array, diameter_m: float, most: int, seeds: Sequence[Array]) -
 
     The largest of these things has `diameter_m`; `seeds` are believed places within or near the cluster.
     """
-    low, high = np.percentile(points, (1, 99), axis=0)
-    size_m = float(np.linalg.norm(high - low))
+    size_m = _measure_diameter(points) if _measure_diagonal(points) > SPREAD * diameter_m else 0.0
     count = min(most, max(1, round(size_m / diameter_m))) if size_m > SPREAD * diameter_m else 1
     count = max(count, min(len(seeds), most))
     if count < 2 or len(points) < 2 * POINTS_MIN:
@@ -91,3 +92,14 @@ def split(points: Array, diameter_m: float, most: int, seeds: Sequence[Array]) -
     except ClusterError:  # a start that no point is nearest to: fewer things than starts
         labels = np.argmin([np.linalg.norm(points - start, axis=1) for start in starts], axis=0)
     return [found for found in (np.flatnonzero(labels == index) for index in range(count)) if len(found) >= POINTS_MIN]
+
+
+def _measure_diagonal(points: Array) -> float:
+    low, high = np.percentile(points, (1, 99), axis=0)
+    return float(np.linalg.norm(high - low))
+
+
+def _measure_diameter(points: Array) -> float:
+    """The greatest extent along thirteen directions: of a ball its diameter, where a diagonal is nearly twice that."""
+    low, high = np.percentile(points @ _DIRECTIONS.T, (1, 99), axis=0)
+    return float((high - low).max())

@@ -28,6 +28,9 @@ DAMPING = 2.0  # of the normal equations, in points: what the points do not dete
 POINTS_MIN = 4
 POINTS_MAX = 220  # more do not make a fit better than the calibration is
 COARSE_POINTS = 80  # enough to choose among starts
+SURE_POINTS = 20  # fewer show where a thing is only with what was known before
+FLAT_M, FLAT_PERCENT = 0.025, 85  # most points of a flat thing are on top; noise above it is nearer to its underside
+CONTRADICTED = 0.1  # share of a surface seen through that is noise
 TRACKED_M, TRACK_REACH_M = 0.0028, 0.02  # cost and distance of a thing that is where it was
 DOWN_M = 0.0012  # of a thing upside down, where that looks the same
 TURNED_M = 0.0004  # by which a turned pose must fit better before a tracked thing is believed to have turned so
@@ -54,6 +57,7 @@ class Fit:
         other_tilt_rad: Greatest difference of tilt to another pose that fits as well.
         stretch: Factor of its height.
         sunk_m: Depth of its surface within other solids; 0 without an obstacle.
+        is_kept: Whether it is the believed one, which few points confirm and nothing contradicts.
     """
 
     rotation: Array
@@ -67,6 +71,7 @@ class Fit:
     other_tilt_rad: float = 0.0
     stretch: float = 1.0
     sunk_m: float = 0.0
+    is_kept: bool = False
 
     def to_own_frame(self, points_m: Array) -> Array:
         """Points (n, 3) of the world in the frame of the thing [m]."""
@@ -196,6 +201,24 @@ def track(thing: ObjectModel, seen: Cloud, views: tuple[CameraView, ...], prior:
     if len(patch.points_m) < POINTS_MIN:
         return None
     found = _finish(thing, patch, views, *prior)
+    if found.count < SURE_POINTS:  # they fit many poses: what is seen where it was, and nowhere else, has not moved
+        cost_m, rms_m, sight, _ = _weigh(thing, patch, views, *prior)
+        if cost_m < TRACKED_M and sight.contradicted_fraction < CONTRADICTED:
+            return replace(
+                found,
+                rotation=prior[0],
+                position_m=prior[1],
+                cost_m=cost_m,
+                rms_m=rms_m,
+                sight=sight,
+                freely=prior[0],
+                is_kept=True,
+            )
+    if found.rotation[2, 2] < -0.5:  # on its head, which few things are: a mug once taken for that would stay so
+        turned = found.rotation @ np.diag(DOWN)
+        middle = found.position_m + (found.rotation - turned) @ thing.solids.center_m
+        standing = _finish(thing, patch, views, turned, middle)
+        found = standing if standing.cost_m < found.cost_m - ALIKE_M else found
     is_good = found.cost_m < TRACKED_M and float(np.linalg.norm(found.position_m - prior[1])) < TRACK_REACH_M
     return compare_lookalikes(thing, patch, views, found, None, keep=True) if is_good else None
 
@@ -319,13 +342,14 @@ def _swing(rotation: Array, now: Array, wanted: Array) -> Array:
 def iter_starts(thing: ObjectModel, points: Array) -> Iterator[tuple[Array, Array]]:
     """Start poses: standing on each side, along the points, turned in steps; on its path where it has one."""
     low, high = np.percentile(points, (2, 98), axis=0)
-    center = (low + high) / 2
+    center, flat_m = (low + high) / 2, float(np.percentile(points[:, 2], FLAT_PERCENT))
     if thing.path is not None:
         yield thing.path.place(center)
         return
     for rotation in _iter_orientations(thing, points):
         reach = thing.solids.measure_extent(rotation.T @ np.array([0.0, 0.0, 1.0]))
-        position = np.array([center[0], center[1], high[2] - reach[1]])
+        top_m = flat_m if reach[1] - reach[0] < FLAT_M else high[2]
+        position = np.array([center[0], center[1], top_m - reach[1]])
         if not _is_standing(rotation):
             middle = rotation @ np.array([sum(thing.solids.measure_extent(axis)) / 2 for axis in np.eye(3)])
             position = center - middle

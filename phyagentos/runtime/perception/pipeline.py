@@ -27,7 +27,7 @@ from phyagentos.runtime.perception.segmentation import Colorless, Palette, Segme
 from phyagentos.runtime.perception.sensor_health import assess
 from phyagentos.runtime.perception.strangers import find_strangers, is_stranger
 from phyagentos.runtime.perception.supports import measure_supports, replace_surface
-from phyagentos.runtime.perception.views import CameraView, find_cloud, make_view
+from phyagentos.runtime.perception.views import CameraView, drop_stray, find_cloud, make_view
 from phyagentos.runtime.targets.wire import Frame, Frames
 
 MAX_AGE_S = 0.3  # of a frame: its latency, and half a dozen lost ones
@@ -85,6 +85,7 @@ class Pipeline:
         earlier = known.sensors if known is not None and not focus else {}
         find_state = find_state or (lambda _time_s: state)
         believed, health = self.assess(frames, earlier, time_s, find_state)
+        believed = tuple(map(drop_stray, believed))
         if not focus:
             believed, health = find_displaced(believed, earlier, health, self.inventory.place_map(entities).map, time_s)
         while True:

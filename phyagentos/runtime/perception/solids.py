@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation
-from phyagentos.protocol.world.environment import Shape, ShapeKind
+from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 from phyagentos.runtime.perception import solid_distance
 
 Array = NDArray[np.float64]
@@ -48,6 +48,12 @@ class Solids:
             np.array([shape.pose.position_m for shape in shapes], dtype=np.float64).reshape(-1, 3),
             np.zeros(len(shapes)),
         )
+
+    @classmethod
+    def place(cls, entity: Entity, own: "Solids | None" = None) -> "Solids":
+        """The solids of an entity, or its visible `own` ones, in the world."""
+        rotation = compute_rotation(entity.pose.quaternion_wxyz)
+        return (own or cls.of(entity.shapes)).at(rotation, np.array(entity.pose.position_m))
 
     def at(self, rotation: Array, position_m: Array) -> "Solids":
         """The same solids in the parent of their frame."""

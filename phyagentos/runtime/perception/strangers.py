@@ -58,7 +58,7 @@ def find_strangers(
     """
     named = [entity for name, entity in entities.items() if not is_stranger(name)]
     before = {name: entity for name, entity in entities.items() if is_stranger(name)}
-    known = [_pose(each) for each in named if each.shapes and each.status is not Status.GONE]
+    known = [Solids.place(each) for each in named if each.shapes and each.status is not Status.GONE]
     parts = [_find_unexplained(*each, map_solids, known) for each in zip(frames, views, robots, strict=True)]
     points, rgb = (np.concatenate([part[i] for part in parts] or [np.zeros((0, 3))]) for i in (0, 1))
     is_cut = np.concatenate([part[2] for part in parts] or [np.zeros(0, np.bool_)])
@@ -173,7 +173,7 @@ def _find_form(points: Array, box: Shape, noise_m: float) -> str:
 def _measure_gap(foot: Array, map_solids: Solids, named: Sequence[Entity]) -> float:
     """Height of a point (3,) above what is known below it [m]; 0 where that is farther than it could stand."""
     down = foot - np.arange(0.0, STANDS_M, STEP_M)[:, None] * np.array([0.0, 0.0, 1.0])
-    known = [map_solids, *(_pose(each) for each in named if each.shapes and each.status is not Status.GONE)]
+    known = [map_solids, *(Solids.place(each) for each in named if each.shapes and each.status is not Status.GONE)]
     reached = np.min([solids.measure(down) for solids in known if solids.kinds], axis=0) < STEP_M
     return float(STEP_M * reached.argmax()) if reached.any() else 0.0
 
@@ -182,13 +182,7 @@ def _is_named(stranger: Entity, named: Sequence[Entity]) -> bool:
     """Whether a known thing stands where the stranger was: it has a name now."""
     middle = np.array([stranger.pose.position_m])
     known = (each for each in named if each.movable and each.shapes and each.status in (Status.SEEN, Status.HELD))
-    return any(not _is_beyond(middle, _pose(each), THING_M).any() for each in known)
-
-
-def _pose(entity: Entity) -> Solids:
-    """Its solids in the world."""
-    rotation = compute_rotation(entity.pose.quaternion_wxyz)
-    return Solids.of(entity.shapes).at(rotation, np.array(entity.pose.position_m))
+    return any(not _is_beyond(middle, Solids.place(each), THING_M).any() for each in known)
 
 
 def _miss(entity: Entity, views: tuple[CameraView, ...]) -> Entity | None:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +16,8 @@ from phyagentos.runtime.targets.wire import Frame
 
 MAP_M = 0.012  # this near to the map and of its colour: part of it
 MAP_LIKE_M = 0.007  # this near to the map and of a colour like its own: part of it
+STEEP = 6.0  # tangent of the greatest slope on which neighbouring pixels surely share a surface
+SHARED = 2  # so many of a pixel's eight neighbours do
 _UNKNOWN = np.float32(np.inf)
 
 
@@ -94,6 +97,17 @@ def find_cloud(
         view_index=np.concatenate([part.view_index for part in parts]),
         pixels=np.concatenate([part.pixels for part in parts]),
     )
+
+
+def drop_stray(frame: Frame) -> Frame:
+    """The frame without depths that hardly any neighbour shares: noise of surfaces that are seen at a grazing angle."""
+    depth, kept = frame.depth_m, np.zeros(frame.depth_m.shape, np.uint8)
+    framed = np.pad(depth, 1, constant_values=np.nan)
+    limit_m = STEEP / frame.fx * depth
+    for row, column in np.ndindex(3, 3):
+        neighbour = framed[row : row + frame.height, column : column + frame.width]
+        kept += np.abs(neighbour - depth) < limit_m  # itself among them
+    return msgspec.structs.replace(frame, depth_m=np.where(kept > SHARED, depth, np.float32(np.nan)))
 
 
 def make_view(frame: Frame) -> CameraView:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from phyagentos.runtime.perception.clusters import POINTS_MIN, find_clusters
+from phyagentos.runtime.perception.clusters import POINTS_MIN, find_clusters, split
 
 LINK_M = 0.016
 
@@ -45,3 +45,12 @@ def test_two_dense_plates_are_one_cluster_exactly_when_two_points_are_linked(gap
     other = corner + np.stack(np.meshgrid(np.arange(12), np.arange(12), [0]), axis=-1).reshape(-1, 3) * 0.001
     found = find_clusters(np.concatenate((plate, other)), LINK_M)
     assert [len(cluster) for cluster in found] == ([288] if clusters == 1 else [144, 144])
+
+
+@pytest.mark.parametrize(("apart_m", "parts"), [(0.0, 1), (0.065, 2)])
+def test_a_ball_is_not_split_and_two_that_touch_are(apart_m, parts):
+    ball = np.random.default_rng(0).normal(size=(200, 3))
+    ball *= 0.032 / np.linalg.norm(ball, axis=1)[:, None]
+    ball[:, 2] = np.abs(ball[:, 2])  # its upper half, as cameras see it
+    points = np.concatenate((ball, ball + np.array([apart_m, 0.0, 0.0])))
+    assert len(split(points, 0.064, 2, [])) == parts

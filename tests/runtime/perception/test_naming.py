@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 import yaml
 
+from phyagentos.geometry import Pose
+from phyagentos.protocol.world.environment import Status
 from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.protocol.world.truth import Truth
@@ -131,3 +133,91 @@ def test_a_thing_out_of_view_is_not_on_another_ones_stray_pixels():
 
     assert list(found) == ["block"]
     assert found["block"].fit.position_m == pytest.approx((0.5, 0.0, 0.01), abs=0.003)
+
+
+def spread(x, y, z):
+    """Points (n, 3) at all combinations of these coordinates."""
+    return np.column_stack([each.ravel() for each in np.meshgrid(x, y, [z])])
+
+
+def make_cloud(*parts):
+    """A cloud as one camera sees it, of points and the palette index of each part."""
+    points = np.concatenate([part for part, _ in parts])
+    return Cloud(
+        points_m=points,
+        colors=np.concatenate([np.full(len(part), color) for part, color in parts]).astype(np.uint8),
+        view_index=np.zeros(len(points), np.intp),
+        pixels=np.zeros((len(points), 2), np.intp),
+    )
+
+
+TOP = look_from((0.5, 0.0, 1.4))
+
+
+def build(**more):
+    """The things of the scene, both of one colour."""
+    scene = yaml.safe_load(SCENE)
+    scene["bodies"]["bar"] |= {"material": "pale"} | more
+    return build_inventory(SceneSpec.model_validate(scene))
+
+
+def believe(inventory, name, position_m, **more):
+    return msgspec.structs.replace(inventory.things[name].template, pose=Pose(position_m), **more)
+
+
+def test_what_came_to_touch_a_thing_of_its_colour_is_told_from_it_by_what_was_known_of_that():
+    inventory = build()
+    color = inventory.things["bar"].colors[0]
+    block = spread(np.linspace(0.461, 0.539, 24), np.linspace(-0.039, 0.039, 24), 0.02)
+    bar = spread(np.linspace(0.471, 0.529, 20), np.linspace(0.042, 0.055, 6), 0.012)
+    believed = {
+        "block": believe(inventory, "block", (0.5, 0.0, 0.01)),
+        "bar": believe(inventory, "bar", (0.5, 0.05, 0.05), status=Status.HIDDEN),  # where it was let go
+    }
+
+    found = associate(inventory.things, believed, make_cloud((block, color), (bar, color)), (TOP,), inventory.map)
+
+    assert found["bar"].fit.position_m == pytest.approx((0.5, 0.0485, 0.006), abs=0.003)
+    assert found["block"].fit.position_m == pytest.approx((0.5, 0.0, 0.01), abs=0.003)
+
+
+def test_parts_of_the_only_thing_that_is_looked_for_are_one():
+    inventory = build(shapes=[{"kind": "box", "size_m": [0.08, 0.008, 0.006]}])
+    color = inventory.things["bar"].colors[0]
+    ends = [spread(np.linspace(low, low + 0.04, 14), np.linspace(0.193, 0.207, 6), 0.012) for low in (0.32, 0.44)]
+    block = spread(np.linspace(0.461, 0.539, 24), np.linspace(-0.039, 0.039, 24), 0.02)
+    cloud = make_cloud(*((part, color) for part in (block, *ends)))
+
+    found = associate(
+        inventory.things, {"block": believe(inventory, "block", (0.5, 0.0, 0.01))}, cloud, (TOP,), inventory.map
+    )
+
+    assert found["bar"].fit.position_m == pytest.approx((0.4, 0.2, 0.006), abs=0.003)
+
+
+def test_few_points_where_a_thing_was_confirm_its_place():
+    inventory = build()
+    edge = spread(np.linspace(0.461, 0.47, 4), np.linspace(-0.02, 0.02, 4), 0.02)
+    believed = {"block": believe(inventory, "block", (0.5, 0.0, 0.01))}
+
+    found = associate(inventory.things, believed, make_cloud((edge, inventory.things["block"].colors[0])), (TOP,))
+
+    assert found["block"].fit.is_kept
+    assert found["block"].fit.position_m.tolist() == [0.5, 0.0, 0.01]
+
+
+def test_a_thing_in_view_is_not_thought_to_be_on_stray_pixels_of_one_that_stays():
+    scene = yaml.safe_load(SCENE)
+    scene["bodies"]["rod"] = scene["bodies"]["bar"] | {"kind": "rod"}
+    scene["bodies"]["bar"] = scene["bodies"]["bar"] | {"material": "pale"}
+    inventory = build_inventory(SceneSpec.model_validate(scene))
+    pale, grey = (inventory.things[name].colors[0] for name in ("bar", "rod"))
+    block = spread(np.linspace(0.461, 0.539, 24), np.linspace(-0.039, 0.039, 24), 0.02)
+    bar = spread(np.linspace(0.371, 0.429, 20), np.linspace(0.193, 0.207, 6), 0.012)
+    cloud = make_cloud((block, pale), (bar, pale), (spread([0.56], np.linspace(-0.03, 0.03, 9), 0.01), pale))
+    cloud.colors[len(block) : len(block) + len(bar) : 3] = grey  # as pixels in shade are
+    believed = {"block": believe(inventory, "block", (0.5, 0.0, 0.01))}
+
+    found = associate(inventory.things, believed, cloud, (TOP,), inventory.map, inventory.palette)
+
+    assert found["bar"].fit.position_m == pytest.approx((0.4, 0.2, 0.006), abs=0.003)

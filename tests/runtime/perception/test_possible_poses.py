@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from phyagentos.geometry import turn
+from phyagentos.geometry import Pose, turn
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.perception.association import associate
@@ -12,8 +12,9 @@ from phyagentos.runtime.perception.doubt import Doubt
 from phyagentos.runtime.perception.fitting import Fit, measure_sunk
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.separate_overlaps import SUNK_M, separate_overlaps
-from phyagentos.runtime.perception.views import CameraView, Cloud
+from phyagentos.runtime.perception.views import CameraView, Cloud, drop_stray
 from phyagentos.runtime.perception.visibility import Sight
+from phyagentos.runtime.targets.wire import Frame
 from tests.runtime.perception.conftest import SCENE
 
 ON_SIDE = turn(np.array([np.pi / 2, 0.0, 0.0]))
@@ -118,3 +119,20 @@ def test_two_things_are_not_in_one_place_when_a_picture_shows_one_of_them_in_par
     seen = {"first": make_cloud(things["first"], face), "second": make_cloud(things["second"], face[::3])}
     parted = separate_overlaps(things, fits, seen, (look_from((0.45, 0.0, 1.4)),), inventory.map)
     assert list(parted) == ["first"]
+
+
+def test_depths_of_a_wall_seen_at_a_grazing_angle_are_dropped_and_a_thin_rod_is_not():
+    rng = np.random.default_rng(0)
+    depth = np.full((40, 40), 0.24, np.float32)
+    depth[:, 10:16] = rng.normal(0.18, 0.02, (40, 6))  # a wall, nearly along the rays
+    depth[20:22, 30:32] = 0.15
+    frame = Frame(
+        camera="wrist", time_s=1.0, width=40, height=40, fx=170.0, fy=170.0, cx=20.0, cy=20.0, world_T_camera=Pose(),
+        rgb=np.zeros((40, 40, 3), np.uint8), depth_m=depth,
+    )  # fmt: skip
+
+    kept = np.isfinite(drop_stray(frame).depth_m)
+
+    assert kept[:, 10:16].mean() < 0.4
+    assert kept[20:22, 30:32].all()
+    assert kept[:, :9].all()
