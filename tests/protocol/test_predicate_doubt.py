@@ -143,6 +143,22 @@ def test_a_thing_held_at_its_rim_is_as_wide_as_the_rim():
         assert truth("holding(arm, a)", at_the_rim) is expected
 
 
+@pytest.mark.parametrize(("lean_rad", "expected"), [(0.02, "true"), (0.25, "unknown")])
+def test_the_lowest_point_of_what_is_stated_to_lie_flat_is_as_doubtful_as_that(lean_rad, expected):
+    bar = (Shape(ShapeKind.BOX, (0.05, 0.008, 0.008)),)
+    now = world(cube("a", 0.5, 0.0, 0.012, shapes=bar, lean_rad=(0.0, lean_rad, 0.0)), tray(), sensing="perceived")
+    assert truth("inside(a, tray)", now) == expected
+
+
+@pytest.mark.parametrize(
+    ("width_m", "above_m", "expected"), [(0.041, 0.0, "unknown"), (0.08, 0.0, "true"), (0.041, 0.13, "true")]
+)
+def test_fingers_as_far_apart_as_a_thing_between_them_is_wide_may_still_hold_it(width_m, above_m, expected):
+    hand = msgspec.structs.replace(holding(0.0, width_m).targets["arm"], tcp=Pose((0.5, 0.0, 0.03 + above_m)))
+    now = world(cube("a", 0.5, 0.0, 0.03), tray(), sensing="perceived", targets={"arm": hand})
+    assert truth("inside(a, tray)", now) == expected
+
+
 def test_a_metric_is_unknown_in_a_snapshot_and_compared_where_it_was_measured():
     assert truth("metric(peak_force_n) <= 40", world()) is Truth.UNKNOWN
     view = View(now=world(), metrics={"peak_force_n": 41.5})
@@ -230,3 +246,13 @@ def test_a_quarter_turn_of_what_is_nearly_square_is_not_known(half_m, degrees, e
     assert truth("not moved(a)", after, before) is expected
     exact = [msgspec.structs.replace(each, sensing="truth") for each in (after, before)]
     assert truth("not moved(a)", *exact) is Truth.FALSE
+
+
+def test_a_sloping_rim_is_as_wide_as_it_is_where_pads_touch_it():
+    tilt = (math.cos(0.22), 0.0, math.sin(0.22), 0.0)  # 25 degrees, as of the wall of a bowl
+    wall = (Shape(ShapeKind.BOX, (0.002, 0.017, 0.017), Pose((0.0, 0.0, 0.0), tilt)),)
+    hand = msgspec.structs.replace(
+        holding(8.0, 0.004).targets["arm"], tcp=Pose((0, 0, 0.02), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)))
+    )
+    now = world(cube("a", shapes=wall, **IN_HAND), sensing="perceived", targets={"arm": hand})
+    assert truth("holding(arm, a)", now) is Truth.TRUE

@@ -8,14 +8,15 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from phyagentos.geometry import UP, compute_tilt, rotate, to_child
-from phyagentos.protocol.world.environment import FRESH_S, Entity, Status, TargetState
+from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child
+from phyagentos.protocol.world.environment import CLOSED_M, FRESH_S, Entity, Status, TargetState
 from phyagentos.protocol.world.predicates.geometry import (
     compute_box_distance,
     compute_center,
     compute_grasp_width,
     compute_least_turn,
     compute_lowest,
+    compute_reach,
     find_tops_below,
 )
 from phyagentos.protocol.world.predicates.library import (
@@ -73,8 +74,8 @@ def _find_tilt_doubt(view: View, a: Entity) -> float:
 
 def measure_inside(view: View, a: Entity, b: str) -> Reading:
     """Let go of; centre within the sides of the interior box, lowest point between floor and rim, in its frame."""
-    if a.held_by:
-        return _read_held(a)
+    if (held := _find_hold(view, a)) is not None:
+        return held
     box = get_place(view, b)
     if box.half_m == (0.0, 0.0, 0.0):
         return Reading(-1.0, {"interior": False}, f"{b} has no interior")
@@ -90,8 +91,9 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
     scales = (box.half_m[0], box.half_m[1], box.half_m[2], box.half_m[2])
     margin, worst = min((s / max(h, 1e-3), name) for (name, s), h in zip(slack_m.items(), scales, strict=True))
     doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
-    shifted_m = -doubt_m if margin >= 0 else doubt_m
-    turned = min((s + shifted_m) / max(h, 1e-3) for s, h in zip(slack_m.values(), scales, strict=True))
+    doubts_m = (doubt_m, doubt_m, *(doubt_m + _find_low_doubt(a, up),) * 2)
+    sign = -1.0 if margin >= 0 else 1.0
+    turned = min((s + sign * d) / max(h, 1e-3) for s, d, h in zip(slack_m.values(), doubts_m, scales, strict=True))
     side = "within" if margin >= 0 else "outside"
     because = f"{a.name} is {abs(slack_m[worst]):.3f} m {side} the limit {worst.removesuffix('_m')} of {b}"
     return Reading(margin, {name: round(s, 5) for name, s in slack_m.items()}, because, abs(margin - turned))
@@ -99,8 +101,8 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
 
 def measure_on(view: View, a: Entity, b: str) -> Reading:
     """Let go of; middle over b's top, lowest point at its height, and no other thing between them."""
-    if a.held_by:
-        return _read_held(a)
+    if (held := _find_hold(view, a)) is not None:
+        return held
     doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
     allowed_m = CONTACT_M + doubt_m
     gap_m = _find_sure_gap(view, a, b, doubt_m, allowed_m + doubt_m)
@@ -119,8 +121,8 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
 
 def measure_above(view: View, a: Entity, b: str) -> Reading:
     """Let go of; middle over b's top and lowest point not below it: on b, or on what stands on b."""
-    if a.held_by:
-        return _read_held(a)
+    if (held := _find_hold(view, a)) is not None:
+        return held
     doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
     allowed_m = CONTACT_M + doubt_m
     gap_m = _find_sure_gap(view, a, b, doubt_m, math.inf)
@@ -155,9 +157,26 @@ def _find_between(view: View, a: Entity, b: str, top_m: float, allowed_m: float)
     return None
 
 
-def _read_held(a: Entity) -> Reading:
-    """False: a thing that a hand still holds has no lasting place."""
-    return Reading(-1.0, {"held": True}, f"{a.name} is still held by {a.held_by}")
+def _find_low_doubt(a: Entity, up: Vector) -> float:
+    """By how much its lowest point is off where it leans as the pixels alone say [m]."""
+    (x, y, z), (i, j, k) = a.lean_rad, up
+    down = (-i + y * k - z * j, -j + z * i - x * k, -k + x * j - y * i)
+    length = math.hypot(*down)
+    leaning = compute_reach(a, (down[0] / length, down[1] / length, down[2] / length))
+    return abs(leaning - compute_reach(a, (-i, -j, -k)))
+
+
+def _find_hold(view: View, a: Entity) -> Reading | None:
+    """False for a thing that a hand still holds: no lasting place. Unknown where fingers may touch both sides."""
+    if a.held_by:
+        return Reading(-1.0, {"held": True}, f"{a.name} is still held by {a.held_by}")
+    if view.now.sensing != "truth" and a.movable:
+        for name, state in view.now.targets.items():
+            width_m, doubt_m = state.gripper_width_m, _find_position_doubt(view, a)
+            between_m = compute_grasp_width(a, state.tcp, PAD_M, width_m) if width_m >= CLOSED_M else None
+            if between_m is not None and abs(between_m - width_m) < WIDTH_M + doubt_m:
+                raise FactUnknown(f"{a.name} is between the fingers of {name}, which may still hold it")
+    return None
 
 
 def _find_gap(view: View, a: Entity, b: str, slack_m: float) -> float | None:

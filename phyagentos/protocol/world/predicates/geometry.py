@@ -71,24 +71,37 @@ def compute_least_turn(now: Entity, was: Entity, doubt_m: float) -> float:
 
 
 def compute_grasp_width(entity: Entity, tcp: Pose, pad_m: float, opening_m: float) -> float | None:
-    """Extent [m] along the closing axis (y of `tcp`) of the solids between the pads; None when none is there.
+    """Thickness [m] along the closing axis (y of `tcp`) of what is between the pads; None when nothing is there.
 
-    Between the pads are the solids that come within `pad_m` of the tool centre point along its other two axes, and as
-    near as pads do that are `opening_m` apart: of a bowl held at its rim, the far rim is not.
+    It is measured along lines within `pad_m` of the tool centre point, between solids as near as pads do that are
+    `opening_m` apart: of a bowl held at its rim, the far rim is not. Where lines differ, as on a slope, pads touch
+    where it is as thick as they are apart; a solid that is not a box counts as the box around it.
     """
-    sides: list[float] = []
-    for shape in entity.shapes:
-        solid = Entity(name="", kind="", pose=entity.pose, shapes=(shape,))
-        spans = []
-        for axis in _AXES:
-            direction = rotate(tcp.quaternion_wxyz, axis)
-            low, high = compute_extent(solid, rotate(invert_rotation(entity.pose.quaternion_wxyz), direction))
-            away = dot(entity.pose.position_m, direction) - dot(tcp.position_m, direction)
-            spans.append((away + low, away + high))
-        reaches_m = (pad_m, 0.5 * opening_m + pad_m, pad_m)
-        if all(low <= reach and high >= -reach for (low, high), reach in zip(spans, reaches_m, strict=True)):
-            sides += spans[1]
-    return max(sides) - min(sides) if sides and min(sides) <= 0.0 <= max(sides) else None
+    widths: list[float] = []
+    for aside_m, deep_m in product((-pad_m, -pad_m / 2, 0.0, pad_m / 2, pad_m), repeat=2):
+        start = to_parent(tcp, (aside_m, 0.0, deep_m))
+        spans = [_cross(entity, shape, start, rotate(tcp.quaternion_wxyz, _AXES[1])) for shape in entity.shapes]
+        ends = [span for span in spans if span and all(abs(end) <= opening_m / 2 + pad_m for end in span)]
+        if ends and min(low for low, _ in ends) <= 0.0 <= max(high for _, high in ends):
+            widths.append(max(high for _, high in ends) - min(low for low, _ in ends))
+    return min(widths, key=lambda width_m: abs(width_m - opening_m), default=None)
+
+
+def _cross(entity: Entity, shape: Shape, start: Vector, direction: Vector) -> tuple[float, float] | None:
+    """Where a line of the world enters and leaves the box around a solid [m]; None where it passes by."""
+    pose = Pose(
+        to_parent(entity.pose, shape.pose.position_m), multiply(entity.pose.quaternion_wxyz, shape.pose.quaternion_wxyz)
+    )
+    low, high = -math.inf, math.inf
+    along = rotate(invert_rotation(pose.quaternion_wxyz), direction)
+    for at, way, half in zip(to_child(pose, start), along, compute_half_box(shape), strict=True):
+        if abs(way) < 1e-9:
+            if abs(at) > half:
+                return None
+            continue
+        ends = sorted(((-half - at) / way, (half - at) / way))
+        low, high = max(low, ends[0]), min(high, ends[1])
+    return (low, high) if low < high else None
 
 
 def compute_lowest(entity: Entity, world_up: Vector = UP) -> float:
