@@ -455,4 +455,37 @@ SABOTAGES = (
             "tests/runtime/motion/test_planner.py::test_goals_inside_a_wall_are_refused_with_the_pair_that_touches",
         ),
     ),
+    Sabotage(
+        name="lightly_held_is_let_go",
+        lie="A thing between fingers that hardly press is told as let go of.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.world.predicates.builtins",
+                "abs(between_m - width_m) < WIDTH_M + doubt_m",
+                "False",
+            ),
+        ),
+        tests=(
+            "tests/protocol/test_predicate_doubt.py::"
+            "test_fingers_as_far_apart_as_a_thing_between_them_is_wide_may_still_hold_it[0.041-0.0-unknown]",
+        ),
+    ),
+    Sabotage(
+        name="flat_as_stated",
+        lie="The lowest point of a thing that pixels show leaning is taken from the pose that was rounded to lie flat.",
+        edits=(Edit("phyagentos.protocol.world.predicates.builtins", "doubt_m + _find_low_doubt(a, up)", "doubt_m"),),
+        tests=(
+            "tests/protocol/test_predicate_doubt.py::"
+            "test_the_lowest_point_of_what_is_stated_to_lie_flat_is_as_doubtful_as_that[0.25-unknown]",
+        ),
+    ),
+    Sabotage(
+        name="stray_of_what_stays",
+        lie="A thing in plain view is placed on a few stray pixels of another one of its colour, which stays.",
+        edits=(Edit("phyagentos.runtime.perception.association", "    own += known\n", ""),),
+        tests=(
+            "tests/runtime/perception/test_naming.py::"
+            "test_a_thing_in_view_is_not_thought_to_be_on_stray_pixels_of_one_that_stays",
+        ),
+    ),
 )

@@ -6,6 +6,7 @@ from phyagentos.runtime.execution.leaves.detach import Detach
 from phyagentos.runtime.execution.leaves.fail import Fail
 from phyagentos.runtime.execution.leaves.find_opening import FindOpening
 from phyagentos.runtime.execution.leaves.gripper import CloseGripper, OpenGripper
+from phyagentos.runtime.execution.leaves.is_sharp import IsSharp
 from phyagentos.runtime.execution.leaves.locate import Locate
 from phyagentos.runtime.execution.leaves.look import Look
 from phyagentos.runtime.execution.leaves.move_home import MoveHome
@@ -34,6 +35,7 @@ def register_builtin(registry: LeafRegistry) -> None:
     registry.register("detach", Detach)
     registry.register("fail", Fail)
     registry.register("find_opening", FindOpening)
+    registry.register("is_sharp", IsSharp)
     registry.register("locate", Locate)
     registry.register("look", Look)
     registry.register("move_home", MoveHome)
