@@ -261,7 +261,7 @@ class ScriptedRuntime:
         problems = [make_unmet(text) for text in unmet]
         key = id.removeprefix(f"{session.goal}.")
         if problem := self.refuse.get(session.node) or self.refuse.get(key):
-            problems = [problem]
+            problems.append(problem)
         if problems:
             self._journal.commit([make_rejection(session, *problems)])
             return

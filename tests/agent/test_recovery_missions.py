@@ -244,6 +244,12 @@ def test_what_preflight_does_not_see_is_looked_at_and_then_tried_again(make_stag
     assert "two-7.red.r1 has prepared it" in tried_again.reason  # the node was not done by the look
 
 
+@pytest.mark.parametrize(("code", "looks"), [("TOO_WIDE", False), ("TOO_HEAVY", False), ("NO_FREE_SITE", True)])
+def test_nobody_looks_for_a_thing_that_cannot_be_carried(make_stage, two, code, looks):
+    stage = make_stage(world=hide(make_world(), "red_cube"), refuse={"red": Problem(code=code, address="dry run")})
+    assert any(session.skill == "inspect" for session in stage.pursue(two).sessions) == looks
+
+
 def test_what_the_goal_asks_and_two_looks_do_not_show_ends_it_with_the_cause(make_stage, two):
     script = {"red": achieve_and_hide_green, "green.r1": still_unseen, "green.r2": still_unseen}
     stage = make_stage(script)

@@ -51,6 +51,13 @@ def test_what_is_refused_moves_nothing(rig, changes, code):
     assert rig.observe().snapshot.data == before
 
 
+@pytest.mark.parametrize(("start_rad", "code"), [(HOME, ""), (HOME + 0.01, ""), (HOME + 0.005, "TARGET_LIMIT")])
+def test_an_arm_that_is_pressed_aside_may_begin_where_it_stands(rig, start_rad, code):
+    rig.world.driver.controller.hold(HOME + 0.01)
+    rows = start_rad + np.zeros((10, 1))
+    assert getattr(rig.world.driver.controller.check(rig.make_command(HOME, q_rad=rows)), "code", "") == code
+
+
 def test_no_command_is_accepted_after_the_end_of_its_session(rig):
     rig.hold(0.08, 0.1)
     rig.world.handle(wire.End(session="s", epoch=1))

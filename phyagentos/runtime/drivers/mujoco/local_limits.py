@@ -104,11 +104,15 @@ class LocalLimits:
         return self._check_place(q[-1], qd[-1])
 
     def _departs_nearby(self, q: Array, qd: Array, held: SetPoint) -> bool:
-        """Whether a first row departs from rest where the encoders may have told its sender that the arm stands."""
+        """Whether a first row departs from rest where the encoders may have told its sender that the arm stands.
+
+        An arm that is pressed aside stands beside what it holds.
+        """
         if not self._told_rad or held.qd_rad_s.any():
             return False
         with np.errstate(invalid="ignore", over="ignore"):
-            return bool(np.abs(q - 0.5 * self._dt * qd - held.q_rad).max() <= self._told_rad)
+            away = np.abs(q - 0.5 * self._dt * qd - (held.q_rad, self._physics.q_rad)).max(axis=1)
+        return bool(away.min() <= self._told_rad)
 
     def _find_broken(self, q: Array, qd: Array, held: SetPoint) -> str:
         """The broken bound, empty for none: one comparison for all bounds, sudden changes of one joint included."""
