@@ -13,20 +13,8 @@ from phyagentos.agent.goals.spec import Promise
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.predicates import syntax
 from phyagentos.protocol.world.predicates.predicate import Predicate, parse_predicate, substitute
-from phyagentos.protocol.world.predicates.syntax import (
-    And,
-    Call,
-    Compare,
-    Formula,
-    Name,
-    Not,
-    Number,
-    Point,
-    Term,
-    Variable,
-    format_value,
-)
 
 ANY = "any"
 
@@ -95,33 +83,33 @@ def select(
     return Choice(skill=chosen, target=where, parameters=parameters, reasons=tuple(more), rejected=rejected)
 
 
-def unify(wanted: Formula, offered: Formula) -> dict[str, Any] | None:
+def unify(wanted: syntax.Formula, offered: syntax.Formula) -> dict[str, Any] | None:
     """Values of the variables of `offered` that make it equal to `wanted`, or None."""
     match wanted, offered:
-        case Call(name, terms), Call(other, patterns) if name == other and len(terms) == len(patterns):
+        case syntax.Call(name, terms), syntax.Call(other, patterns) if name == other and len(terms) == len(patterns):
             bound: dict[str, Any] = {}
             for term, pattern in zip(terms, patterns, strict=True):
                 if not _unify_term(term, pattern, bound):
                     return None
             return bound
-        case Not(inner), Not(pattern_inner):
+        case syntax.Not(inner), syntax.Not(pattern_inner):
             return unify(inner, pattern_inner)
-        case Compare(left, relation, limit), Compare(pattern_left, other_relation, other_limit):
+        case syntax.Compare(left, relation, limit), syntax.Compare(pattern_left, other_relation, other_limit):
             same = relation == other_relation and limit == other_limit
             return unify(left, pattern_left) if same else None
     return {} if wanted == offered else None
 
 
-def _unify_term(term: Term, pattern: Term, bound: dict[str, Any]) -> bool:
-    if not isinstance(pattern, Variable):
+def _unify_term(term: syntax.Term, pattern: syntax.Term, bound: dict[str, Any]) -> bool:
+    if not isinstance(pattern, syntax.Variable):
         return term == pattern
     value: Any
     match term:
-        case Name(value) | Number(value):
+        case syntax.Name(value) | syntax.Number(value):
             pass
-        case Point(position_m):
+        case syntax.Point(position_m):
             value = list(position_m)
-        case Variable(path):
+        case syntax.Variable(path):
             value = f"${{{path}}}"
         case _:
             return False
@@ -153,7 +141,7 @@ def _iter_skills(
         if missing:
             rejected[name] = f"it must begin with {missing}, which no earlier node brings about"
             continue
-        bindings = ", ".join(f"{key} = {format_value(value)}" for key, value in parameters.items())
+        bindings = ", ".join(f"{key} = {syntax.format_value(value)}" for key, value in parameters.items())
         reason = f"{name} guarantees {promise}, so {wanted.text} with {bindings}"
         yield len(runtime.requires), runtime, parameters, (reason,)
 
@@ -162,7 +150,7 @@ def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, Any])
     """Parameters and the guarantees that were used, or why the skill does not fit."""
     parameters = dict(arguments)
     used: list[str] = []
-    parts = wanted.formula.parts if isinstance(wanted.formula, And) else (wanted.formula,)
+    parts = wanted.formula.parts if isinstance(wanted.formula, syntax.And) else (wanted.formula,)
     for part in parts:
         for text in runtime.guarantees:
             bound = unify(part, parse_predicate(text, template=True).formula)
@@ -204,9 +192,9 @@ def begins_with_holding(runtime: SkillRuntime) -> bool:
     return any(_find_held(parse_predicate(text, template=True)) is not None for text in runtime.requires)
 
 
-def _find_held(predicate: Predicate) -> Term | None:
+def _find_held(predicate: Predicate) -> syntax.Term | None:
     match predicate.formula:
-        case Call("holding", (_, held)):
+        case syntax.Call("holding", (_, held)):
             return held
     return None
 

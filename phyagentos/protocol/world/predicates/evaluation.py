@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from phyagentos.protocol.world.environment import UNNAMED, Pose
+from phyagentos.protocol.world.predicates import syntax
 from phyagentos.protocol.world.predicates.exchanges import find_agreed, iter_exchanged
 from phyagentos.protocol.world.predicates.library import (
     ArgumentKind,
@@ -23,26 +24,6 @@ from phyagentos.protocol.world.predicates.library import (
     get_entity,
     get_place,
     get_predicate_library,
-)
-from phyagentos.protocol.world.predicates.syntax import (
-    And,
-    Call,
-    Compare,
-    Count,
-    Formula,
-    Name,
-    Not,
-    Number,
-    Or,
-    Point,
-    Star,
-    Term,
-    Variable,
-    format_number,
-    iter_calls,
-    iter_free_stars,
-    map_calls,
-    render,
 )
 from phyagentos.protocol.world.truth import Truth
 
@@ -89,7 +70,7 @@ def worse(a: Evaluation, b: Evaluation) -> Evaluation:
     return b if b.order < a.order else a
 
 
-def evaluate(formula: Formula, view: View) -> Evaluation:
+def evaluate(formula: syntax.Formula, view: View) -> Evaluation:
     """The value of a formula, any free `*` read as "for every movable thing that it does not name".
 
     A value that turns over where things that look alike exchange their names is unknown.
@@ -109,9 +90,9 @@ def evaluate(formula: Formula, view: View) -> Evaluation:
     return replace(believed, because=f"{believed.because}; named by agreement: {agreed}") if agreed else believed
 
 
-def _evaluate_each(formula: Formula, view: View) -> Evaluation:
+def _evaluate_each(formula: syntax.Formula, view: View) -> Evaluation:
     """The value with the names as the view has them."""
-    if next(iter_free_stars(formula), None) is None:
+    if next(syntax.iter_free_stars(formula), None) is None:
         return _evaluate(formula, view)
     names = _iter_range(formula, view)
     if not names:
@@ -121,32 +102,32 @@ def _evaluate_each(formula: Formula, view: View) -> Evaluation:
     return replace(worst, measured={"for": name, **worst.measured})
 
 
-def _evaluate(formula: Formula, view: View) -> Evaluation:
+def _evaluate(formula: syntax.Formula, view: View) -> Evaluation:
     try:
         return _evaluate_known(formula, view)
     except FactUnknown as reason:
         return replace(_unknown(str(reason)), is_marginal=isinstance(reason, FactMarginal))
 
 
-def _evaluate_known(formula: Formula, view: View) -> Evaluation:
+def _evaluate_known(formula: syntax.Formula, view: View) -> Evaluation:
     match formula:
-        case Call():
+        case syntax.Call():
             return _evaluate_statement(formula, view)
-        case Compare(Count() as count, relation, bound):
+        case syntax.Compare(syntax.Count() as count, relation, bound):
             return _evaluate_count(count, relation, bound, view)
-        case Compare(Call() as call, relation, bound):
+        case syntax.Compare(syntax.Call() as call, relation, bound):
             return _evaluate_number(call, relation, bound, view)
-        case Not(body):
+        case syntax.Not(body):
             inner = _evaluate(body, view)
             return replace(inner, truth=_INVERSE[inner.truth], margin=-inner.margin)
-        case And(parts):
+        case syntax.And(parts):
             return min((_evaluate(part, view) for part in parts), key=lambda e: e.order)
-        case Or(parts):
+        case syntax.Or(parts):
             return max((_evaluate(part, view) for part in parts), key=lambda e: e.order)
-    return _unknown(f"{render(formula)} is not compared with a number")
+    return _unknown(f"{syntax.render(formula)} is not compared with a number")
 
 
-def _evaluate_statement(call: Call, view: View) -> Evaluation:
+def _evaluate_statement(call: syntax.Call, view: View) -> Evaluation:
     reading = _measure(call, view)
     if abs(reading.value) < reading.doubt:
         return _doubt(reading)
@@ -154,25 +135,25 @@ def _evaluate_statement(call: Call, view: View) -> Evaluation:
     return Evaluation(truth, reading.measured, reading.because, reading.value)
 
 
-def _evaluate_number(call: Call, relation: str, bound: float, view: View) -> Evaluation:
+def _evaluate_number(call: syntax.Call, relation: str, bound: float, view: View) -> Evaluation:
     reading = _measure(call, view)
     if abs(reading.value - bound) < reading.doubt:
         return _doubt(reading)
     truth = Truth.TRUE if _RELATIONS[relation](reading.value, bound) else Truth.FALSE
     margin = _compute_margin(reading.value, relation, bound) / max(abs(bound), 0.01)
-    because = f"{reading.because} (asked: {relation} {format_number(bound)})"
+    because = f"{reading.because} (asked: {relation} {syntax.format_number(bound)})"
     return Evaluation(truth, reading.measured, because, margin)
 
 
-def _evaluate_count(count: Count, relation: str, bound: float, view: View) -> Evaluation:
+def _evaluate_count(count: syntax.Count, relation: str, bound: float, view: View) -> Evaluation:
     """Between `sure` and `sure + open`: true or false when every number of that range agrees, else unknown."""
-    names = _iter_range(count.body, view) if any(True for _ in iter_free_stars(count.body)) else [""]
+    names = _iter_range(count.body, view) if any(True for _ in syntax.iter_free_stars(count.body)) else [""]
     values = [(name, _evaluate(_bind(count.body, name), view)) for name in names]
     sure = [name for name, each in values if each.truth is Truth.TRUE]
     unsure = [name for name, each in values if each.truth is Truth.UNKNOWN]
     answers = {_RELATIONS[relation](n, bound) for n in range(len(sure), len(sure) + len(unsure) + 1)}
     truth = Truth.UNKNOWN if len(answers) == 2 else Truth.TRUE if answers.pop() else Truth.FALSE
-    because = f"{render(count.body)} holds for {len(sure)}: {', '.join(sure) or 'none'}"
+    because = f"{syntax.render(count.body)} holds for {len(sure)}: {', '.join(sure) or 'none'}"
     because += f"; unknown for {', '.join(unsure)}" if unsure else ""
     measured: dict[str, float | str | bool] = {"count": len(sure), "unknown": len(unsure)}
     is_marginal = truth is Truth.UNKNOWN and any(each.is_marginal for _, each in values)
@@ -191,7 +172,7 @@ def _compute_margin(value: float, relation: str, bound: float) -> float:
     return abs(value - bound)
 
 
-def _measure(call: Call, view: View) -> Reading:
+def _measure(call: syntax.Call, view: View) -> Reading:
     definition = get_predicate_library().find(call.name)
     if definition is None:
         raise FactUnknown(f"predicate {call.name!r} is not installed")
@@ -201,67 +182,69 @@ def _measure(call: Call, view: View) -> Reading:
     try:
         reading = definition.measure(view, *resolved)
     except (ArithmeticError, LookupError, ValueError) as error:  # a malformed entity
-        raise FactUnknown(f"{render(call)} could not be measured: {type(error).__name__}: {error}") from error
+        raise FactUnknown(f"{syntax.render(call)} could not be measured: {type(error).__name__}: {error}") from error
     numbers = [value for value in reading.measured.values() if isinstance(value, float)]
     if not all(map(math.isfinite, (reading.value, *numbers))):
-        raise FactUnknown(f"{render(call)} measured a number that is not finite")
+        raise FactUnknown(f"{syntax.render(call)} measured a number that is not finite")
     return reading
 
 
-def _demand_rest(call: Call, view: View) -> None:
+def _demand_rest(call: syntax.Call, view: View) -> None:
     """A lasting fact about a thing that moves may not last; raises FactUnknown."""
-    named = (view.now.entities.get(term.text) for term in call.terms if isinstance(term, Name))
+    named = (view.now.entities.get(term.text) for term in call.terms if isinstance(term, syntax.Name))
     if reason := next((why for entity in named if entity and (why := view.now.explain_motion(entity))), ""):
         raise FactUnknown(reason)
 
 
-def _resolve(definition: PredicateDefinition, terms: Sequence[Term], view: View) -> list[Resolved]:
+def _resolve(definition: PredicateDefinition, terms: Sequence[syntax.Term], view: View) -> list[Resolved]:
     resolved: list[Resolved] = []
     for index, argument in enumerate(definition.arguments):
-        term = terms[index] if index < len(terms) else Number(argument.default or 0.0)
+        term = terms[index] if index < len(terms) else syntax.Number(argument.default or 0.0)
         match argument.kind, term:
-            case ArgumentKind.NUMBER, Number(value):
+            case ArgumentKind.NUMBER, syntax.Number(value):
                 resolved.append(value)
-            case ArgumentKind.PLACE, Point(position_m):
-                resolved.append(Place(render(Call("", (term,)))[1:-1], Pose(position_m)))
-            case ArgumentKind.PLACE, Name(text):
+            case ArgumentKind.PLACE, syntax.Point(position_m):
+                resolved.append(Place(syntax.render(syntax.Call("", (term,)))[1:-1], Pose(position_m)))
+            case ArgumentKind.PLACE, syntax.Name(text):
                 resolved.append(get_place(view, text, definition.max_age_s))
-            case ArgumentKind.TARGET, Name("target"):
+            case ArgumentKind.TARGET, syntax.Name("target"):
                 if view.target is None:
                     raise FactUnknown("there is no session whose target 'target' could mean")
                 resolved.append(view.target)
-            case ArgumentKind.ENTITY, Name(text) if not definition.by_name:
+            case ArgumentKind.ENTITY, syntax.Name(text) if not definition.by_name:
                 resolved.append(get_entity(view, text, definition.max_age_s))
             case (
                 (ArgumentKind.ENTITY | ArgumentKind.CONTAINER | ArgumentKind.TARGET | ArgumentKind.METRIC),
-                Name(text),
+                syntax.Name(text),
             ):
                 resolved.append(text)
-            case _, Variable(path):
+            case _, syntax.Variable(path):
                 raise FactUnknown(f"${{{path}}} was never substituted")
             case _:
                 raise FactUnknown(f"{argument.name!r} of {definition.signature} does not take {term}")
     return resolved
 
 
-def _iter_range(formula: Formula, view: View) -> list[str]:
+def _iter_range(formula: syntax.Formula, view: View) -> list[str]:
     """Movable things that the formula does not name, in order of their names.
 
     Those of the inventory, seen or not; of the others those of now, which keeps each that was more than noise.
     """
-    named = {term.text for call in iter_calls(formula) for term in call.terms if isinstance(term, Name)}
+    named = {term.text for call in syntax.iter_calls(formula) for term in call.terms if isinstance(term, syntax.Name)}
     before = view.initial or view.now
     unnamed = {name for name, entity in before.entities.items() if entity.kind == UNNAMED}
     return sorted(({*before.list_movable()} - unnamed | {*view.now.list_movable()}) - named)
 
 
-def _bind(formula: Formula, name: str, *, into_counts: bool = True) -> Formula:
+def _bind(formula: syntax.Formula, name: str, *, into_counts: bool = True) -> syntax.Formula:
     """The formula about one thing: each `*` replaced by its name."""
 
-    def change(call: Call) -> Call:
-        return replace(call, terms=tuple(Name(name) if isinstance(term, Star) else term for term in call.terms))
+    def change(call: syntax.Call) -> syntax.Call:
+        return replace(
+            call, terms=tuple(syntax.Name(name) if isinstance(term, syntax.Star) else term for term in call.terms)
+        )
 
-    return map_calls(formula, change, into_counts=into_counts) if name else formula
+    return syntax.map_calls(formula, change, into_counts=into_counts) if name else formula
 
 
 def _doubt(reading: Reading) -> Evaluation:

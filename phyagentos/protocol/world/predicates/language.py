@@ -16,21 +16,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from phyagentos.protocol.world.predicates.syntax import (
-    And,
-    Call,
-    Compare,
-    Count,
-    Formula,
-    Name,
-    Not,
-    Number,
-    Or,
-    Point,
-    Star,
-    Term,
-    Variable,
-)
+from phyagentos.protocol.world.predicates import syntax
 
 RELATIONS = (">=", "<=", "==", "!=", ">", "<")
 _KEYWORDS = frozenset({"and", "or", "not", "count"})
@@ -47,7 +33,7 @@ class PredicateSyntaxError(ValueError):
         super().__init__(f"column {column}: found {found}; expected {expected}")
 
 
-def parse(text: str) -> Formula:
+def parse(text: str) -> syntax.Formula:
     """Parse one predicate; raises PredicateSyntaxError at the first offending piece."""
     parser = _Parser(tuple(_iter_tokens(text)))
     formula = parser.parse_or()
@@ -110,25 +96,25 @@ class _Parser:
     def _take(self, *kinds: str) -> _Token | None:
         return self.expect(*kinds) if self._now.kind in kinds else None
 
-    def parse_or(self) -> Formula:
+    def parse_or(self) -> syntax.Formula:
         parts = [self._parse_and()]
         while self._take("or"):
             parts.append(self._parse_and())
-        return parts[0] if len(parts) == 1 else Or(tuple(parts))
+        return parts[0] if len(parts) == 1 else syntax.Or(tuple(parts))
 
-    def _parse_and(self) -> Formula:
+    def _parse_and(self) -> syntax.Formula:
         parts = [self._parse_unary()]
         while self._take("and"):
             parts.append(self._parse_unary())
-        return parts[0] if len(parts) == 1 else And(tuple(parts))
+        return parts[0] if len(parts) == 1 else syntax.And(tuple(parts))
 
-    def _parse_unary(self) -> Formula:
+    def _parse_unary(self) -> syntax.Formula:
         self._depth += 1
         if self._depth > 50:
             raise PredicateSyntaxError(self._now.column, "more than 50 levels", "a flatter predicate")
         try:
             if self._take("not"):
-                return Not(self._parse_unary())
+                return syntax.Not(self._parse_unary())
             if self._take("("):
                 inner = self.parse_or()
                 self.expect(")")
@@ -137,21 +123,21 @@ class _Parser:
         finally:
             self._depth -= 1
 
-    def _parse_atom(self) -> Formula:
+    def _parse_atom(self) -> syntax.Formula:
         head = self.expect("name", "count", what="a predicate, 'not' or '('")
         self.expect("(")
-        left: Call | Count
+        left: syntax.Call | syntax.Count
         if head.kind == "count":
-            left = Count(self.parse_or(), head.column)
+            left = syntax.Count(self.parse_or(), head.column)
         else:
-            left = Call(head.text, self._parse_terms(), head.column)
+            left = syntax.Call(head.text, self._parse_terms(), head.column)
         self.expect(")", what="',' or ')'")
         relation = self._take(*RELATIONS)
         if relation is None:
             return left
-        return Compare(left, relation.kind, self._parse_number("a number"))
+        return syntax.Compare(left, relation.kind, self._parse_number("a number"))
 
-    def _parse_terms(self) -> tuple[Term, ...]:
+    def _parse_terms(self) -> tuple[syntax.Term, ...]:
         if self._now.kind == ")":
             return ()
         terms = [self._parse_term()]
@@ -159,20 +145,20 @@ class _Parser:
             terms.append(self._parse_term())
         return tuple(terms)
 
-    def _parse_term(self) -> Term:
+    def _parse_term(self) -> syntax.Term:
         token = self.expect("name", "*", "variable", "number", "(", what="a name, '*', a number or a point (x, y, z)")
         match token.kind:
             case "name":
-                return Name(token.text, token.column)
+                return syntax.Name(token.text, token.column)
             case "*":
-                return Star(token.column)
+                return syntax.Star(token.column)
             case "variable":
-                return Variable(token.text, token.column)
+                return syntax.Variable(token.text, token.column)
             case "number":
-                return Number(_to_float(token), token.column)
+                return syntax.Number(_to_float(token), token.column)
         x = self._parse_coordinate(",")
         y = self._parse_coordinate(",")
-        return Point((x, y, self._parse_coordinate(")")), token.column)
+        return syntax.Point((x, y, self._parse_coordinate(")")), token.column)
 
     def _parse_coordinate(self, then: str) -> float:
         value = self._parse_number("a coordinate [m]")

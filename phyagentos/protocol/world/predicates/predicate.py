@@ -18,28 +18,10 @@ from typing import Any
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates import syntax
 from phyagentos.protocol.world.predicates.evaluation import Evaluation, evaluate, worse
 from phyagentos.protocol.world.predicates.language import PredicateSyntaxError, parse
 from phyagentos.protocol.world.predicates.library import ArgumentKind, PredicateDefinition, View, get_predicate_library
-from phyagentos.protocol.world.predicates.syntax import (
-    And,
-    Call,
-    Compare,
-    Count,
-    Formula,
-    Name,
-    Not,
-    Number,
-    Or,
-    Point,
-    Star,
-    Term,
-    Variable,
-    format_value,
-    iter_calls,
-    map_calls,
-    render,
-)
 
 __all__ = [
     "Evaluation",
@@ -59,11 +41,17 @@ __all__ = [
 
 _REFERENCE = re.compile(r"\$\{\s*([^{}]+?)\s*\}")
 _TAKES = {
-    Name: (ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE, ArgumentKind.TARGET, ArgumentKind.METRIC),
-    Star: (ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE),
-    Variable: tuple(ArgumentKind),
-    Number: (ArgumentKind.NUMBER,),
-    Point: (ArgumentKind.PLACE,),
+    syntax.Name: (
+        ArgumentKind.ENTITY,
+        ArgumentKind.CONTAINER,
+        ArgumentKind.PLACE,
+        ArgumentKind.TARGET,
+        ArgumentKind.METRIC,
+    ),
+    syntax.Star: (ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE),
+    syntax.Variable: tuple(ArgumentKind),
+    syntax.Number: (ArgumentKind.NUMBER,),
+    syntax.Point: (ArgumentKind.PLACE,),
 }
 
 
@@ -80,11 +68,11 @@ class Reference:
 class Predicate:
     """One checked predicate; `text` is canonical, so that equal meanings as written compare equal."""
 
-    formula: Formula
+    formula: syntax.Formula
     text: str = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "text", render(self.formula))
+        object.__setattr__(self, "text", syntax.render(self.formula))
 
     def __str__(self) -> str:
         return self.text
@@ -92,13 +80,13 @@ class Predicate:
     @property
     def variables(self) -> tuple[str, ...]:
         """Paths of the `${...}` that are not substituted yet, in order."""
-        terms = (term for call in iter_calls(self.formula) for term in call.terms)
-        return tuple(dict.fromkeys(term.path for term in terms if isinstance(term, Variable)))
+        terms = (term for call in syntax.iter_calls(self.formula) for term in call.terms)
+        return tuple(dict.fromkeys(term.path for term in terms if isinstance(term, syntax.Variable)))
 
     @property
     def is_lasting(self) -> bool:
         """Whether every part describes a lasting state, rather than a passing fact such as `holding`."""
-        found = map(_find, iter_calls(self.formula))
+        found = map(_find, syntax.iter_calls(self.formula))
         return all(definition is not None and definition.lasting for definition in found)
 
     def iter_references(self) -> Iterator[Reference]:
@@ -110,18 +98,18 @@ class Predicate:
         if not any(role in self.text for role in targets):
             return self
 
-        def change(call: Call) -> Call:
+        def change(call: syntax.Call) -> syntax.Call:
             definition = _find(call)
             kinds = [argument.kind for argument in definition.arguments] if definition else []
             terms = [
-                Name(targets.get(term.text, term.text))
-                if isinstance(term, Name) and kind is ArgumentKind.TARGET
+                syntax.Name(targets.get(term.text, term.text))
+                if isinstance(term, syntax.Name) and kind is ArgumentKind.TARGET
                 else term
                 for term, kind in zip_longest(call.terms, kinds[: len(call.terms)])
             ]
             return replace(call, terms=tuple(terms))
 
-        return Predicate(map_calls(self.formula, change))
+        return Predicate(syntax.map_calls(self.formula, change))
 
     def evaluate(self, view: View) -> Evaluation:
         """Its value on snapshots. Never raises: what cannot be decided is unknown."""
@@ -156,7 +144,7 @@ def find_entities(text: str) -> tuple[str, ...]:
     return tuple(iter_entities(predicate)) if predicate is not None and not findings else ()
 
 
-def find_formula(text: str) -> Formula | None:
+def find_formula(text: str) -> syntax.Formula | None:
     """The formula of a text; None when it is no predicate, as from a model."""
     predicate, findings = _parse(text, False)
     return predicate.formula if predicate is not None and not findings else None
@@ -183,13 +171,13 @@ def has_metric(text: str) -> bool:
 
 def is_metric_only(predicate: Predicate) -> bool:
     """Whether a predicate compares metrics and asks nothing of the world."""
-    found = map(_find, iter_calls(predicate.formula))
+    found = map(_find, syntax.iter_calls(predicate.formula))
     return all(each and each.arguments[:1] and each.arguments[0].kind is ArgumentKind.METRIC for each in found)
 
 
 def substitute(text: str, parameters: Mapping[str, Any]) -> str:
     """Replace each `${path}` that `parameters` holds by its value, points as `(x, y, z)`; leave the others."""
-    return _REFERENCE.sub(lambda m: format_value(parameters[m[1]]) if m[1] in parameters else m[0], text)
+    return _REFERENCE.sub(lambda m: syntax.format_value(parameters[m[1]]) if m[1] in parameters else m[0], text)
 
 
 _Finding = tuple[str, int, str, str, str]  # code, column, found, expected, hint
@@ -201,12 +189,12 @@ def _parse(text: str, template: bool) -> tuple[Predicate | None, tuple[_Finding,
         formula = parse(text)
     except PredicateSyntaxError as error:
         return None, (("PREDICATE_SYNTAX", error.column, error.found, error.expected, ""),)
-    findings = [finding for call in iter_calls(formula) for finding in _iter_call_findings(call, template)]
+    findings = [finding for call in syntax.iter_calls(formula) for finding in _iter_call_findings(call, template)]
     findings += _iter_use_findings(formula)
     return Predicate(formula), tuple(sorted(findings, key=lambda finding: finding[1]))
 
 
-def _iter_call_findings(call: Call, template: bool) -> Iterator[_Finding]:
+def _iter_call_findings(call: syntax.Call, template: bool) -> Iterator[_Finding]:
     library = get_predicate_library()
     definition = library.find(call.name)
     if definition is None:
@@ -219,45 +207,45 @@ def _iter_call_findings(call: Call, template: bool) -> Iterator[_Finding]:
     for argument, term in zip(definition.arguments, call.terms, strict=False):
         if argument.kind not in _TAKES[type(term)]:
             yield "WRONG_ARGUMENT", term.column, format_term(term), f"{argument.kind} {argument.name!r}", ""
-        elif isinstance(term, Variable) and not template:
+        elif isinstance(term, syntax.Variable) and not template:
             hint = "Write the value, or check the spelling of the reference."
             yield "UNKNOWN_REFERENCE", term.column, format_term(term), "a parameter that is known here", hint
 
 
-def format_term(term: Term) -> str:
+def format_term(term: syntax.Term) -> str:
     """A term as it was written."""
-    return render(Call("", (term,)))[1:-1]
+    return syntax.render(syntax.Call("", (term,)))[1:-1]
 
 
-def _iter_use_findings(formula: Formula) -> Iterator[_Finding]:
+def _iter_use_findings(formula: syntax.Formula) -> Iterator[_Finding]:
     """Numbers that are not compared, statements that are."""
     match formula:
-        case Compare(left):
-            if isinstance(left, Count):
+        case syntax.Compare(left):
+            if isinstance(left, syntax.Count):
                 yield from _iter_use_findings(left.body)
             elif (definition := _find(left)) and not definition.is_number:
-                hint = f"Write {render(left)!r} or 'not {render(left)}'."
+                hint = f"Write {syntax.render(left)!r} or 'not {syntax.render(left)}'."
                 yield "NOT_A_NUMBER", left.column, f"{left.name!r} compared", "a number, or no comparison", hint
-        case Count(_, column):
+        case syntax.Count(_, column):
             yield "NOT_COMPARED", column, "'count'", "a comparison such as '>= 1'", ""
-        case Call(name, _, column):
+        case syntax.Call(name, _, column):
             if (definition := _find(formula)) and definition.is_number:
                 yield "NOT_COMPARED", column, repr(name), "a comparison such as '< 0.2'", ""
-        case Not(body):
+        case syntax.Not(body):
             yield from _iter_use_findings(body)
-        case And(parts) | Or(parts):
+        case syntax.And(parts) | syntax.Or(parts):
             for part in parts:
                 yield from _iter_use_findings(part)
 
 
-def _iter_names(formula: Formula) -> Iterator[Reference]:
+def _iter_names(formula: syntax.Formula) -> Iterator[Reference]:
     """Every name, left to right, as what the argument is that it stands for."""
-    for call in iter_calls(formula):
+    for call in syntax.iter_calls(formula):
         definition = _find(call)
         for argument, term in zip(definition.arguments if definition else (), call.terms, strict=False):
-            if isinstance(term, Name):
+            if isinstance(term, syntax.Name):
                 yield Reference(term.text, argument.kind, term.column)
 
 
-def _find(call: Call) -> PredicateDefinition | None:
+def _find(call: syntax.Call) -> PredicateDefinition | None:
     return get_predicate_library().find(call.name)
