@@ -69,6 +69,7 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
     world.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     world.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     world.option.impratio = 10.0
+    world.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # what diverged is told, not begun anew
     world.visual.quality.shadowsize = 4096
     world.visual.headlight.ambient = [0.35, 0.35, 0.35]
     world.visual.headlight.diffuse = [0.25, 0.25, 0.25]

@@ -155,6 +155,13 @@ def test_a_halt_decelerates_and_holds(rig):
     assert np.abs(np.array(later.target.q_rad) - step.target.q_rad).max() < 0.005
 
 
+def test_a_simulation_that_diverges_is_told_and_does_not_begin_anew(rig):
+    physics = rig.world.driver.physics
+    physics.data.qvel[physics.model.body("red_cube").dofadr[0]] = np.nan
+    assert rig.world.handle(rig.make_command(HOME)).code == "TARGET_LOST"
+    assert rig.world.handle(wire.Observe()).code == "TARGET_LOST"
+
+
 def test_a_grasp_is_seen_by_both_pads(rig):
     step = rig.grasp("red_cube")
     assert step.target.holding == ("red_cube",)

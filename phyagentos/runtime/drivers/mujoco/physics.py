@@ -163,7 +163,9 @@ class Physics:
             mujoco.mj_step(self.model, self.data, count)
 
     def look(self) -> None:
-        """Compute poses and contacts of the present, for the queries below."""
+        """Compute poses and contacts of the present, for the queries below; ExecutionError where there is none."""
+        if not np.isfinite(self.data.qpos).all():
+            raise ExecutionError("TARGET_LOST", f"the simulation became unstable before {self.time_s:.3f} s")
         seen = self.seen
         seen.time = self.data.time
         seen.qpos[:] = self.data.qpos
@@ -295,16 +297,16 @@ class Physics:
         """
         body = self.model.body(name).id
         dof = int(self.model.body_dofadr[body])
-        mass, inertia = float(self.model.body_subtreemass[body]), float(self.model.body_inertia[body].max())
+        mass, inertia = float(self.model.body_subtreemass[body]), self.model.body_inertia[body]
         velocity, spin = np.zeros(3), np.zeros(3)
         if self.model.body_dofnum[body] == _FREE:  # what hangs on a joint is only held back by that joint
             velocity, spin = self.data.qvel[dof : dof + 3], self.data.qvel[dof + 3 : dof + 6]
         force = mass * (stiffness * (wanted - self.data.xpos[body]) - damping * velocity)
         if carries_weight:
             force = force - mass * self.model.opt.gravity
-        rotation = self.data.xmat[body].reshape(3, 3)
-        self.data.xfrc_applied[body, :3] = force
-        self.data.xfrc_applied[body, 3:] = -spin_damping * inertia * (rotation @ spin)
+        rotation, axes = self.data.xmat[body].reshape(3, 3), self.data.ximat[body].reshape(3, 3)
+        self.data.xfrc_applied[body, :3] = force  # each axis by its own inertia: a rod's is small about its length
+        self.data.xfrc_applied[body, 3:] = axes @ (-spin_damping * inertia * (axes.T @ rotation @ spin))
 
     def let_go(self, name: str) -> None:
         """Remove the hand's force from a body."""
