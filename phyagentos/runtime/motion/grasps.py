@@ -3,7 +3,8 @@
 A box offers four yaws, which close on its faces; a round entity eight. Labels count the yaw from the object, so they
 survive a nudge. Where something is beside the object, the fingers open only as wide as is needed. Where no upright
 grasp fits, the hand tilts about its closing axis; then it closes on opposite edges; last, on one solid of the entity
-alone, as on the wall of a bowl or on the handle of a mug.
+alone, as on the wall of a bowl or on the handle of a mug. A thing of several solids is closed on where both pads meet
+it alike, near its weight; elsewhere only where nothing else is left.
 """
 
 from collections.abc import Callable, Collection, Iterator
@@ -19,6 +20,7 @@ from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
+from phyagentos.runtime.motion.pad_contacts import PadContact, find_pad_contact
 from phyagentos.runtime.motion.planning_scene import PlanningScene
 from phyagentos.runtime.motion.poses import point_tool_down, tilt_tool
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindGrasps, NoPlan, Payload
@@ -32,6 +34,7 @@ SIDE_DEG = (65, -65)  # from the side, where nothing else is free
 SHIFTS = (0.5, -0.5, 1.0, -1.0)  # along a thing, as shares of the longest way
 SHIFT_MAX_M = 0.025  # from the middle: its weight turns it between the pads
 DEAD_ENDS_MAX = 6  # groups of grasps after which the thing cannot be put down, until the first is taken
+LEVER_M = 0.005  # further from the weight than the best grasp is poor
 SHIFT_PAD_M = 0.012  # of the thing that is left beside the middle of the pads
 STRADDLE_M = 0.05  # over this last part of the way the fingers are beside the object
 RIM_DEPTH_M = 0.006  # of the tool centre point under the edge of a single solid; its pads reach a centimetre further
@@ -56,17 +59,20 @@ def find_grasps(
     """Approaches to grasps of `entity`, the nearest first; if any, those from which `place` finds a way on."""
     profile, fingers = scene.robot.profile, scene.robot.fingers
     entity = settle(entity, request.world.entities)
-    ways = compute_grasp_ways(entity, profile, fingers, request.hover_m)
-    corners = compute_grasp_ways(entity, profile, fingers, request.hover_m, corners=True)
+    ways, poor = compute_grasp_ways(entity, profile, fingers, request.hover_m)
+    has_corners = len(entity.shapes) == 1 and not is_round(entity)
+    corners, _ = (
+        compute_grasp_ways(entity, profile, fingers, request.hover_m, corners=True) if has_corners else ([], [])
+    )
     solids = list(_iter_solid_ways(entity, profile, fingers, request.hover_m))
-    if not ways and not solids:
+    if not ways and not solids and not poor:
         opens = f"the gripper opens ({profile.gripper.max_width_m} m), less {1e3 * LEAST_CLEARANCE_M:.0f} mm of room"
         return job.fail("TOO_WIDE", f"{entity.name} is wider than {opens}.")
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     tried: set[str] = set()
     dead, dead_ends = set[str](), list[list[Approach]]()
     turns = request.then is not None and request.then.up is not None
-    for batch in _iter_batches(ways, corners, solids, entity):
+    for batch in (*_iter_batches(ways, corners, solids, entity), poor):
         wanted = [way for way in batch if way.label not in {*request.avoid, *dead} and _is_wanted(way, entity, request)]
         tried.update(way.label for way in wanted)
         found = find_approaches(
@@ -172,41 +178,50 @@ def compute_grasp_ways(
     hover_m: float,
     *,
     corners: bool = False,
-) -> list[Way]:
-    """Every tool pose that grasps an entity from above with the opening of the gripper.
+) -> tuple[list[Way], list[Way]]:
+    """Every tool pose that grasps an entity from above with the opening of the gripper, the good and the poor ones.
 
     `corners` closes on opposite edges of a box instead of its faces: the last resort.
     """
+    widest_m = profile.gripper.max_width_m
+    contacts = dict(_iter_contacts(entity, profile, corners=corners))
+    is_wide = not corners and min(each.width_m for each in contacts.values()) > widest_m - WIDTH_CLEARANCE_M
+    opening_m = widest_m - (LEAST_CLEARANCE_M if is_wide else WIDTH_CLEARANCE_M)
+    contacts = {label: each for label, each in contacts.items() if each.width_m <= opening_m}
+    most_m = min((each.lever_m for each in contacts.values()), default=0.0) + LEVER_M
+    ways: tuple[list[Way], list[Way]] = ([], [])
+    for label, each in contacts.items():
+        way = Way(
+            label=label,
+            end=each.end,
+            hover_m=hover_m,
+            openings_m=(each.width_m, widest_m),
+            tolerate=frozenset((finger, entity.name) for finger in fingers),
+            tolerate_m=STRADDLE_M,
+            is_clear=0.0 < each.lever_m < np.inf,
+        )
+        ways[each.lever_m > most_m].append(way)
+    return ways
+
+
+def _iter_contacts(entity: Entity, profile: TargetProfile, *, corners: bool) -> Iterator[tuple[str, PadContact]]:
+    """Where the pads meet it, by the label of the way; far from its weight for all that is known where not alike."""
     box = compute_entity_box(entity)
     vertical = int(np.argmax(np.abs(box.pose[2, :3])))
     first, second = (vertical + 1) % 3, (vertical + 2) % 3
-    upright_round = is_round(entity) and vertical == 2
+    upright_round, is_single = is_round(entity) and vertical == 2, len(entity.shapes) == 1
     yaw_rad = 0.0 if upright_round else float(np.arctan2(box.pose[1, first], box.pose[0, first]))
-    gripper = profile.gripper
-    tips_m = -np.inf if entity.part_of else box.bottom_m + gripper.fingertip_m  # a handle does not stand on anything
-    height_m = max(box.pose[2, 3], box.top_m - gripper.palm_depth_m, tips_m)
+    tips_m = -np.inf if entity.part_of else box.bottom_m + profile.gripper.fingertip_m  # a handle stands on nothing
+    height_m = max(box.pose[2, 3], box.top_m - profile.gripper.palm_depth_m, tips_m)
     position = np.array((box.pose[0, 3], box.pose[1, 3], height_m))
-    sides_m = 2.0 * box.half_m[[first, second]]
-    is_wide = not corners and float(sides_m.min()) > gripper.max_width_m - WIDTH_CLEARANCE_M
-    opening_m = gripper.max_width_m - (LEAST_CLEARANCE_M if is_wide else WIDTH_CLEARANCE_M)
-    ways = []
-    if upright_round and corners:
-        return []
     for degrees in range(45 if corners else 0, 360, 45 if upright_round else 90):
-        closing = second if degrees % 180 == 0 else first  # at yaw 0 the tool's x axis lies along `first`
-        half_m = float(np.hypot(box.half_m[first], box.half_m[second])) if corners else box.half_m[closing]
-        if 2.0 * half_m <= opening_m:
-            ways.append(
-                Way(
-                    label=f"yaw+{degrees:03d}",
-                    end=point_tool_down(yaw_rad + np.radians(degrees), position),
-                    hover_m=hover_m,
-                    openings_m=(2.0 * float(half_m), gripper.max_width_m),
-                    tolerate=frozenset((finger, entity.name) for finger in fingers),
-                    tolerate_m=STRADDLE_M,
-                )
-            )
-    return ways
+        half_m = box.half_m[second if degrees % 180 == 0 else first]  # at yaw 0 the tool's x axis lies along `first`
+        if corners:
+            half_m = np.hypot(box.half_m[first], box.half_m[second])
+        contact = PadContact(point_tool_down(yaw_rad + np.radians(degrees), position), 2.0 * float(half_m))
+        if not is_single and not upright_round:
+            contact = find_pad_contact(compute_shape_boxes(entity), contact.end) or replace(contact, lever_m=np.inf)
+        yield f"yaw+{degrees:03d}", contact
 
 
 def _iter_solid_ways(entity: Entity, profile: TargetProfile, fingers: Collection[str], hover_m: float) -> Iterator[Way]:

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from phyagentos.clock import SystemClock
+from phyagentos.geometry import to_child
 from phyagentos.protocol.world.environment import Pose, Shape, ShapeKind
+from phyagentos.protocol.world.predicates.geometry import compute_grasp_width
 from phyagentos.runtime.motion.grasps import find_grasps
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
@@ -102,6 +104,35 @@ def test_a_bowl_that_is_wider_than_the_hand_opens_is_taken_at_its_rim(planner, b
         assert np.hypot(x - 0.5, y - 0.1) == pytest.approx(0.04, abs=0.006)
         for q in approach.line_rad:
             assert list_contacts(planner, world, q, [approach.release_m]) == set(), approach.label
+
+
+def test_an_angle_is_closed_on_where_both_pads_meet_it_near_its_weight(planner, build, table, home):
+    """In the middle of the box around it, one pad met air: the angle turned in the fingers and slipped out."""
+    long, short = build.box((0, 0, 0), (0.04, 0.009, 0.009)), build.box((0.031, 0.029, 0), (0.009, 0.02, 0.009))
+    ell = msgspec.structs.replace(build.cube("ell", 0.5, 0.0, yaw=0.4, z=0.009), shapes=(long, short))
+    answer = planner.answer(FindGrasps(world=World((table, ell)), object="ell", q_rad=home, seed=1))
+    for approach in answer.approaches:
+        assert compute_grasp_width(ell, approach.tcp_end, 0.01, 0.018) == pytest.approx(0.018, abs=1e-4)
+        x, y, _ = to_child(ell.pose, approach.tcp_end.position_m)
+        assert (abs(x - 0.0103) < 0.005, abs(y) < 0.001) == (True, True), approach.label  # the weight: 10.3, 9.7 mm
+
+
+def test_a_mug_is_closed_on_across_its_body_and_not_beside_it(planner, build, table, home):
+    """The box around it has its middle a centimetre from the body's axis, on the handle's side."""
+    mug = build_mug(build)
+    answer = planner.answer(FindGrasps(world=World((table, mug)), object="mug", q_rad=home, seed=1))
+    for approach in answer.approaches:
+        assert np.hypot(*to_child(mug.pose, approach.tcp_end.position_m)[:2]) < 0.002, approach.label
+
+
+def build_mug(build):
+    """Eight walls 28 mm from an axis, and a handle."""
+    shapes = [build.box((0.046, 0, 0.02), (0.004, 0.005, 0.02))]
+    for turn in np.arange(8) * np.pi / 4:
+        place = (0.028 * np.cos(turn), 0.028 * np.sin(turn), 0.02)
+        pose = Pose(place, (float(np.cos(turn / 2)), 0.0, 0.0, float(np.sin(turn / 2))))
+        shapes.append(Shape(ShapeKind.BOX, (0.002, 0.0125, 0.03), pose))
+    return msgspec.structs.replace(build.cube("mug", 0.5, 0.0, yaw=0.3, z=0.01), shapes=tuple(shapes))
 
 
 def test_a_push_turns_the_narrow_side_of_the_hand_towards_what_is_beside_its_way(planner, build, table, home):
