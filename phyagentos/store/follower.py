@@ -31,18 +31,9 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.errors import ExecutionError
+from phyagentos.store import segments
 from phyagentos.store.partition_lock import LOCK_NAME, describe_move, find_holder, hold_lock, read_announced
 from phyagentos.store.records import Record, Tail, scan_records
-from phyagentos.store.segments import (
-    NONE,
-    Front,
-    damage,
-    find_next_segment,
-    list_all_segments,
-    locate,
-    open_segment,
-    read_front,
-)
 
 __all__ = ["LOCK_NAME", "Follower", "Position", "find_holder", "hold_lock"]
 
@@ -89,14 +80,14 @@ class Follower:
         self._file, self._announcement = "", b""
         self._inode = (0, 0)
         if position is not None:
-            self._take(open_segment(folder, position.segment), position.segment)
+            self._take(segments.open_segment(folder, position.segment), position.segment)
             self.segment, self.first_seq = position.segment, position.first_seq
             self.offset, self.seq = position.offset, position.seq
 
     @property
     def path(self) -> Path:
         """File of the current segment."""
-        return locate(self._folder, str(self.segment))
+        return segments.locate(self._folder, str(self.segment))
 
     @property
     def position(self) -> Position | None:
@@ -174,14 +165,14 @@ class Follower:
     def _read_on(self, records: list[Record], *, trusts_lock: bool) -> None:
         while True:
             if self.segment is None:
-                names = list_all_segments(self._folder)
+                names = segments.list_all_segments(self._folder)
                 if not names:
                     return
                 self._enter(names[0])
             records += self._read_segment()
             if trusts_lock and self._read_announced() == self.segment:
                 return
-            later = find_next_segment(self._folder, str(self.segment))
+            later = segments.find_next_segment(self._folder, str(self.segment))
             if later is None:
                 return
             records += self._read_segment()  # it grows no more
@@ -199,12 +190,14 @@ class Follower:
         """The bytes behind `offset`."""
         size = self._stat().st_size
         if size < self.offset:
-            raise damage(self.path, size, f"the file ends here, but record {self.seq} ended at {self.offset}")
+            raise segments.damage(self.path, size, f"the file ends here, but record {self.seq} ended at {self.offset}")
         return self._read(size - self.offset, self.offset) if size > self.offset else b""
 
     def describe_damage(self) -> Exception:
         """The error for a damaged tail."""
-        return self._damage or damage(self.path, self.offset, f"record {self.seq + 1} is not as it was written")
+        return self._damage or segments.damage(
+            self.path, self.offset, f"record {self.seq + 1} is not as it was written"
+        )
 
     def close(self) -> None:
         """Close the files."""
@@ -234,18 +227,18 @@ class Follower:
         return scan.records
 
     def _enter(self, name: str) -> None:
-        path = locate(self._folder, name)
-        fd = open_segment(self._folder, name)
+        path = segments.locate(self._folder, name)
+        fd = segments.open_segment(self._folder, name)
         try:
-            front = read_front(path, os.pread(fd, 4096, 0))
-            sealed = self.compute_sha256() if self.segment is not None else NONE
-            expected = Front(self._folder.name, name, self.seq + 1, self.segment or NONE, sealed)
+            front = segments.read_front(path, os.pread(fd, 4096, 0))
+            sealed = self.compute_sha256() if self.segment is not None else segments.NONE
+            expected = segments.Front(self._folder.name, name, self.seq + 1, self.segment or segments.NONE, sealed)
             if self.segment is not None and (front.lane, front.name) == (expected.lane, name):
                 if front != expected:  # most likely something is missing here
                     what = f"it ends here, but {path} begins with {front}, and after this asked for is {expected}"
-                    raise damage(self.path, self.offset, what)
+                    raise segments.damage(self.path, self.offset, what)
             elif front != expected:
-                raise damage(path, 0, f"it begins with {front}, but what stands before it asks for {expected}")
+                raise segments.damage(path, 0, f"it begins with {front}, but what stands before it asks for {expected}")
         except BaseException:
             os.close(fd)
             raise
@@ -267,7 +260,7 @@ class Follower:
     def _take(self, fd: int, name: str) -> None:
         status = os.fstat(fd)
         self._fd, self._inode = fd, (status.st_dev, status.st_ino)
-        self._file = str(locate(self._folder, name))
+        self._file = str(segments.locate(self._folder, name))
         self._announcement = f"{name}\n".encode()
 
     def _stat(self) -> os.stat_result:

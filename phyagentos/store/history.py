@@ -13,21 +13,12 @@ import msgspec
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, REVIEW, list_triggers
 from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
+from phyagentos.store import segments
 from phyagentos.store.admission import GOAL_PREFIX, NODE_PREFIX, GoalEvent
 from phyagentos.store.follower import Follower
 from phyagentos.store.index import HistoryIndex, RecordPosition
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import HEADER_BYTES, Record, read_record, scan_records
-from phyagentos.store.segments import (
-    Front,
-    damage,
-    find_next_segment,
-    list_all_segments,
-    locate,
-    open_segment,
-    read_front,
-    read_segment,
-)
 
 KIN = ("parent", "child")  # in the body of `child_of`
 
@@ -111,23 +102,23 @@ class Histories(AbstractContextManager["Histories"]):
         return fold(self.find(id)).sessions.get(id)
 
     def _read(self, place: RecordPosition, id: str) -> Record:
-        with os.fdopen(open_segment(self._folder, place.segment), "rb") as file:
+        with os.fdopen(segments.open_segment(self._folder, place.segment), "rb") as file:
             data = os.pread(file.fileno(), place.length, place.offset)
         found = read_record(data, 0)
         if found is None or found[0].id != id:
-            path = locate(self._folder, place.segment)
-            raise damage(path, place.offset, f"a record of {id} is not as it was written")
+            path = segments.locate(self._folder, place.segment)
+            raise segments.damage(path, place.offset, f"a record of {id} is not as it was written")
         return found[0]
 
-    def _iter_unsealed_segments(self) -> Iterator[tuple[bytes, Front]]:
+    def _iter_unsealed_segments(self) -> Iterator[tuple[bytes, segments.Front]]:
         """Contents and front matter of the segments that the index does not hold: mostly the one being written."""
         name = self.index.last_segment
-        names = [] if name else list_all_segments(self._folder)
-        following = find_next_segment(self._folder, name) if name else next(iter(names), None)
+        names = [] if name else segments.list_all_segments(self._folder)
+        following = segments.find_next_segment(self._folder, name) if name else next(iter(names), None)
         while following is not None:
-            data = read_segment(self._folder, following)
-            yield data, read_front(locate(self._folder, following), data)
-            following = find_next_segment(self._folder, following)
+            data = segments.read_segment(self._folder, following)
+            yield data, segments.read_front(segments.locate(self._folder, following), data)
+            following = segments.find_next_segment(self._folder, following)
 
 
 def _find_kin(of_node: Sequence[Record]) -> set[str]:

@@ -15,17 +15,9 @@ from typing import NamedTuple
 from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
+from phyagentos.store import segments
 from phyagentos.store.cache_file import CacheFile
 from phyagentos.store.records import iter_places
-from phyagentos.store.segments import (
-    damage,
-    find_next_segment,
-    list_all_segments,
-    locate,
-    open_segment,
-    read_front,
-    read_segment,
-)
 
 _CRC_MASK = 0xFFFFFFFF
 _ROTTEN = (sqlite3.Error, OSError, TypeError, ValueError)  # what reading a file of arbitrary bytes may raise
@@ -138,7 +130,10 @@ class HistoryIndex(CacheFile):
         if row is None:
             return None
         last = _Segment(*row)
-        with contextlib.suppress(FileNotFoundError), os.fdopen(open_segment(self._folder, last.name), "rb") as file:
+        with (
+            contextlib.suppress(FileNotFoundError),
+            os.fdopen(segments.open_segment(self._folder, last.name), "rb") as file,
+        ):
             if os.fstat(file.fileno()).st_size == last.bytes:
                 return last
         connection.execute("DELETE FROM segment")
@@ -148,22 +143,24 @@ class HistoryIndex(CacheFile):
     def _find_sealed(self, last: _Segment | None) -> str | None:
         """The first sealed segment behind the last one in it."""
         if last is None:
-            names = list_all_segments(self._folder)
+            names = segments.list_all_segments(self._folder)
             return names[0] if len(names) > 1 else None
-        name = find_next_segment(self._folder, last.name)
-        return name if name is not None and find_next_segment(self._folder, name) is not None else None
+        name = segments.find_next_segment(self._folder, last.name)
+        return name if name is not None and segments.find_next_segment(self._folder, name) is not None else None
 
     def _read_in(self, connection: sqlite3.Connection, name: str, number: int) -> _Segment:
-        data = read_segment(self._folder, name)
+        data = segments.read_segment(self._folder, name)
         spots: dict[str, list[str]] = {}
-        front = read_front(self._folder / f"{name}.md", data)
+        front = segments.read_front(self._folder / f"{name}.md", data)
         last_seq = front.first_seq - 1
         end = len(front.encode())
         for id, seq, offset, length in iter_places(data, end):
             spots.setdefault(id, []).append(f"{offset}:{length}")
             last_seq, end = seq, offset + length
         if end != len(data):
-            raise damage(locate(self._folder, name), end, f"record {last_seq + 1} is not as it was written")
+            raise segments.damage(
+                segments.locate(self._folder, name), end, f"record {last_seq + 1} is not as it was written"
+            )
         places = [(id, number, " ".join(each)) for id, each in spots.items()]
         connection.executemany("INSERT INTO place VALUES (?, ?, ?)", places)
         row = _Segment(number, name, len(data), last_seq)

@@ -18,19 +18,10 @@ from pathlib import Path
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
+from phyagentos.store import segments
 from phyagentos.store.checkpoint import find_checkpoint_seq, read_ledger, write_checkpoint
 from phyagentos.store.follower import Position
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.segments import (
-    SyncFailedError,
-    SystemIO,
-    list_segments,
-    locate_archived,
-    open_segment,
-    read_front,
-    sync_file,
-    sync_folder,
-)
 
 PERIOD_RECORDS = 2000  # read by a start behind a checkpoint: some 25 ms
 PERIOD_S = 60.0
@@ -44,7 +35,7 @@ _FRONT_BYTES = 4096
 class Maintenance:
     """Decides when a partition's checkpoint is due, and writes it."""
 
-    def __init__(self, folder: Path, clock: Clock, file_io: SystemIO, *, durable: bool) -> None:
+    def __init__(self, folder: Path, clock: Clock, file_io: segments.SystemIO, *, durable: bool) -> None:
         self._folder, self._clock, self._io, self._durable = folder, clock, file_io, durable
         self._seq = find_checkpoint_seq(folder)
         self._segment = ""
@@ -103,8 +94,8 @@ class Maintenance:
     def _make_durable(self, position: Position) -> None:
         """A checkpoint may never be ahead of what the disk holds."""
         if self._durable:
-            with os.fdopen(open_segment(self._folder, position.segment), "rb") as file:
-                sync_file(file.fileno(), self._io.fdatasync)
+            with os.fdopen(segments.open_segment(self._folder, position.segment), "rb") as file:
+                segments.sync_file(file.fileno(), self._io.fdatasync)
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
@@ -121,13 +112,15 @@ class Maintenance:
 def _leave_for_next_time() -> Iterator[None]:
     try:
         yield
-    except SyncFailedError:
+    except segments.SyncFailedError:
         raise
     except (OSError, ExecutionError):
         pass
 
 
-def archive_segments(folder: Path, horizon_seq: int, known_seq: int, file_io: SystemIO, *, durable: bool) -> list[str]:
+def archive_segments(
+    folder: Path, horizon_seq: int, known_seq: int, file_io: segments.SystemIO, *, durable: bool
+) -> list[str]:
     """Move every segment whose records all come before `horizon_seq`; the names moved, oldest first.
 
     Args:
@@ -138,28 +131,28 @@ def archive_segments(folder: Path, horizon_seq: int, known_seq: int, file_io: Sy
         durable: Whether to wait for the disk.
     """
     moved: list[str] = []
-    names = list_segments(folder)
+    names = segments.list_segments(folder)
     for name, later in pairwise(names):  # never the last: it is being written
         last_seq = _read_first_seq(folder / f"{later}.md") - 1
         if last_seq >= horizon_seq or last_seq > known_seq:
             break
-        _move(folder / f"{name}.md", locate_archived(folder, name), file_io, durable=durable)
+        _move(folder / f"{name}.md", segments.locate_archived(folder, name), file_io, durable=durable)
         moved.append(name)
     return moved
 
 
-def _move(source: Path, destination: Path, file_io: SystemIO, *, durable: bool) -> None:
+def _move(source: Path, destination: Path, file_io: segments.SystemIO, *, durable: bool) -> None:
     place = destination.parent
     place.mkdir(parents=True, exist_ok=True)
     if durable:  # their creator may have died before their names reached the disk
         for parent in (place.parent, place.parent.parent, place.parent.parent.parent):
-            sync_folder(parent, file_io)
+            segments.sync_folder(parent, file_io)
     file_io.replace(source, destination)
     if durable:
-        sync_folder(place, file_io)
-        sync_folder(source.parent, file_io)
+        segments.sync_folder(place, file_io)
+        segments.sync_folder(source.parent, file_io)
 
 
 def _read_first_seq(path: Path) -> int:
     with path.open("rb") as file:
-        return read_front(path, file.read(_FRONT_BYTES)).first_seq
+        return segments.read_front(path, file.read(_FRONT_BYTES)).first_seq

@@ -29,23 +29,9 @@ from phyagentos.runtime.perception.look import Look
 from phyagentos.runtime.perception.look_file import read_look
 from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.preflight.examination import Examiner
+from phyagentos.runtime.worker import orders
 from phyagentos.runtime.worker.embodiment import Embodiment
 from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
-from phyagentos.runtime.worker.orders import (
-    Check,
-    Checked,
-    Finished,
-    Pause,
-    Ready,
-    Reconcile,
-    Renew,
-    Resume,
-    Run,
-    Stop,
-    ToWorker,
-    encode,
-    receive_order,
-)
 from phyagentos.runtime.worker.runner import SessionRunner
 from phyagentos.store.views.environment import render_environment
 
@@ -97,21 +83,21 @@ class WorkerLoop:
         self._stop: EndRequest | None = None
         self._is_paused = False
         self._lease_until_s = float("inf")
-        self._waiting: deque[ToWorker] = deque()  # orders that came while a session ran
+        self._waiting: deque[orders.ToWorker] = deque()  # orders that came while a session ran
 
     def run(self) -> None:
         """Serve until the watchdog closes the connection."""
         self._heartbeat.beat(phase="idle", at_once=True)
-        self._control.send_bytes(encode(Ready()))
+        self._control.send_bytes(orders.encode(orders.Ready()))
         while True:
             try:
                 order = self._wait_for_order()
             except (EOFError, OSError):
                 self._tidy_up(lambda: False)
                 return
-            if isinstance(order, Check):
-                self._control.send_bytes(encode(self._check(order)))
-            elif isinstance(order, Run):
+            if isinstance(order, orders.Check):
+                self._control.send_bytes(orders.encode(self._check(order)))
+            elif isinstance(order, orders.Run):
                 checked, self._checked, self._lease_until_s = self._checked, None, 0.0
                 self._handle.token = order.token
                 if checked is not None and (checked.session.id, checked.epoch) == (order.session.id, order.epoch):
@@ -131,23 +117,23 @@ class WorkerLoop:
                 if self._gate is not None:
                     self._gate.file_result(self._workspace.root / order.evidence)
                 lost = done.ended is Ended.TARGET_LOST
-                finished = Finished(session=order.session.id, execution=done, is_target_lost=lost)
-                self._control.send_bytes(encode(finished))
+                finished = orders.Finished(session=order.session.id, execution=done, is_target_lost=lost)
+                self._control.send_bytes(orders.encode(finished))
                 self._unsealed.append(order.evidence)
                 self._unpublished = order.session.scene
                 self._runner.bundles.prepare()  # while the next order is on its way
                 self._publish_environment(PUBLISH_PERIOD_S)
-            elif isinstance(order, Reconcile):
-                self._control.send_bytes(encode(self._reconcile(order)))
+            elif isinstance(order, orders.Reconcile):
+                self._control.send_bytes(orders.encode(self._reconcile(order)))
                 self._unsealed.append(order.evidence)
 
-    def _wait_for_order(self) -> ToWorker:
+    def _wait_for_order(self) -> orders.ToWorker:
         """The next order; raises EOFError when the watchdog is gone."""
         if self._waiting:
             return self._waiting.popleft()
         if not self._control.poll(REST_S):
             self._tidy_up(self._is_asked)
-        return receive_order(self._control)
+        return orders.receive_order(self._control)
 
     def _tidy_up(self, is_asked: Callable[[], bool]) -> None:
         """Housekeeping: ENVIRONMENT.md, the hashes of bundles; gives way to an order."""
@@ -164,7 +150,7 @@ class WorkerLoop:
         except (EOFError, OSError):
             return False
 
-    def _check(self, order: Check) -> Checked:
+    def _check(self, order: orders.Check) -> orders.Checked:
         session = order.session
         self._checked, self._stop, self._is_paused = None, None, False
         is_new = session.scene.episode != self._episode
@@ -189,13 +175,13 @@ class WorkerLoop:
             self._publish_environment(0.0)
         if found.tools is not None:
             self._handle.permit(found.tools.expose)
-        return Checked(session=session.id, **msgspec.structs.asdict(found))
+        return orders.Checked(session=session.id, **msgspec.structs.asdict(found))
 
-    def _is_unwanted(self, order: Check) -> bool:
+    def _is_unwanted(self, order: orders.Check) -> bool:
         """Whether the session in its check was stopped meanwhile."""
         self._heartbeat.beat(phase="rehearsing", session=order.session.id, epoch=order.epoch)
         while self._is_asked():
-            self._obey(receive_order(self._control))
+            self._obey(orders.receive_order(self._control))
         return self._stop is not None
 
     def _publish_environment(self, period_s: float) -> None:
@@ -211,16 +197,16 @@ class WorkerLoop:
     def _await_lease(self) -> None:
         """Wait for the first lease: the watchdog grants it when `start` is on the disk."""
         while not self._lease_until_s:
-            self._obey(receive_order(self._control))
+            self._obey(orders.receive_order(self._control))
 
     def _find_stop(self) -> EndRequest | None:
         """Why the session has to end, if it has; called in every turn of the runner's loop. Waits during a pause."""
         while self._stop is None and self._control.poll():
-            self._obey(receive_order(self._control))
+            self._obey(orders.receive_order(self._control))
         while self._is_paused and self._stop is None and self._handle.is_at_rest:
             self._heartbeat.beat_paused()
             if self._control.poll(REST_S):
-                self._obey(receive_order(self._control))
+                self._obey(orders.receive_order(self._control))
             if self._clock.now_s() > self._lease_until_s:
                 break
         if self._stop is None and self._clock.now_s() > self._lease_until_s:
@@ -231,32 +217,32 @@ class WorkerLoop:
         """Whether the session has to end, while a motion of it waits for other targets."""
         self._heartbeat.beat_paused()
         while self._stop is None and self._control.poll():
-            self._obey(receive_order(self._control))
+            self._obey(orders.receive_order(self._control))
         return self._stop is not None or self._clock.now_s() > self._lease_until_s
 
-    def _obey(self, order: ToWorker) -> None:
-        if isinstance(order, Stop):
+    def _obey(self, order: orders.ToWorker) -> None:
+        if isinstance(order, orders.Stop):
             self._stop = EndRequest(order.reason, order.why)
-        elif isinstance(order, Renew):
+        elif isinstance(order, orders.Renew):
             self._lease_until_s = order.until_s
-        elif isinstance(order, Pause | Resume):
-            self._is_paused = isinstance(order, Pause)
+        elif isinstance(order, orders.Pause | orders.Resume):
+            self._is_paused = isinstance(order, orders.Pause)
         else:
             self._waiting.append(order)
 
-    def _reconcile(self, order: Reconcile) -> Finished:
+    def _reconcile(self, order: orders.Reconcile) -> orders.Finished:
         """Observe the world that a lost runner left behind; what brings it to rest waits for no other target."""
         self._stop = EndRequest(order.ended)
         try:
             self._handle.load(order.session.scene)
             self._remember(order)
-            return Finished(session=order.session.id, execution=self._observe(order))
+            return orders.Finished(session=order.session.id, execution=self._observe(order))
         except ExecutionError as error:
             message = f"{order.reason}; {error}"
             lost = Execution(ended=Ended.TARGET_LOST, evidence=order.evidence, code=error.code, message=message)
-            return Finished(session=order.session.id, execution=lost, is_target_lost=True)
+            return orders.Finished(session=order.session.id, execution=lost, is_target_lost=True)
 
-    def _remember(self, order: Reconcile) -> None:
+    def _remember(self, order: orders.Reconcile) -> None:
         """Restore the belief at the start of the session: it holds what the arm hides now."""
         belief = None
         with contextlib.suppress(msgspec.DecodeError, OSError):  # a bundle that its writer could not finish
@@ -264,7 +250,7 @@ class WorkerLoop:
         if belief is not None and belief.time_s <= self._handle.observe().time_s:  # else that world is gone
             self._world.restore(belief, _read_looks(self._workspace.root / order.evidence))
 
-    def _observe(self, order: Reconcile, number: int = 0) -> Execution:
+    def _observe(self, order: orders.Reconcile, number: int = 0) -> Execution:
         """Under an epoch that is new to the target: an earlier observer may have been lost too."""
         try:
             self._handle.token = order.tokens[number]
