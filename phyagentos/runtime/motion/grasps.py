@@ -209,18 +209,23 @@ def _iter_contacts(entity: Entity, profile: TargetProfile, *, corners: bool) -> 
     box = compute_entity_box(entity)
     vertical = int(np.argmax(np.abs(box.pose[2, :3])))
     first, second = (vertical + 1) % 3, (vertical + 2) % 3
-    upright_round, is_single = is_round(entity) and vertical == 2, len(entity.shapes) == 1
-    yaw_rad = 0.0 if upright_round else float(np.arctan2(box.pose[1, first], box.pose[0, first]))
+    upright_round = is_round(entity) and vertical == 2
+    yaw_rad = float(np.arctan2(box.pose[1, first], box.pose[0, first]))
     tips_m = -np.inf if entity.part_of else box.bottom_m + profile.gripper.fingertip_m  # a handle stands on nothing
     height_m = max(box.pose[2, 3], box.top_m - profile.gripper.palm_depth_m, tips_m)
     position = np.array((box.pose[0, 3], box.pose[1, 3], height_m))
+    solids = compute_shape_boxes(entity) if len(entity.shapes) > 1 else []
     for degrees in range(45 if corners else 0, 360, 45 if upright_round else 90):
         half_m = box.half_m[second if degrees % 180 == 0 else first]  # at yaw 0 the tool's x axis lies along `first`
         if corners:
             half_m = np.hypot(box.half_m[first], box.half_m[second])
-        contact = PadContact(point_tool_down(yaw_rad + np.radians(degrees), position), 2.0 * float(half_m))
-        if not is_single and not upright_round:
-            contact = find_pad_contact(compute_shape_boxes(entity), contact.end) or replace(contact, lever_m=np.inf)
+        turn_rad = np.radians(degrees)
+        contact = PadContact(point_tool_down(yaw_rad + turn_rad, position), 2.0 * float(half_m))
+        if solids:  # what is round about the vertical is alike from all sides, but the boxes around its solids are not
+            asked = point_tool_down(yaw_rad, position) if upright_round else contact.end
+            contact = find_pad_contact(solids, asked) or replace(contact, lever_m=np.inf)
+        if upright_round:
+            contact = replace(contact, end=point_tool_down(turn_rad, contact.end[:3, 3]))
         yield f"yaw+{degrees:03d}", contact
 
 

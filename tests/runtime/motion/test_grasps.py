@@ -125,6 +125,18 @@ def test_a_mug_is_closed_on_across_its_body_and_not_beside_it(planner, build, ta
         assert np.hypot(*to_child(mug.pose, approach.tcp_end.position_m)[:2]) < 0.002, approach.label
 
 
+@pytest.mark.parametrize("high_m", [0.03, 0.034, 0.038, 0.042])
+def test_a_tall_bottle_is_closed_on_by_more_than_the_edge_of_its_body(planner, build, table, home, high_m):
+    """The palm stops above the neck: pads that met a millimetre of the body's edge lost it on the way."""
+    body = Shape(ShapeKind.CYLINDER, (0.023, high_m), Pose((0, 0, high_m)))
+    neck = Shape(ShapeKind.CYLINDER, (0.01, 0.013), Pose((0, 0, 2 * high_m + 0.013)))
+    bottle = msgspec.structs.replace(build.cube("bottle", 0.5, 0.0, z=0.0), shapes=(body, neck))
+    answer = planner.answer(FindGrasps(world=World((table, bottle)), object="bottle", q_rad=home, seed=1))
+    for approach in answer.approaches:
+        z_m = approach.tcp_end.position_m[2]
+        assert z_m <= 2 * high_m - 0.0 or z_m >= 2 * high_m + 0.0095, approach.label  # pads reach 9.5 mm down
+
+
 def build_mug(build):
     """Eight walls 28 mm from an axis, and a handle."""
     shapes = [build.box((0.046, 0, 0.02), (0.004, 0.005, 0.02))]
