@@ -93,7 +93,8 @@ def associate(
         return matches
     fits = {name: match.fit for name, match in matches.items()}
     seen = {name: cloud.take(match.points) for name, match in matches.items()}
-    apart = separate_overlaps(things, fits, seen, views, map_solids)
+    priors = {name: prior for name in fits if (prior := _get_prior(believed.get(name))) is not None}
+    apart = separate_overlaps(things, fits, seen, views, map_solids, priors)
     possible = {name: found for name, found in apart.items() if found.cost_m < GATE_M}  # not deep in another solid
     return {name: replace(matches[name], fit=found) for name, found in possible.items()}
 

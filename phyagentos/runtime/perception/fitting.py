@@ -202,18 +202,9 @@ def track(thing: ObjectModel, seen: Cloud, views: tuple[CameraView, ...], prior:
         return None
     found = _finish(thing, patch, views, *prior)
     if found.count < SURE_POINTS:  # they fit many poses: what is seen where it was, and nowhere else, has not moved
-        cost_m, rms_m, sight, _ = _weigh(thing, patch, views, *prior)
-        if cost_m < TRACKED_M and sight.contradicted_fraction < CONTRADICTED:
-            return replace(
-                found,
-                rotation=prior[0],
-                position_m=prior[1],
-                cost_m=cost_m,
-                rms_m=rms_m,
-                sight=sight,
-                freely=prior[0],
-                is_kept=True,
-            )
+        stays = stay(thing, patch, views, prior)
+        if stays.cost_m < TRACKED_M and stays.sight.contradicted_fraction < CONTRADICTED:
+            return stays
     if found.rotation[2, 2] < -0.5:  # on its head, which few things are: a mug once taken for that would stay so
         turned = found.rotation @ np.diag(DOWN)
         middle = found.position_m + (found.rotation - turned) @ thing.solids.center_m
@@ -221,6 +212,29 @@ def track(thing: ObjectModel, seen: Cloud, views: tuple[CameraView, ...], prior:
         found = standing if standing.cost_m < found.cost_m - ALIKE_M else found
     is_good = found.cost_m < TRACKED_M and float(np.linalg.norm(found.position_m - prior[1])) < TRACK_REACH_M
     return compare_lookalikes(thing, patch, views, found, None, keep=True) if is_good else None
+
+
+def stay(
+    thing: ObjectModel,
+    patch: Patch,
+    views: tuple[CameraView, ...],
+    prior: tuple[Array, Array],
+    obstacle: Solids | None = None,
+) -> Fit:
+    """The believed pose itself, and how well the points confirm it."""
+    cost_m, rms_m, sight, sunk_m = _weigh(thing, patch, views, *prior, obstacle)
+    return Fit(
+        rotation=prior[0],
+        position_m=prior[1],
+        cost_m=cost_m,
+        rms_m=rms_m,
+        sight=sight,
+        count=len(patch.points_m),
+        doubt=measure_doubt(thing, thing.solids, patch, *prior),
+        freely=prior[0],
+        sunk_m=sunk_m,
+        is_kept=True,
+    )
 
 
 def compare_lookalikes(

@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from phyagentos.runtime.perception.fitting import Fit, fit, measure_sunk
+from phyagentos.runtime.perception.fitting import Fit, Patch, fit, measure_sunk, stay
 from phyagentos.runtime.perception.inventory import ObjectModel
-from phyagentos.runtime.perception.solids import Solids
+from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import CameraView, Cloud
 
 SUNK_M = 0.005  # depths and calibration err by less than this
@@ -24,12 +24,14 @@ def separate_overlaps(
     seen: Mapping[str, Cloud],
     views: tuple[CameraView, ...],
     map_solids: Solids,
+    priors: Mapping[str, tuple[Array, Array]],
 ) -> dict[str, Fit]:
     """The fits; those that penetrate the map or another fit are fitted anew, the one with fewer points first.
 
     One that is where another one is all the same is left out: its points are of that one.
 
-    `seen` are the points of each fit; `map_solids` are in the world.
+    `seen` are the points of each fit; `map_solids` are in the world; `priors` are poses from which it may not have
+    moved: what is almost covered is seen at its rim, which fits somewhat higher or tilted, too.
     """
     apart = dict(fits)
     rank = {name: (len(seen[name].points_m), name) for name in fits}
@@ -46,6 +48,9 @@ def separate_overlaps(
         if sunk_m >= SUNK_M:
             again = fit(thing, seen[name], views, (own.rotation, own.position_m), obstacle)
             apart[name] = again or replace(own, sunk_m=sunk_m)
+            if name in priors and apart[name].sunk_m >= SUNK_M:
+                stays = stay(thing, Patch.of(seen[name], views), views, priors[name], obstacle)
+                apart[name] = min(apart[name], stays, key=lambda each: each.cost_m)
         if others.kinds and _is_within(thing, apart[name], others):
             del apart[name]
     return apart

@@ -101,7 +101,7 @@ def test_a_coin_that_seems_to_stand_on_its_rim_within_the_coaster_lies_on_it(wai
     carrier = coaster.solids.at(np.eye(3), fits["coaster"].position_m)
     assert measure_sunk(coin, ON_SIDE, fits["coin"].position_m, carrier) > SUNK_M
 
-    parted = separate_overlaps(waiter.things, fits, seen, (look_from((0.45, 0.0, 1.4)),), waiter.map)
+    parted = separate_overlaps(waiter.things, fits, seen, (look_from((0.45, 0.0, 1.4)),), waiter.map, {})
 
     assert abs(parted["coin"].rotation[2, 2]) == pytest.approx(1.0, abs=0.01)
     assert parted["coin"].position_m == pytest.approx((0.45, 0.0, 0.0485), abs=0.002)
@@ -117,8 +117,23 @@ def test_two_things_are_not_in_one_place_when_a_picture_shows_one_of_them_in_par
     face = np.column_stack((0.45 + u, v, np.full(u.size, 0.024)))  # of the upper one of two
     fits = {name: make_fit(np.eye(3), (0.45, 0.0, 0.018)) for name in things}
     seen = {"first": make_cloud(things["first"], face), "second": make_cloud(things["second"], face[::3])}
-    parted = separate_overlaps(things, fits, seen, (look_from((0.45, 0.0, 1.4)),), inventory.map)
+    parted = separate_overlaps(things, fits, seen, (look_from((0.45, 0.0, 1.4)),), inventory.map, {})
     assert list(parted) == ["first"]
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_what_is_almost_covered_stays_where_it_was_and_does_not_slide_into_its_cover(is_known):
+    """Of the cube below one side is seen, with pixels of the one above it: it was believed a centimetre higher."""
+    cubes = build_inventory(read_scene(Library.open().get_scene("tabletop/cubes_and_trays")))
+    things = {name: cubes.things[name] for name in ("red_cube", "green_cube")}
+    u, z = (each.ravel() for each in np.meshgrid(np.linspace(-0.018, 0.018, 9), np.linspace(0.012, 0.05, 12)))
+    side = np.column_stack((np.full(u.size, 0.43), u, z))
+    fits = {"red_cube": make_fit(np.eye(3), (0.45, 0.0, 0.031)), "green_cube": make_fit(np.eye(3), (0.45, 0.0, 0.06))}
+    top = np.concatenate((side, side)) + np.array((0.0, 0.0, 0.05))
+    seen = {"red_cube": make_cloud(things["red_cube"], side), "green_cube": make_cloud(things["green_cube"], top)}
+    priors = {"red_cube": (np.eye(3), np.array((0.45, 0.0, 0.02)))} if is_known else {}
+    parted = separate_overlaps(things, fits, seen, (look_from((-0.5, 0.0, 0.4)),), cubes.map, priors)
+    assert (abs(parted["red_cube"].position_m[2] - 0.02) < 0.001) == is_known
 
 
 def test_depths_of_a_wall_seen_at_a_grazing_angle_are_dropped_and_a_thin_rod_is_not():
