@@ -11,7 +11,7 @@ from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.protocol.sessions.verdicts import Support
 from phyagentos.protocol.world.environment import Entity
 
-_GRIPPING = frozenset({Role.PLAN_GRASP, Role.GRASP, Role.VERIFY, Role.CARRY, Role.RELEASE})
+_GRIPPING = frozenset({Role.PLAN_GRASP, Role.VERIFY, Role.CARRY, Role.RELEASE})  # closed fingers push, too
 
 
 class Stage(IntEnum):

@@ -15,6 +15,7 @@ from phyagentos.agent.repair.retrying import find_of_skill, keep_requires, revis
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.free_spot import find_support
 from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.world.predicates.syntax import Call, Formula, Name, Number, Variable, iter_calls
 from phyagentos.protocol.world.truth import Truth
@@ -113,6 +114,9 @@ def _cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -
         else:
             return None
     parameters.pop("target", None)
+    if "support" in skill.parameters and (thing := world.find_movable(parameters.values())) is not None:
+        support = find_support(world, thing)
+        parameters = ({"support": support.name} if support is not None else {}) | parameters
     needed = {key for key, p in skill.parameters.items() if not p.optional and p.default is None}
     kinds = {name: entity.kind for name, entity in world.entities.items()}
     if any(p.kinds and kinds.get(str(parameters.get(key))) not in p.kinds for key, p in skill.parameters.items()):

@@ -90,7 +90,7 @@ class Gripper(Authored):
     speed_m_s: float = pydantic.Field(default=0.1, gt=0.0)
     close_time_s: float = 0.4
     palm_depth_m: float = 0.02
-    palm_height_m: float = 0.09
+    palm_height_m: float = 0.055
     fingertip_m: float = 0.016
     finger_half_m: float = 0.009
     grasp_reach_m: float = 0.03

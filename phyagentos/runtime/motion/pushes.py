@@ -28,6 +28,7 @@ from phyagentos.runtime.motion.shapes import Box, compute_entity_box, compute_sh
 STAND_OFFS_M = (0.03, 0.012)  # gaps between fingers and object before the push
 PUSH_HEIGHT_M = 0.02  # above the object's lowest point: low enough that tall things slide instead of falling over
 HIGH_SHARE = 0.45  # of the object's height: the highest contact, below its middle
+FRICTION_MAX = 0.6  # of a thing on its support: pushed higher than its half width over this, it topples
 TIP_M = 0.002  # of room under the fingertips, for an error of the believed height
 OVER_M = 0.12  # height above the line at which the tool comes and goes
 TURNS_DEG = (0, 180, 90, 270)
@@ -53,10 +54,15 @@ def find_push(
         return job.fail("TOO_SHORT", f"{entity.name} is {1e3 * length_m:.1f} mm from its goal.")
     gripper, half_m = scene.robot.profile.gripper, measure_fingers(scene.robot)
     tall_m = sum(compute_reach(entity, (0.0, 0.0, sign)) for sign in (1.0, -1.0))
-    if tall_m > gripper.palm_height_m:  # the palm is wider than the fingers
-        return job.fail("TOO_TALL", f"{entity.name} is {1e3 * tall_m:.0f} mm tall, the hand would meet it.")
+    box, palm_m = compute_entity_box(entity), gripper.palm_height_m - gripper.fingertip_m
+    upright = int(np.argmax(np.abs(box.pose[2, :3])))
     least_m = min(PUSH_HEIGHT_M, max(gripper.fingertip_m + TIP_M, 0.5 * tall_m))
-    heights_m = [least_m, *([HIGH_SHARE * tall_m] if HIGH_SHARE * tall_m > least_m else [])]
+    steady_m = float(np.delete(box.half_m, upright).min()) / FRICTION_MAX
+    most_m = max(HIGH_SHARE * tall_m, min(steady_m, tall_m - TIP_M), least_m)
+    wanted_m = sorted({least_m, max(HIGH_SHARE * tall_m, least_m), max(tall_m - palm_m, least_m)})
+    heights_m = [each for each in wanted_m if tall_m - palm_m <= each <= most_m]
+    if not heights_m:  # the palm is wider than the fingers
+        return job.fail("TOO_TALL", f"{entity.name} is {1e3 * tall_m:.0f} mm tall, the hand would meet or topple it.")
     bottom_m = compute_entity_box(settle(entity, request.world.entities)).bottom_m
     strokes = _Strokes(
         draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed),
