@@ -138,6 +138,14 @@ def test_each_course_has_its_cause_and_class(after, stage, execution, cause, kin
     assert (diagnosis.cause, diagnosis.kind) == (cause, kind)
 
 
+@pytest.mark.parametrize("x", [0.9, 1.4])
+def test_what_closed_fingers_push_is_not_moved_by_somebody_else(x):
+    """A cube that was pushed by 0.8 m was `carried off without being held`, and given up."""
+    bundle = make_bundle(moved(x=x), Stage.CLOSED, ended=Ended.COMPLETED)
+    pushed = (make_event(0, "p/plan_push", Role.PLAN), *bundle.trace[1:], make_event(5, "p/push", Role.MOVE))
+    assert ask(msgspec.structs.replace(bundle, trace=pushed)).cause is Cause.PLACED_WRONG
+
+
 def test_a_slip_off_the_table_is_a_loss_in_transport_that_cannot_be_mended():
     diagnosis = ask(make_bundle(moved(x=0.9, z=-0.7), Stage.LIFTED, code="GRASP_LOST"))
     assert (diagnosis.kind, diagnosis.is_hopeless) == (CauseClass.TRANSPORT, True)

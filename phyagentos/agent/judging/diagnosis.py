@@ -44,9 +44,10 @@ _OF_CODES = {
     "NOT_AT_START": Cause.STALLED,
     "OUT_OF_TIME": Cause.TIMED_OUT,
     "PLANNER_LOST": Cause.RUNNER_LOST,
-    "TOO_WIDE": Cause.IMPOSSIBLE,
     **dict.fromkeys(("UNMET", "COOLING_DOWN"), Cause.UNMET),
-    **dict.fromkeys(("NO_SPACE", "OUT_OF_REACH", "TOO_HEAVY", "TOO_SLIPPERY"), Cause.IMPOSSIBLE),
+    **dict.fromkeys(
+        ("NO_SPACE", "OUT_OF_REACH", "TOO_HEAVY", "TOO_SLIPPERY", "TOO_TALL", "TOO_WIDE"), Cause.IMPOSSIBLE
+    ),
     **dict.fromkeys(("NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_PLAN"), Cause.NO_PLAN),
 }
 _OF_ENDS = {
@@ -287,7 +288,8 @@ def _is_out_of_reach(timeline: ManipulationTimeline, *, is_recorded: bool = True
     if was is None or now is None or now.confidence < SURE or _was_held(timeline):
         return False
     fell_m = was.pose.position_m[2] - now.pose.position_m[2]
-    return fell_m > FELL_M or (is_recorded and timeline.moved_m > GONE_M and timeline.stage < Stage.LIFTED)
+    is_untouched = timeline.grips and timeline.stage < Stage.LIFTED  # a push moves it without holding it
+    return fell_m > FELL_M or (is_recorded and is_untouched and timeline.moved_m > GONE_M)
 
 
 def _was_held(timeline: ManipulationTimeline) -> bool:
