@@ -13,18 +13,7 @@ from filelock import FileLock, Timeout
 
 from phyagentos.clock import Clock, compute_seconds
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.sessions import evidence
-from phyagentos.protocol.sessions.evidence_manifest import (
-    Manifest,
-    Outcome,
-    Sealer,
-    Thinning,
-    check_bundle,
-    iter_bundles,
-    iter_objects,
-    read_manifest,
-    replace_manifest,
-)
+from phyagentos.protocol.sessions import evidence, evidence_manifest
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
 from phyagentos.protocol.sessions.looks import PREFIX
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
@@ -142,17 +131,17 @@ class _Cleaning:
         self._workspace, self._policy = workspace, policy
         self._now = clock.wall_iso()
         self._space = _Space()
-        self._manifests: dict[str, Manifest | None] = {}  # of bundles whose sessions have ended
+        self._manifests: dict[str, evidence_manifest.Manifest | None] = {}  # of bundles whose sessions have ended
         self._damaged: dict[str, None] = {}
         self._chosen: dict[str, tuple[str, dict[str, None]]] = {}  # session -> rule, files
 
     def run(self, *, dry_run: bool) -> RetentionReport:
-        folders = {path.name: path for path in iter_bundles(self._workspace.evidence)}
+        folders = {path.name: path for path in evidence_manifest.iter_bundles(self._workspace.evidence)}
         ended = {id: status for id, status in _find_ended(self._workspace, self._now).items() if id in folders}
         self._read_manifests(folders[id] for id in ended)
         unsealed = tuple(sorted(name for name, manifest in self._manifests.items() if manifest is None))
         if not dry_run:
-            sealer = Sealer(self._workspace.evidence)
+            sealer = evidence_manifest.Sealer(self._workspace.evidence)
             self._manifests |= {name: sealer.seal(folders[name], late=True) for name in unsealed}
             self._finish_interrupted(folders)
         self._measure(folders.values())
@@ -178,7 +167,7 @@ class _Cleaning:
     def _read_manifests(self, folders: Iterable[Path]) -> None:
         for folder in folders:
             try:
-                self._manifests[folder.name] = read_manifest(folder)
+                self._manifests[folder.name] = evidence_manifest.read_manifest(folder)
             except ExecutionError:
                 self._damaged[folder.name] = None
 
@@ -204,7 +193,7 @@ class _Cleaning:
         more = [name for name in manifest.files if find_kind(name) in kinds and name not in names] if manifest else []
         if not more or folder.name in self._damaged:
             return
-        if check_bundle(folder):  # what is damaged is left for a person to see
+        if evidence_manifest.check_bundle(folder):  # what is damaged is left for a person to see
             self._damaged[folder.name] = None
             return
         for name in more:
@@ -217,14 +206,16 @@ class _Cleaning:
         if manifest is None:
             return
         gone = {name: manifest.files[name] for name in names}
-        thinning = Thinning(at=self._now, rule=rule, policy=self._policy.model_dump(mode="json"), files=gone)
+        thinning = evidence_manifest.Thinning(
+            at=self._now, rule=rule, policy=self._policy.model_dump(mode="json"), files=gone
+        )
         thinned = msgspec.structs.replace(
             manifest,
             files={name: record for name, record in manifest.files.items() if name not in gone},
             thinned=(*manifest.thinned, thinning),
-            outcome=Outcome(state=status.state, at=status.updated_at, attempts=status.attempts),
+            outcome=evidence_manifest.Outcome(state=status.state, at=status.updated_at, attempts=status.attempts),
         )
-        replace_manifest(folder, thinned)
+        evidence_manifest.replace_manifest(folder, thinned)
         _delete_gone(folder, thinned)
 
     def _finish_interrupted(self, folders: Mapping[str, Path]) -> None:
@@ -238,7 +229,7 @@ class _Cleaning:
         for folder in folders:
             for path in folder.iterdir():
                 self._space.add(path)
-        for path in iter_objects(self._workspace.evidence):
+        for path in evidence_manifest.iter_objects(self._workspace.evidence):
             if path.stat().st_nlink > 1:  # the others are swept
                 self._space.add(path, is_object=True)
 
@@ -256,7 +247,7 @@ def _find_ended(workspace: Workspace, now: str) -> dict[SessionId, SessionStatus
     }
 
 
-def _delete_gone(folder: Path, manifest: Manifest) -> None:
+def _delete_gone(folder: Path, manifest: evidence_manifest.Manifest) -> None:
     for name in manifest.gone:
         if name not in manifest.files:
             (folder / name).unlink(missing_ok=True)
@@ -264,6 +255,6 @@ def _delete_gone(folder: Path, manifest: Manifest) -> None:
 
 def _sweep(evidence_folder: Path) -> None:
     """Delete large files that no bundle links to any more; one that is linked meanwhile lives on in its bundle."""
-    for path in iter_objects(evidence_folder):
+    for path in evidence_manifest.iter_objects(evidence_folder):
         if path.stat().st_nlink == 1:
             path.unlink()

@@ -11,16 +11,7 @@ import msgspec
 import numpy as np
 
 from phyagentos.protocol.settings.safety import Reaction, TargetLimits
-from phyagentos.runtime.actions.guard_kernels import (
-    BEND,
-    CHANGE,
-    DISAGREEMENT,
-    JERK,
-    POSITION,
-    STEP,
-    VELOCITY,
-    measure_rows,
-)
+from phyagentos.runtime.actions import guard_kernels
 from phyagentos.runtime.actions.guard_limits import ROUNDING, Box, GuardLimits
 from phyagentos.runtime.actions.set_points import Array
 from phyagentos.runtime.actions.tool_point import ToolPoint
@@ -157,11 +148,11 @@ class SafetyGuard:
         """One comparison for all bounds of all rows; the broken one is searched only when it fails."""
         points, slopes, found = self._points, self._slopes, self._measures
         points[0, 1:], points[1, 1:] = command.q_rad, command.qd_rad_s
-        measure_rows(points, slopes, self._middle, 0.5 * self._limits.dt, found)
-        is_within = found[:JERK] <= self._bounds
+        guard_kernels.measure_rows(points, slopes, self._middle, 0.5 * self._limits.dt, found)
+        is_within = found[: guard_kernels.JERK] <= self._bounds
         if np.count_nonzero(is_within) != is_within.size:
             return self._find_broken_bound(command)
-        jerk = found[JERK].sum(axis=0)
+        jerk = found[guard_kernels.JERK].sum(axis=0)
         if not (jerk <= self._limits.jerk_sum_max).all():
             joint = int((jerk / self._limits.jerk_sum_max).argmax())
             scale = 1.0 / (self._limits.dt**2 * self._limits.shape[0])
@@ -176,12 +167,12 @@ class SafetyGuard:
                 return Violation(ViolationCode.NOT_FINITE, name, float(array[row, joint]), np.inf, "", row)
         dt, bounds = self._limits.dt, self._limits
         kinds = (
-            (POSITION, ViolationCode.JOINT_POSITION, 1.0, "rad"),
-            (VELOCITY, ViolationCode.JOINT_VELOCITY, 1.0, "rad/s"),
-            (STEP, ViolationCode.JOINT_VELOCITY, 1.0 / dt, "rad/s"),
-            (CHANGE, ViolationCode.JOINT_ACCELERATION, 1.0 / dt, "rad/s^2"),
-            (BEND, ViolationCode.JOINT_ACCELERATION, 1.0 / dt**2, "rad/s^2"),
-            (DISAGREEMENT, ViolationCode.SET_POINTS_DISAGREE, 1.0 / dt, "rad/s"),
+            (guard_kernels.POSITION, ViolationCode.JOINT_POSITION, 1.0, "rad"),
+            (guard_kernels.VELOCITY, ViolationCode.JOINT_VELOCITY, 1.0, "rad/s"),
+            (guard_kernels.STEP, ViolationCode.JOINT_VELOCITY, 1.0 / dt, "rad/s"),
+            (guard_kernels.CHANGE, ViolationCode.JOINT_ACCELERATION, 1.0 / dt, "rad/s^2"),
+            (guard_kernels.BEND, ViolationCode.JOINT_ACCELERATION, 1.0 / dt**2, "rad/s^2"),
+            (guard_kernels.DISAGREEMENT, ViolationCode.SET_POINTS_DISAGREE, 1.0 / dt, "rad/s"),
         )
         for kind, code, scale, unit in kinds:
             excess = self._measures[kind] - self._bounds[kind]
@@ -189,7 +180,7 @@ class SafetyGuard:
                 continue
             row, joint = (int(index) for index in np.unravel_index(int(excess.argmax()), excess.shape))
             found, limit = self._measures[kind, row, joint] * scale, self._bounds[kind, 0, joint] * scale
-            if kind == POSITION:
+            if kind == guard_kernels.POSITION:
                 found = command.q_rad[row, joint]
                 limit = bounds.q_min[joint] if found < self._middle[joint] else bounds.q_max[joint]
             return Violation(code, f"joint {joint + 1}", float(found), float(limit), unit, row)

@@ -15,18 +15,9 @@ from phyagentos.protocol.documents.schema import Located, validate
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.sessions.stop_signals import extend_name, move_aside
 from phyagentos.store.admission import Entry
+from phyagentos.store.edits import form
 from phyagentos.store.edits.changes import plan_amend, plan_cancel, plan_submit
 from phyagentos.store.edits.exchange import may_be_written
-from phyagentos.store.edits.form import (
-    REQUESTS,
-    AmendRequest,
-    CancelRequest,
-    Request,
-    SubmitRequest,
-    parse_form,
-    read_amendment,
-    read_contract,
-)
 
 SETTLED_S = 0.5  # a file written straight into `new/` appears empty and grows
 _EXAMPLE = """kind: cancel
@@ -50,7 +41,7 @@ class Dropped:
         moved = move_aside(self.path, self.path.parent.parent / "refused")
         if moved is None:  # gone, or a folder
             return
-        kinds = format_names(REQUESTS)
+        kinds = format_names(form.REQUESTS)
         text = (
             f"# {self.path.name} was refused\n\n{reason}\n\nNothing was done. Correct it and drop it again. A request "
             f"is a YAML mapping with `kind` ({kinds}), for example:\n\n```yaml\n{_EXAMPLE}```\n"
@@ -92,18 +83,18 @@ class Inbox:
         return is_growing is not True and now_s - self._seen[name][1] >= SETTLED_S
 
 
-def read_request(path: Path) -> tuple[Request, Located]:
+def read_request(path: Path) -> tuple[form.Request, Located]:
     """A file's request, and the place of each part; raises DefinitionError with every problem at file:line:column."""
     try:
-        located = parse_form(path.read_text(encoding="utf-8-sig"), path.name)
+        located = form.parse_form(path.read_text(encoding="utf-8-sig"), path.name)
     except (OSError, UnicodeDecodeError) as error:
         raise DefinitionError.of("UNREADABLE_FILE", path.name, str(error)) from error
     data = located.data
     kind = data.get("kind") if isinstance(data, dict) else None
-    if not isinstance(kind, str) or kind not in REQUESTS:
+    if not isinstance(kind, str) or kind not in form.REQUESTS:
         found = repr(kind) if kind is not None else "no 'kind'"
-        raise DefinitionError(located.unknown("UNKNOWN_REQUEST", ("kind",), str(kind), REQUESTS, found))
-    return validate(REQUESTS[kind], located), located
+        raise DefinitionError(located.unknown("UNKNOWN_REQUEST", ("kind",), str(kind), form.REQUESTS, found))
+    return validate(form.REQUESTS[kind], located), located
 
 
 def plan_request(path: Path, sessions: Mapping[SessionId, SessionStatus]) -> Entry | None:
@@ -115,19 +106,19 @@ def plan_request(path: Path, sessions: Mapping[SessionId, SessionStatus]) -> Ent
     """
     request, located = read_request(path)
     match request:
-        case SubmitRequest():
+        case form.SubmitRequest():
             id = str(request.contract.get("id") or path.stem)
-            return plan_submit(read_contract(located, ("contract",), id), sessions)
-        case AmendRequest():
-            amendment = read_amendment(located, ("limits",), request.limits, request.priority)
+            return plan_submit(form.read_contract(located, ("contract",), id), sessions)
+        case form.AmendRequest():
+            amendment = form.read_amendment(located, ("limits",), request.limits, request.priority)
             return plan_amend(SessionId(request.session), amendment, sessions)
-        case CancelRequest():
+        case form.CancelRequest():
             return plan_cancel(SessionId(request.session), request.reason, sessions)
 
 
 def _is_yaml(path: Path) -> bool:
     """Whether it can be refused or done at once; what is no YAML yet may still grow."""
     try:
-        return isinstance(parse_form(path.read_text(encoding="utf-8-sig"), path.name).data, dict)
+        return isinstance(form.parse_form(path.read_text(encoding="utf-8-sig"), path.name).data, dict)
     except (OSError, ValueError, DefinitionError):
         return False

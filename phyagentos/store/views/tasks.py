@@ -10,17 +10,8 @@ from phyagentos.protocol.documents.markdown import (
     render_link,
     render_table,
 )
+from phyagentos.protocol.sessions import tasks
 from phyagentos.protocol.sessions.session import SessionId
-from phyagentos.protocol.sessions.tasks import (
-    PAST,
-    TASK,
-    GoalStatus,
-    NodeState,
-    Relation,
-    Replan,
-    iter_edges,
-    iter_steps,
-)
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.views.criteria import render_criteria
 
@@ -41,13 +32,13 @@ The goals of this workspace, newest first: what was asked, how each node of the 
 """
 _NOTHING = "No goal has been submitted yet.\n"
 _COLORS = {
-    NodeState.WAITING: "fill:#eceff1,stroke:#90a4ae,color:#263238",
-    NodeState.READY: "fill:#e3f2fd,stroke:#1e88e5,color:#0d47a1",
-    NodeState.ACTIVE: "fill:#fff3e0,stroke:#fb8c00,color:#bf360c",
-    NodeState.DONE: "fill:#e8f5e9,stroke:#43a047,color:#1b5e20",
-    NodeState.BLOCKED: "fill:#ffebee,stroke:#e53935,color:#b71c1c",
-    NodeState.INVALIDATED: "fill:#f3e5f5,stroke:#8e24aa,color:#4a148c",
-    PAST: "fill:#ffffff,stroke:#90a4ae,color:#546e7a",
+    tasks.NodeState.WAITING: "fill:#eceff1,stroke:#90a4ae,color:#263238",
+    tasks.NodeState.READY: "fill:#e3f2fd,stroke:#1e88e5,color:#0d47a1",
+    tasks.NodeState.ACTIVE: "fill:#fff3e0,stroke:#fb8c00,color:#bf360c",
+    tasks.NodeState.DONE: "fill:#e8f5e9,stroke:#43a047,color:#1b5e20",
+    tasks.NodeState.BLOCKED: "fill:#ffebee,stroke:#e53935,color:#b71c1c",
+    tasks.NodeState.INVALIDATED: "fill:#f3e5f5,stroke:#8e24aa,color:#4a148c",
+    tasks.PAST: "fill:#ffffff,stroke:#90a4ae,color:#546e7a",
 }
 
 
@@ -56,11 +47,11 @@ def render_tasks(ledger: Ledger) -> str:
     shown, older = select_goals(ledger)
     sections = [render_task(goal, ledger) for goal in shown]
     note = f"{older} older goals are not shown; their records are in `sessions/`, their graphs in `goals/`.\n"
-    front = render_front(FrontMatter(phy=TASK.phy, view=ledger.seq))
+    front = render_front(FrontMatter(phy=tasks.TASK.phy, view=ledger.seq))
     return f"{front}{_HEAD}{''.join(sections) or _NOTHING}{note if older else ''}"
 
 
-def select_goals(ledger: Ledger) -> tuple[list[GoalStatus], int]:
+def select_goals(ledger: Ledger) -> tuple[list[tasks.GoalStatus], int]:
     """The goals that are shown, newest first, and how many are not: only of the judged ones the oldest are left out."""
     shown = []
     judged = 0
@@ -71,12 +62,12 @@ def select_goals(ledger: Ledger) -> tuple[list[GoalStatus], int]:
     return shown, max(0, ledger.goal_count - len(shown))
 
 
-def is_over(goal: GoalStatus) -> bool:
+def is_over(goal: tasks.GoalStatus) -> bool:
     """Whether nothing more happens to it."""
     return bool(goal.verdict) or goal.is_cancelled
 
 
-def render_task(goal: GoalStatus, ledger: Ledger) -> str:
+def render_task(goal: tasks.GoalStatus, ledger: Ledger) -> str:
     """One `## <goal id>` section: what was asked, how it went, graph, nodes, replans, criteria, then all as YAML."""
     by = f" by {goal.asked_by}" if goal.asked_by else ""
     lines = [
@@ -101,28 +92,28 @@ def render_task(goal: GoalStatus, ledger: Ledger) -> str:
     return "\n".join(parts) + "\n"
 
 
-def render_graph(goal: GoalStatus) -> str:
+def render_graph(goal: tasks.GoalStatus) -> str:
     """The goal's graph as a Mermaid flowchart, further attempts included, coloured by state; every label is quoted."""
-    steps = {step.name: step for step in iter_steps(goal)}
+    steps = {step.name: step for step in tasks.iter_steps(goal)}
     names = {name: f"n{index}" for index, name in enumerate(steps)}
     lines = ["flowchart TD"]
     for name, step in steps.items():
         lines.append(f'    {names[name]}["<b>{escape_label(name)}</b><br/>{step.state}"]:::{step.state}')
-    for edge in iter_edges(goal):
-        arrow = "-->" if edge.relation is Relation.AFTER else f"-- {edge.relation} -->"
+    for edge in tasks.iter_edges(goal):
+        arrow = "-->" if edge.relation is tasks.Relation.AFTER else f"-- {edge.relation} -->"
         lines.append(f"    {names[edge.before]} {arrow} {names[edge.step]}")
     lines += [f"    classDef {state} {color}" for state, color in _COLORS.items()]
     return "\n".join(lines) + "\n"
 
 
-def _draw(goal: GoalStatus) -> str:
-    steps, edges = sum(1 for _ in iter_steps(goal)), sum(1 for _ in iter_edges(goal))
+def _draw(goal: tasks.GoalStatus) -> str:
+    steps, edges = sum(1 for _ in tasks.iter_steps(goal)), sum(1 for _ in tasks.iter_edges(goal))
     if steps > NODES_DRAWN or edges > EDGES_DRAWN:
         return f"The graph has {steps} nodes and {edges} edges, too many to draw; the table has them all.\n"
     return f"```mermaid\n{render_graph(goal)}```\n"
 
 
-def _render_nodes(goal: GoalStatus, ledger: Ledger) -> str:
+def _render_nodes(goal: tasks.GoalStatus, ledger: Ledger) -> str:
     rows = (
         (
             name,
@@ -138,7 +129,7 @@ def _render_nodes(goal: GoalStatus, ledger: Ledger) -> str:
     return render_table(("node", "state", "what", "by", "after", "sessions", "why"), rows)
 
 
-def _render_replans(goal: GoalStatus, ledger: Ledger) -> str:
+def _render_replans(goal: tasks.GoalStatus, ledger: Ledger) -> str:
     rows = (
         (_link(ledger, each.session), _link(ledger, each.child), *split_reason(each, ledger))
         for node in goal.nodes.values()
@@ -147,7 +138,7 @@ def _render_replans(goal: GoalStatus, ledger: Ledger) -> str:
     return render_table(("session", "revised as", "what went wrong", "what is done differently"), rows)
 
 
-def split_reason(replan: Replan, ledger: Ledger) -> tuple[str, str]:
+def split_reason(replan: tasks.Replan, ledger: Ledger) -> tuple[str, str]:
     """What went wrong, and what the child does differently; all as the former when they cannot be distinguished."""
     parent = ledger.sessions.get(replan.session)
     attempt = parent.decision if parent is not None else None
@@ -158,14 +149,14 @@ def split_reason(replan: Replan, ledger: Ledger) -> tuple[str, str]:
     return replan.reason, ""
 
 
-def _describe_verdict(goal: GoalStatus) -> str:
+def _describe_verdict(goal: tasks.GoalStatus) -> str:
     if not goal.verdict:
         return f"cancelled, {goal.reason or 'no reason given'}" if goal.is_cancelled else "none yet"
     why = f": {goal.reason}" if goal.reason else ""
     return f"**{goal.verdict}**, {format_moment(goal.updated_at)}{why}"
 
 
-def _format_advice(goal: GoalStatus, ledger: Ledger) -> list[str]:
+def _format_advice(goal: tasks.GoalStatus, ledger: Ledger) -> list[str]:
     """One line for each session that memory changed: what it does differently, and the lesson that asked for it."""
     found = (ledger.sessions.get(id) for node in goal.nodes.values() for id in node.sessions)
     advised = [status.contract for status in found if status is not None and status.contract.advice]
