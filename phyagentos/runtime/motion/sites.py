@@ -16,7 +16,7 @@ from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.requests import Array, FindPlacements
-from phyagentos.runtime.motion.shapes import Box, compute_bounds, compute_shape_boxes
+from phyagentos.runtime.motion.shapes import Box, compute_bounds, compute_entity_box, compute_shape_boxes
 
 GAP_M = 0.005  # between the payload and its neighbours, and to the walls
 TILE_GAP_M = 0.03  # between tiles: room for a finger
@@ -311,6 +311,6 @@ def _carriers(entities: list[Entity], space: Box) -> list[Entity]:
     return [
         entity
         for entity in entities
-        for box in compute_shape_boxes(entity)
+        for box in ([compute_entity_box(entity)] if entity.movable else compute_shape_boxes(entity))
         if abs(box.top_m - space.bottom_m) <= SUPPORT_BAND_M and box.compute_distance(middle) <= SUPPORT_BAND_M
     ]

@@ -107,6 +107,16 @@ def test_what_is_too_large_is_told_from_what_finds_the_destination_full(planner,
     assert place_into(planner, build.replace(deep(0.02, x=0.03, y=0.03), large), home, 0.07).code == "NO_SPACE"
 
 
+def test_a_bowl_in_the_middle_of_a_tray_is_no_floor_to_stand_on(planner, build, deep, home):
+    """Its base is as low as the tray's floor: things were to stand in it, and did not go in, empty as the tray may be."""
+    base = Shape(ShapeKind.CYLINDER, (0.022, 0.002), Pose((0, 0, -0.016)))
+    walls = [build.box((s * 0.022, 0, 0), (0.002, 0.02, 0.018)) for s in (-1, 1)]
+    walls += [build.box((0, s * 0.022, 0), (0.02, 0.002, 0.018)) for s in (-1, 1)]
+    bowl = msgspec.structs.replace(build.cube("bowl", 0.5, 0.3, z=0.023), shapes=(base, *walls))
+    assert isinstance(place_into(planner, deep(0.03, bowl, y=0.08), home, 0.03), Approaches)
+    assert place_into(planner, deep(0.03, bowl, x=0.04, y=0.04), home, 0.03).code == "NO_FREE_SITE"
+
+
 def test_things_are_packed_along_walls_so_that_the_next_one_fits(planner, build, deep, home):
     """Two cubes of 40 mm in 100 x 120 mm fit only when the first does not stand in the middle."""
     world, places = deep(0.03, y=0.06, half_m=0.02), []
