@@ -185,13 +185,14 @@ def fit(
     if best is None:
         return None
     own, limit_m = _tilt(thing, best.rotation), ranked[0][0] + _compute_alike(best.rms_m, len(few.points_m))
-    alike_m, other_tilt_rad = best.cost_m + _compute_alike(best.rms_m, best.count), 0.0
+    alike_m, other_tilt_rad, least = best.cost_m + _compute_alike(best.rms_m, best.count), 0.0, best
     for cost_m, turned, moved in ranked if thing.path is None else ():
         if cost_m < limit_m and abs(_tilt(thing, turned) - own) > best.doubt.total[1]:  # by few points: ask all of them
-            pose = refine(thing.solids, patch, turned, moved, UPRIGHT if _is_standing(turned) else FREE, 8)
-            if _weigh(thing, patch, views, *pose, obstacle)[0] < alike_m:
-                other_tilt_rad = max(other_tilt_rad, abs(_tilt(thing, pose[0]) - own))
-    best = replace(best, other_tilt_rad=other_tilt_rad)
+            other = _finish(thing, patch, views, turned, moved, obstacle)
+            if other.cost_m < alike_m:
+                other_tilt_rad = max(other_tilt_rad, abs(_tilt(thing, other.rotation) - own))
+                least = min(least, other, key=lambda each: _tilt(thing, each.rotation))
+    best = replace(best if stays else least, other_tilt_rad=other_tilt_rad)  # few things lie on their heads
     return compare_lookalikes(thing, patch, views, best, obstacle, keep=prior is not None)
 
 
@@ -205,11 +206,9 @@ def track(thing: ObjectModel, seen: Cloud, views: tuple[CameraView, ...], prior:
         stays = stay(thing, patch, views, prior)
         if stays.cost_m < TRACKED_M and stays.sight.contradicted_fraction < CONTRADICTED:
             return stays
-    if found.rotation[2, 2] < -0.5:  # on its head, which few things are: a mug once taken for that would stay so
-        turned = found.rotation @ np.diag(DOWN)
-        middle = found.position_m + (found.rotation - turned) @ thing.solids.center_m
-        standing = _finish(thing, patch, views, turned, middle)
-        found = standing if standing.cost_m < found.cost_m - ALIKE_M else found
+    if found.rotation[2, 2] < -0.5:  # on its head, which few things are: what was once taken for that would stay so
+        again = fit(thing, seen, views)
+        found = again if again is not None and again.cost_m < found.cost_m - ALIKE_M else found
     is_good = found.cost_m < TRACKED_M and float(np.linalg.norm(found.position_m - prior[1])) < TRACK_REACH_M
     return compare_lookalikes(thing, patch, views, found, None, keep=True) if is_good else None
 
