@@ -73,10 +73,13 @@ def find_push(
         scene,
         job,
     )
-    found = strokes.find(entity, goal_m)
-    if not found and entity.movable and not request.ignore:
-        floor = _Floor.of(entity, goal_m, bottom_m, bottom_m + tall_m, scene)
+    floor = _Floor.of(entity, goal_m, bottom_m, bottom_m + tall_m, scene)
+    may_go_around = entity.movable and not request.ignore
+    found = [] if may_go_around and not floor.is_straight else strokes.find(entity, goal_m)
+    if not found and may_go_around:
         found = _find_first_of_several(entity, goal_m, floor, strokes)
+    if not found and may_go_around and not floor.is_straight:  # it pushes along what it runs into
+        found = strokes.find(entity, goal_m)
     if not found:
         return job.fail("NO_IK", f"No push, straight or around obstacles, brings {entity.name} there.")
     found.sort(key=lambda each: float(np.linalg.norm(each.line_rad[0] - request.q_rad)))
@@ -133,10 +136,14 @@ class _Strokes:
 
 @dataclass(frozen=True, slots=True)
 class _Floor:
-    """Places (n, 2) on the support, start and goal first, and the cost (n, n) of a straight push between two."""
+    """Places (n, 2) on the support, start and goal first, and the cost (n, n) of a straight push between two.
+
+    `is_straight` says whether the straight push from start to goal moves the entity into nothing.
+    """
 
     places_m: Array
     cost_m: Array
+    is_straight: bool
 
     @classmethod
     def of(cls, entity: Entity, goal_m: Array, bottom_m: float, top_m: float, scene: PlanningScene) -> "_Floor":
@@ -170,10 +177,11 @@ class _Floor:
         for index, place in enumerate(places):
             way_m = look_up(place + shares[:, None, None] * (places - place))
             cost[index, way_m.min(axis=0) < np.minimum(need_m[index], need_m)] = np.inf
+        is_straight = bool(np.isfinite(cost[0, 1]))
         cost[0, np.linalg.norm(places - start_m, axis=1) < ROUTE_STEP_M] = np.inf
         cost[need_m < 0.0] = np.inf
         np.fill_diagonal(cost, np.inf)
-        return cls(places, cost)
+        return cls(places, cost, is_straight)
 
 
 def _find_first_of_several(entity: Entity, goal_m: Array, floor: _Floor, strokes: _Strokes) -> list[Approach]:

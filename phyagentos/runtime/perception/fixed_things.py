@@ -11,16 +11,8 @@ import numpy as np
 
 from phyagentos.geometry import compute_rotation, turn
 from phyagentos.protocol.world.environment import Entity
+from phyagentos.runtime.perception import fitting
 from phyagentos.runtime.perception.clusters import find_clusters
-from phyagentos.runtime.perception.fitting import (
-    CONTRADICTION_M,
-    POINTS_MAX,
-    Fit,
-    Patch,
-    compute_cost,
-    measure_doubt,
-    refine,
-)
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import CameraView, Cloud
@@ -38,7 +30,7 @@ Start = tuple[Array, Array]
 
 def measure_fixed(
     thing: ObjectModel, believed: Mapping[str, Entity], views: tuple[CameraView, ...], cloud: Cloud
-) -> Fit | None:
+) -> fitting.Fit | None:
     """Pose of a fixed body; None where it is not seen, or its frame is not known yet."""
     nominal, entity = _find_nominal(thing, believed), believed.get(thing.name)
     if nominal is None or thing.reach_m is None:
@@ -51,7 +43,7 @@ def measure_fixed(
         starts = [(compute_rotation(pose.quaternion_wxyz), np.array(pose.position_m))]
     else:
         starts = list(_iter_starts(thing, nominal, seen.points_m)) if is_searched else [nominal]
-    patch = Patch.of(seen, views, 3 * POINTS_MAX)
+    patch = fitting.Patch.of(seen, views, 3 * fitting.POINTS_MAX)
     fits = [fit for start in starts if (fit := _fit(thing, patch, views, start, nominal)) is not None]
     best = min(fits, key=lambda each: each.cost_m, default=None)
     return best if best is None or not is_searched or best.cost_m < GATE_M else None
@@ -103,7 +95,9 @@ def _iter_starts(thing: ObjectModel, nominal: Start, points: Array) -> Iterator[
             yield rotation, position
 
 
-def _fit(thing: ObjectModel, patch: Patch, views: tuple[CameraView, ...], start: Start, nominal: Start) -> Fit | None:
+def _fit(
+    thing: ObjectModel, patch: fitting.Patch, views: tuple[CameraView, ...], start: Start, nominal: Start
+) -> fitting.Fit | None:
     """The pose near a start, within the span of its place; its doubt is that of the free directions."""
     if len(patch.points_m) < POINTS_MIN or thing.reach_m is None:
         return None
@@ -115,20 +109,20 @@ def _fit(thing: ObjectModel, patch: Patch, views: tuple[CameraView, ...], start:
         solids, position_m = stretch_solids(solids, stretch), np.array([*position_m[:2], _lift(thing, stretch)])
         free[2] = 0.0
     if free.any():
-        rotation, position_m = refine(solids, patch, rotation, position_m, free, 10)
+        rotation, position_m = fitting.refine(solids, patch, rotation, position_m, free, 10)
     if thing.stretch is None:
         axes, reach = _get_axes(thing, nominal), np.array(thing.reach_m)
         position_m = nominal[1] + axes @ np.clip((position_m - nominal[1]) @ axes, -reach, reach)
-    cost, rms = compute_cost(solids, patch, rotation, position_m)
+    cost, rms = fitting.compute_cost(solids, patch, rotation, position_m)
     sight = compute_sight(thing, rotation, position_m, views)
-    return Fit(
+    return fitting.Fit(
         rotation=rotation,
         position_m=position_m,
-        cost_m=cost + CONTRADICTION_M * sight.contradicted_fraction,
+        cost_m=cost + fitting.CONTRADICTION_M * sight.contradicted_fraction,
         rms_m=rms,
         sight=sight,
         count=len(patch.points_m),
-        doubt=measure_doubt(thing, solids, patch, rotation, position_m, free),
+        doubt=fitting.measure_doubt(thing, solids, patch, rotation, position_m, free),
         freely=rotation,
         stretch=stretch,
     )

@@ -17,15 +17,8 @@ from phyagentos.protocol.world.alike import find_alike, find_turned
 from phyagentos.protocol.world.descriptions import add_described
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, PriorKnowledge, Shape
 from phyagentos.protocol.world.scenes import Body, Number3, Placement, SceneSpec, Solid
+from phyagentos.runtime.perception import forms
 from phyagentos.runtime.perception.articulated import Articulated, Path, find_articulated
-from phyagentos.runtime.perception.forms import (
-    Form,
-    find_form,
-    find_symmetries,
-    find_turns,
-    iter_lookalikes,
-    sample_surface,
-)
 from phyagentos.runtime.perception.solids import Array, Solids
 
 ALIKE = 0.15  # of hues, as `colors` measures them: they are taken for each other in bad light
@@ -60,7 +53,7 @@ class ObjectModel:
     """
 
     template: Entity
-    form: Form
+    form: forms.Form
     solids: Solids
     colors: tuple[int, ...]
     reach_m: tuple[float, float, float] | None
@@ -276,13 +269,13 @@ def join_map(known: Mapping[str, Entity], parts: Mapping[str, MapPart]) -> Solid
 def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec) -> ObjectModel:
     template = _make_template(name, body, source="")
     solids = Solids.of([_make_shape(solid) for solid in body.shapes])
-    form = Form.FIXED if body.fixed else find_form(template)
+    form = forms.Form.FIXED if body.fixed else forms.find_form(template)
     reach = None
     if body.fixed:
         nominal_m, reach = _find_span(body.place, spec)
         template = msgspec.structs.replace(template, pose=Pose(nominal_m, template.pose.quaternion_wxyz))
-    samples, normals = sample_surface(solids)
-    symmetries = find_symmetries(template, form)
+    samples, normals = forms.sample_surface(solids)
+    symmetries = forms.find_symmetries(template, form)
     return ObjectModel(
         template=template,
         form=form,
@@ -298,8 +291,8 @@ def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec)
         normals=normals,
         diameter_m=2 * float(np.linalg.norm(samples - samples.mean(axis=0), axis=1).max()),
         width_m=float(np.sort(np.ptp(samples, axis=0))[1]),
-        turns=find_turns(samples, normals, form),
-        lookalikes=() if body.fixed else tuple(iter_lookalikes(solids, samples, symmetries, form)),
+        turns=forms.find_turns(samples, normals, form),
+        lookalikes=() if body.fixed else tuple(forms.iter_lookalikes(solids, samples, symmetries, form)),
         alike=find_alike(spec, name),
     )
 

@@ -488,4 +488,40 @@ SABOTAGES = (
             "test_a_thing_in_view_is_not_thought_to_be_on_stray_pixels_of_one_that_stays",
         ),
     ),
+    Sabotage(
+        name="few_pixels_show_a_turn",
+        lie="A small cube that two looks of few pixels show at two angles has moved.",
+        edits=(Edit("phyagentos.protocol.world.predicates.builtins", "COARSE_SHARE if doubt_rad", "1.0 if doubt_rad"),),
+        tests=("tests/protocol/test_predicate_doubt.py::test_a_turn_that_few_pixels_show_is_no_turn[0.1-unknown]",),
+    ),
+    Sabotage(
+        name="covered_slides_up",
+        lie="What is almost covered is believed within its cover, as the pixels of its rim fit best.",
+        edits=(Edit("phyagentos.runtime.perception.separate_overlaps", "if name in priors and", "if False and"),),
+        tests=(
+            "tests/runtime/perception/test_possible_poses.py::"
+            "test_what_is_almost_covered_stays_where_it_was_and_does_not_slide_into_its_cover[True]",
+        ),
+    ),
+    Sabotage(
+        name="diverged_world_begins_anew",
+        lie="A simulation that became unstable goes on as if nothing had happened.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.drivers.mujoco.physics",
+                "if not np.isfinite(self.data.qpos).all():",
+                "if False:",
+            ),
+        ),
+        tests=("tests/runtime/targets/test_world.py::test_a_simulation_that_diverges_is_told_and_does_not_begin_anew",),
+    ),
+    Sabotage(
+        name="pads_meet_an_edge",
+        lie="A grasp counts as good although the pads meet no more than the edge of a thing.",
+        edits=(Edit("phyagentos.runtime.motion.pad_contacts", "-min(int(meets[index]), ENOUGH)", "0"),),
+        tests=(
+            "tests/runtime/motion/test_grasps.py::"
+            "test_a_tall_bottle_is_closed_on_by_more_than_the_edge_of_its_body[0.038]",
+        ),
+    ),
 )

@@ -134,7 +134,7 @@ def test_a_tall_bottle_is_closed_on_by_more_than_the_edge_of_its_body(planner, b
     answer = planner.answer(FindGrasps(world=World((table, bottle)), object="bottle", q_rad=home, seed=1))
     for approach in answer.approaches:
         z_m = approach.tcp_end.position_m[2]
-        assert z_m <= 2 * high_m - 0.0 or z_m >= 2 * high_m + 0.0095, approach.label  # pads reach 9.5 mm down
+        assert z_m <= 2 * high_m or z_m >= 2 * high_m + 0.0095, approach.label  # pads reach 9.5 mm down
 
 
 def build_mug(build):
@@ -186,6 +186,15 @@ def planner_half(planner):
     across, along = measure_fingers(planner.robot)
     assert 0.008 < across < 0.012 < along < 0.03
     return across
+
+
+@pytest.mark.parametrize(("aside_m", "is_straight"), [(0.035, False), (0.08, True)])
+def test_a_thing_is_pushed_around_what_it_would_run_into_itself(planner, build, table, home, aside_m, is_straight):
+    """The hand passed beside a small cube, and the pushed can took it along."""
+    things = (table, build.cube("cube0", 0.5, -0.15), build.cube("small", 0.5 + aside_m, 0.05, half=0.01))
+    answer = planner.answer(FindPush(world=World(things), object="cube0", to_m=(0.5, 0.25), q_rad=home, seed=1))
+    ends = [each.tcp_end.position_m for each in answer.approaches]
+    assert all((abs(x - 0.5) < 0.005 and y > 0.2) == is_straight for x, y, _ in ends)
 
 
 def test_a_bar_is_taken_beside_its_middle_where_the_hand_has_no_room_over_it(planner, build, table, home):

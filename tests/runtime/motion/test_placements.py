@@ -108,7 +108,7 @@ def test_what_is_too_large_is_told_from_what_finds_the_destination_full(planner,
 
 
 def test_a_bowl_in_the_middle_of_a_tray_is_no_floor_to_stand_on(planner, build, deep, home):
-    """Its base is as low as the tray's floor: things were to stand in it, and did not go in, empty as the tray may be."""
+    """Its base is as low as the floor: things were to stand in it, and found no room, empty as the tray may be."""
     base = Shape(ShapeKind.CYLINDER, (0.022, 0.002), Pose((0, 0, -0.016)))
     walls = [build.box((s * 0.022, 0, 0), (0.002, 0.02, 0.018)) for s in (-1, 1)]
     walls += [build.box((0, s * 0.022, 0), (0.02, 0.002, 0.018)) for s in (-1, 1)]
