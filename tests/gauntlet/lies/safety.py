@@ -23,14 +23,24 @@ SABOTAGES = (
     Sabotage(
         name="velocity_not_checked",
         lie="The guard measures every joint as standing still.",
-        edits=(Edit(GUARD, "is_within = found[:JERK] <=", "found[VELOCITY] = 0.0; is_within = found[:JERK] <="),),
+        edits=(
+            Edit(
+                GUARD,
+                "is_within = found[: guard_kernels.JERK] <=",
+                "found[guard_kernels.VELOCITY] = 0.0; is_within = found[: guard_kernels.JERK] <=",
+            ),
+        ),
         tests=("tests/runtime/actions/test_guard.py::test_any_velocity_above_its_limit_is_refused",),
     ),
     Sabotage(
         name="nan_passes",
         lie="The guard asks whether a bound is exceeded, which a number that is none never does.",
         edits=(
-            Edit(GUARD, "is_within = found[:JERK] <= self._bounds", "is_within = ~(found[:JERK] > self._bounds)"),
+            Edit(
+                GUARD,
+                "is_within = found[: guard_kernels.JERK] <= self._bounds",
+                "is_within = ~(found[: guard_kernels.JERK] > self._bounds)",
+            ),
             Edit(
                 GUARD,
                 "if not (jerk <= self._limits.jerk_sum_max).all():",
