@@ -59,11 +59,12 @@ def find_grasps(
     """Approaches to grasps of `entity`, the nearest first; if any, those from which `place` finds a way on."""
     profile, fingers = scene.robot.profile, scene.robot.fingers
     entity = settle(entity, request.world.entities)
-    ways, poor = compute_grasp_ways(entity, profile, fingers, request.hover_m)
-    has_corners = len(entity.shapes) == 1 and not is_round(entity)
-    corners, _ = (
-        compute_grasp_ways(entity, profile, fingers, request.hover_m, corners=True) if has_corners else ([], [])
-    )
+    turns = request.then is not None and request.then.up is not None
+    is_whole = turns or len(entity.shapes) == 1  # what is turned is held across its middle
+    ways, poor = compute_grasp_ways(entity, profile, fingers, request.hover_m, whole=is_whole)
+    corners: list[Way] = []
+    if is_whole and not is_round(entity):
+        corners, _ = compute_grasp_ways(entity, profile, fingers, request.hover_m, whole=True, corners=True)
     solids = list(_iter_solid_ways(entity, profile, fingers, request.hover_m))
     if not ways and not solids and not poor:
         opens = f"the gripper opens ({profile.gripper.max_width_m} m), less {1e3 * LEAST_CLEARANCE_M:.0f} mm of room"
@@ -71,7 +72,6 @@ def find_grasps(
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     tried: set[str] = set()
     dead, dead_ends = set[str](), list[list[Approach]]()
-    turns = request.then is not None and request.then.up is not None
     for batch in (*_iter_batches(ways, corners, solids, entity), poor):
         wanted = [way for way in batch if way.label not in {*request.avoid, *dead} and _is_wanted(way, entity, request)]
         tried.update(way.label for way in wanted)
@@ -177,14 +177,16 @@ def compute_grasp_ways(
     fingers: Collection[str],
     hover_m: float,
     *,
+    whole: bool,
     corners: bool = False,
 ) -> tuple[list[Way], list[Way]]:
     """Every tool pose that grasps an entity from above with the opening of the gripper, the good and the poor ones.
 
-    `corners` closes on opposite edges of a box instead of its faces: the last resort.
+    `whole` closes on the middle of the box around it, whatever is there; `corners` closes on opposite edges of a box
+    instead of its faces: the last resort.
     """
     widest_m = profile.gripper.max_width_m
-    contacts = dict(_iter_contacts(entity, profile, corners=corners))
+    contacts = dict(_iter_contacts(entity, profile, whole=whole, corners=corners))
     is_wide = not corners and min(each.width_m for each in contacts.values()) > widest_m - WIDTH_CLEARANCE_M
     opening_m = widest_m - (LEAST_CLEARANCE_M if is_wide else WIDTH_CLEARANCE_M)
     contacts = {label: each for label, each in contacts.items() if each.width_m <= opening_m}
@@ -204,7 +206,9 @@ def compute_grasp_ways(
     return ways
 
 
-def _iter_contacts(entity: Entity, profile: TargetProfile, *, corners: bool) -> Iterator[tuple[str, PadContact]]:
+def _iter_contacts(
+    entity: Entity, profile: TargetProfile, *, whole: bool, corners: bool
+) -> Iterator[tuple[str, PadContact]]:
     """Where the pads meet it, by the label of the way; far from its weight for all that is known where not alike."""
     box = compute_entity_box(entity)
     vertical = int(np.argmax(np.abs(box.pose[2, :3])))
@@ -214,7 +218,7 @@ def _iter_contacts(entity: Entity, profile: TargetProfile, *, corners: bool) -> 
     tips_m = -np.inf if entity.part_of else box.bottom_m + profile.gripper.fingertip_m  # a handle stands on nothing
     height_m = max(box.pose[2, 3], box.top_m - profile.gripper.palm_depth_m, tips_m)
     position = np.array((box.pose[0, 3], box.pose[1, 3], height_m))
-    solids = compute_shape_boxes(entity) if len(entity.shapes) > 1 else []
+    solids = [] if whole else compute_shape_boxes(entity)
     for degrees in range(45 if corners else 0, 360, 45 if upright_round else 90):
         half_m = box.half_m[second if degrees % 180 == 0 else first]  # at yaw 0 the tool's x axis lies along `first`
         if corners:
