@@ -214,7 +214,7 @@ NO_SLIDE                The thing to open or close neither slides nor turns.
 NO_SPACE                The destination is too small for the object.
 TILT                    No carrying motion within the tilt limit was found.
 TOO_SHORT               The way to push is shorter than the fingers need.
-TOO_TALL                The thing to push is taller than the hand can go behind.
+TOO_TALL                The thing to push is so tall that the palm would meet it, or the push topple it.
 TOO_WIDE                The object is wider than the gripper opens.
 UNKNOWN_ENTITY          A request names something that the world does not hold.
 """

@@ -322,6 +322,14 @@ def test_a_thing_too_wide_for_the_hand_is_pushed_into_the_region(shipped):
     assert "which covers inside(red_cube, zone)" in chosen.because
 
 
+def test_what_no_push_reaches_is_put_there_and_stands_on_what_it_stood_on(shipped):
+    session = make_contract(skill="push", parameters={"object": "red_cube", "to": [0.5, 0.2, 0.02]})
+    choice = Choice(skill="push", target="panda", parameters=session.parameters)
+    chosen = GraphRepair().choose(make_case(shipped, Cause.NO_PLAN, session=session, choice=choice)).chosen
+    assert (chosen.kind, chosen.revision.choice.skill) == (AlternativeKind.OTHER_SKILL, "put_at")
+    assert chosen.revision.choice.parameters == {**session.parameters, "support": "table"}
+
+
 def test_a_push_does_not_cover_a_region_smaller_than_its_tolerance(shipped):
     world = make_table_world(make_box("red_cube", (0.5, 0.0, 0.02)))
     small = {"zone": Region(name="zone", pose=Pose(position_m=(0.5, -0.3, 0.04)), half_m=(0.04, 0.04, 0.06))}

@@ -44,7 +44,7 @@ _REFUSALS = {  # of preflight: what a repair can answer; no means gives a destin
     "NO_FREE_SITE": Cause.NO_PLAN,
     "TARGET_UNAVAILABLE": Cause.TARGET_LOST,
 }
-_OF_MAKE = {"TOO_WIDE", "TOO_HEAVY"}  # nobody looks for a thing that cannot be carried wherever it is
+_NEVER_CARRIED = {"TOO_WIDE", "TOO_HEAVY"}  # nobody looks for a thing that cannot be carried wherever it is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -264,7 +264,7 @@ class Recovery:
         unmet, world = _find_unmet(subject), self.evidence.find_latest(subject.contract.scene.episode)
         if world is None or "AMBIGUOUS" in codes:  # no look tells which is meant
             return None
-        if not codes & _OF_MAKE and ("visible" in unmet or "ENTITY_UNKNOWN" in codes):
+        if not codes & _NEVER_CARRIED and ("visible" in unmet or "ENTITY_UNKNOWN" in codes):
             is_unseen = bool(looking.list_unseen(subject.contract, world) or self.facts.count_looks(subject.contract))
             cause = Cause.OBJECT_HIDDEN if is_unseen else None
         elif "holding" in unmet:

@@ -9,7 +9,7 @@ it alike, near its weight; elsewhere only where nothing else is left.
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 
@@ -72,7 +72,7 @@ def find_grasps(
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     tried: set[str] = set()
     dead, dead_ends = set[str](), list[list[Approach]]()
-    for batch in (*_iter_batches(ways, corners, solids, entity), poor):
+    for batch in chain(_iter_batches(ways, corners, solids, entity), (poor,)):
         wanted = [way for way in batch if way.label not in {*request.avoid, *dead} and _is_wanted(way, entity, request)]
         tried.update(way.label for way in wanted)
         found = find_approaches(
@@ -200,7 +200,7 @@ def compute_grasp_ways(
             openings_m=(each.width_m, widest_m),
             tolerate=frozenset((finger, entity.name) for finger in fingers),
             tolerate_m=STRADDLE_M,
-            is_clear=0.0 < each.lever_m < np.inf,
+            is_clear=not whole and np.isfinite(each.lever_m),
         )
         ways[each.lever_m > most_m].append(way)
     return ways
@@ -219,6 +219,7 @@ def _iter_contacts(
     height_m = max(box.pose[2, 3], box.top_m - profile.gripper.palm_depth_m, tips_m)
     position = np.array((box.pose[0, 3], box.pose[1, 3], height_m))
     solids = [] if whole else compute_shape_boxes(entity)
+    found = find_pad_contact(solids, point_tool_down(yaw_rad, position)) if solids and upright_round else None
     for degrees in range(45 if corners else 0, 360, 45 if upright_round else 90):
         half_m = box.half_m[second if degrees % 180 == 0 else first]  # at yaw 0 the tool's x axis lies along `first`
         if corners:
@@ -226,8 +227,8 @@ def _iter_contacts(
         turn_rad = np.radians(degrees)
         contact = PadContact(point_tool_down(yaw_rad + turn_rad, position), 2.0 * float(half_m))
         if solids:  # what is round about the vertical is alike from all sides, but the boxes around its solids are not
-            asked = point_tool_down(yaw_rad, position) if upright_round else contact.end
-            contact = find_pad_contact(solids, asked) or replace(contact, lever_m=np.inf)
+            found = found if upright_round else find_pad_contact(solids, contact.end)
+            contact = found or replace(contact, lever_m=np.inf)
         if upright_round:
             contact = replace(contact, end=point_tool_down(turn_rad, contact.end[:3, 3]))
         yield f"yaw+{degrees:03d}", contact

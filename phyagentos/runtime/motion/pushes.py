@@ -1,8 +1,8 @@
 """Straight pushes of an object along its support with closed fingers.
 
-The way begins above, goes down behind the object, and straight on until its origin is at the goal. Two heights of
-contact, two distances behind the object and four turns of the hand are tried: across the push the hand is wide, along
-it narrow. Where something is in the way of the object or of the hand, the first of several pushes around it is given.
+The way begins above, goes down behind the object, and straight on until its origin is at the goal. Up to three heights
+of contact, two distances behind the object and four turns of the hand are tried: across the push the hand is wide,
+along it narrow. Where something is in the way of object or hand, the first of several pushes around it is given.
 """
 
 from dataclasses import dataclass
@@ -55,9 +55,8 @@ def find_push(
     gripper, half_m = scene.robot.profile.gripper, measure_fingers(scene.robot)
     tall_m = sum(compute_reach(entity, (0.0, 0.0, sign)) for sign in (1.0, -1.0))
     box, palm_m = compute_entity_box(entity), gripper.palm_height_m - gripper.fingertip_m
-    upright = int(np.argmax(np.abs(box.pose[2, :3])))
     least_m = min(PUSH_HEIGHT_M, max(gripper.fingertip_m + TIP_M, 0.5 * tall_m))
-    steady_m = float(np.delete(box.half_m, upright).min()) / FRICTION_MAX
+    steady_m = float(np.delete(box.half_m, np.abs(box.pose[2, :3]).argmax()).min()) / FRICTION_MAX
     most_m = max(HIGH_SHARE * tall_m, min(steady_m, tall_m - TIP_M), least_m)
     wanted_m = sorted({least_m, max(HIGH_SHARE * tall_m, least_m), max(tall_m - palm_m, least_m)})
     heights_m = [each for each in wanted_m if tall_m - palm_m <= each <= most_m]
@@ -73,12 +72,13 @@ def find_push(
         scene,
         job,
     )
-    floor = _Floor.of(entity, goal_m, bottom_m, bottom_m + tall_m, scene)
     may_go_around = entity.movable and not request.ignore
-    found = [] if may_go_around and not floor.is_straight else strokes.find(entity, goal_m)
-    if not found and may_go_around:
+    floor = _Floor.of(entity, goal_m, bottom_m, bottom_m + tall_m, scene) if may_go_around else None
+    is_straight = floor is None or floor.is_straight
+    found = strokes.find(entity, goal_m) if is_straight else []
+    if not found and floor is not None:
         found = _find_first_of_several(entity, goal_m, floor, strokes)
-    if not found and may_go_around and not floor.is_straight:  # it pushes along what it runs into
+    if not found and not is_straight:  # it pushes along what it runs into
         found = strokes.find(entity, goal_m)
     if not found:
         return job.fail("NO_IK", f"No push, straight or around obstacles, brings {entity.name} there.")

@@ -363,7 +363,7 @@ def _stretch(shapes: tuple[Shape, ...], factor: float) -> tuple[Shape, ...]:
 def _rate(found: Fit, before: float) -> float:
     """Confidence: the visible share of the expected surface, times the quality of the fit.
 
-    Where few points confirm the pose before, it is that of `before`.
+    Where the pose before was kept, it is that of `before`.
     """
     if found.is_kept:
         return before

@@ -57,7 +57,7 @@ class Fit:
         other_tilt_rad: Greatest difference of tilt to another pose that fits as well.
         stretch: Factor of its height.
         sunk_m: Depth of its surface within other solids; 0 without an obstacle.
-        is_kept: Whether it is the believed one, which few points confirm and nothing contradicts.
+        is_kept: Whether it is the believed pose itself, which the points confirm and did not move.
     """
 
     rotation: Array

@@ -491,7 +491,9 @@ SABOTAGES = (
     Sabotage(
         name="few_pixels_show_a_turn",
         lie="A small cube that two looks of few pixels show at two angles has moved.",
-        edits=(Edit("phyagentos.protocol.world.predicates.builtins", "COARSE_SHARE if doubt_rad", "1.0 if doubt_rad"),),
+        edits=(
+            Edit("phyagentos.protocol.world.predicates.builtins", "COARSE_FACTOR if doubt_rad", "1.0 if doubt_rad"),
+        ),
         tests=("tests/protocol/test_predicate_doubt.py::test_a_turn_that_few_pixels_show_is_no_turn[0.1-unknown]",),
     ),
     Sabotage(

@@ -46,7 +46,7 @@ WIDTH_M = 0.006  # by which the opening may differ from what is between the pads
 PERCEIVED_STD_M = 0.0015  # of a position, where a pipeline states none: the median error of the one that ships
 VESSEL_STD_M = 0.004  # the same of a vessel, of which thin walls and its filling are seen
 PERCEIVED_STD_RAD = 0.02
-COARSE_RAD, COARSE_SHARE = 0.15, 2.0  # few pixels fit many turns: such a doubt is not that of a normal distribution
+COARSE_RAD, COARSE_FACTOR = 0.15, 2.0  # few pixels fit many turns: such a doubt is not that of a normal distribution
 DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
 OPEN_FRACTION = 0.9
 CLOSED_FRACTION = 0.1
@@ -318,7 +318,7 @@ def measure_moved(view: View, a: Entity) -> Reading:
     because = f"{a.name} moved {moved_m:.3f} m and turned {math.degrees(turned_rad):.1f} degrees"
     doubt_m, doubt_rad = _find_position_doubt(view, a, was), _find_turn_doubt(view, a, was)
     least_rad = turned_rad if is_exact or turned_rad < MOVED_RAD else compute_least_turn(a, was, doubt_m)
-    coarse = COARSE_SHARE if doubt_rad > COARSE_RAD else 1.0
+    coarse = COARSE_FACTOR if doubt_rad > COARSE_RAD else 1.0
     least = max((moved_m - doubt_m) / MOVED_M, (least_rad - coarse * doubt_rad) / MOVED_RAD)
     most = max((moved_m + doubt_m) / MOVED_M, (turned_rad + doubt_rad) / MOVED_RAD)
     doubt = margin + 1.0 - least if margin >= 0 else most - 1.0 - margin

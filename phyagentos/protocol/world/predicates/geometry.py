@@ -77,24 +77,24 @@ def compute_grasp_width(entity: Entity, tcp: Pose, pad_m: float, opening_m: floa
     `opening_m` apart: of a bowl held at its rim, the far rim is not. Where lines differ, as on a slope, pads touch
     where it is as thick as they are apart; a solid that is not a box counts as the box around it.
     """
-    widths: list[float] = []
+    direction, solids, widths = rotate(tcp.quaternion_wxyz, _AXES[1]), [], []
+    for shape in entity.shapes:
+        turn = multiply(entity.pose.quaternion_wxyz, shape.pose.quaternion_wxyz)
+        pose = Pose(to_parent(entity.pose, shape.pose.position_m), turn)
+        solids.append((pose, compute_half_box(shape), rotate(invert_rotation(turn), direction)))
     for aside_m, deep_m in product((-pad_m, -pad_m / 2, 0.0, pad_m / 2, pad_m), repeat=2):
         start = to_parent(tcp, (aside_m, 0.0, deep_m))
-        spans = [_cross(entity, shape, start, rotate(tcp.quaternion_wxyz, _AXES[1])) for shape in entity.shapes]
+        spans = [_cross(to_child(pose, start), along, half_m) for pose, half_m, along in solids]
         ends = [span for span in spans if span and all(abs(end) <= opening_m / 2 + pad_m for end in span)]
         if ends and min(low for low, _ in ends) <= 0.0 <= max(high for _, high in ends):
             widths.append(max(high for _, high in ends) - min(low for low, _ in ends))
     return min(widths, key=lambda width_m: abs(width_m - opening_m), default=None)
 
 
-def _cross(entity: Entity, shape: Shape, start: Vector, direction: Vector) -> tuple[float, float] | None:
-    """Where a line of the world enters and leaves the box around a solid [m]; None where it passes by."""
-    pose = Pose(
-        to_parent(entity.pose, shape.pose.position_m), multiply(entity.pose.quaternion_wxyz, shape.pose.quaternion_wxyz)
-    )
+def _cross(start: Vector, along: Vector, half_m: Vector) -> tuple[float, float] | None:
+    """Where a line in the frame of a box of half sides `half_m` enters and leaves it [m]; None where it passes by."""
     low, high = -math.inf, math.inf
-    along = rotate(invert_rotation(pose.quaternion_wxyz), direction)
-    for at, way, half in zip(to_child(pose, start), along, compute_half_box(shape), strict=True):
+    for at, way, half in zip(start, along, half_m, strict=True):
         if abs(way) < 1e-9:
             if abs(at) > half:
                 return None
