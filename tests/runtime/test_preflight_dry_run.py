@@ -4,6 +4,7 @@ from multiprocessing import Pipe
 from threading import Thread
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -11,10 +12,12 @@ from msgspec.structs import replace
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target
+from phyagentos.protocol.sessions.evidence import BEFORE
 from phyagentos.protocol.sessions.session import Scene, Session
 from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose, Shape, ShapeKind, TargetState
 from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.channel import Link
+from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.requests import (
@@ -108,7 +111,8 @@ def test_the_first_motions_of_a_tree_are_found_through_its_subtrees():
     motions = list(find_motions("pick_and_place", arguments, Library.open(), REGISTRY))
 
     then = Destination("tray", "inside", (0.4, 0.1, 0.0))
-    assert motions == [Grasp("cube", then, removable=()), Grasp("cube", then), then]
+    room, grasp = "pick_and_place/make_room/plan_room", "pick_and_place/pick/plan_grasp"
+    assert motions == [Grasp("cube", room, then, removable=()), Grasp("cube", grasp, then), then]
     assert list(find_motions("stack", {"object": "a", "support": "b"}, Library.open(), REGISTRY))[1].relation == "on"
     assert list(find_motions("home", {}, Library.open(), REGISTRY)) == [Home()]
     assert list(find_motions("nowhere", {}, Library.open(), REGISTRY)) == []
@@ -118,7 +122,9 @@ def test_the_first_motions_of_a_tree_are_found_through_its_subtrees():
 def test_a_place_near_what_is_no_point_is_not_tried(near):
     arguments = {"object": "cube", "destination": "tray", "near": near}
 
-    assert list(find_motions("pick_and_place", arguments, Library.open(), REGISTRY)) == [Grasp("cube")]
+    assert list(find_motions("pick_and_place", arguments, Library.open(), REGISTRY)) == [
+        Grasp("cube", "pick_and_place/pick/plan_grasp")
+    ]
 
 
 def test_what_a_fallback_may_never_reach_is_not_tried(tmp_path):
@@ -159,8 +165,35 @@ def test_a_motion_that_was_found_is_possible_and_the_place_is_asked_for_with_its
     grasp, place = planner.asked
     assert isinstance(grasp, FindGrasps)
     assert isinstance(place, FindPlacements)
-    assert grasp.count == place.count == 1
+    assert place.count == 1
     assert place.payload.entity == "cube"
+
+
+def test_a_grasp_that_leads_on_needs_no_further_question_about_the_place():
+    planner = Oracle(FindGrasps=msgspec.structs.replace(FOUND, leads_on=True))
+
+    trials = try_out(planner)
+
+    assert [(trial.motion, trial.outcome) for trial in trials] == [
+        ("grasp cube", "possible"), ("place cube inside tray", "possible"),
+    ]  # fmt: skip
+    assert [type(each) for each in planner.asked] == [FindGrasps]
+
+
+def test_the_skill_asks_for_its_grasp_as_its_preflight_did(build_bench, build_session, library, registry):
+    bench, session, oracle = build_bench(), build_session(), Oracle(FindGrasps=FOUND, FindPlacements=FOUND)
+    bench.run(session)
+    now = msgspec.json.decode((bench.workspace / "evidence" / session.id / BEFORE).read_bytes(), type=Environment)
+    clock, home = ManualClock(), now.targets["panda"].q_rad
+    dry_run = DryRun(planner=oracle, library=library, registry=registry, clock=clock, home_rad=home, reach=None)
+
+    dry_run.run(session, "pick_and_place", now, thorough=False)
+
+    (asked,) = (each for each in oracle.asked if isinstance(each, FindGrasps))
+    encode_request = Codec[FindGrasps](FindGrasps, "request").encode
+    assert encode_request(asked) in map(
+        encode_request, (r for r in bench.planner.requests if isinstance(r, FindGrasps))
+    )
 
 
 @pytest.mark.parametrize(

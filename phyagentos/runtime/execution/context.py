@@ -60,11 +60,16 @@ class SkillContext:
         """A seed for the next random choice of the leaf at `path`; each call gives another, repeatably."""
         use = self._uses.get(path, 0)
         self._uses[path] = use + 1
-        return compute_seed(self.session.seed, "leaf", path, use)
+        return compute_leaf_seed(self.session, path, use)
 
     def note(self, kind: str, code: str, **details: Any) -> None:
         """Record an event in the evidence."""
         self.events.append(Event(time_s=self.time_s, kind=kind, code=code, details=details))
+
+
+def compute_leaf_seed(session: Session, path: str, use: int = 0) -> int:
+    """The seed of a random choice of the leaf at `path`, by how often it drew one before."""
+    return compute_seed(session.seed, "leaf", path, use)
 
 
 def open_context(

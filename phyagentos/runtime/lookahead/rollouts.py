@@ -17,6 +17,7 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.builtins import MOVED_M
 from phyagentos.protocol.world.predicates.predicate import View, has_metric, iter_entities, parse_predicate
 from phyagentos.protocol.world.truth import Truth
+from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.lookahead.estimate import SETTLE_S, Array
 from phyagentos.runtime.lookahead.rehearsal import STATE_STEPS, Rehearsal, Stage
@@ -95,15 +96,20 @@ def _watch(states: Array, rehearsal: Rehearsal, stage: Stage) -> Rollout:
             violated = criterion.text if criterion is not None else ""
             held.append(terminal.targets[session.target].holding)
         else:
-            mujoco.mj_setState(physics.model, physics.data, state, _FULL)
+            _enter(state, physics)
             physics.look()
             held.append(physics.read_target(physics.find_touching()).holding)
     return Rollout(held=tuple(held), initial=initial, terminal=_look(states[-1], stage), violated=violated)
 
 
 def _look(state: Array, stage: Stage) -> Environment:
-    mujoco.mj_setState(stage.physics.model, stage.physics.data, state, _FULL)
+    _enter(state, stage.physics)
     return stage.observe()
+
+
+def _enter(state: Array, physics: Physics) -> None:
+    mujoco.mj_setState(physics.model, physics.data, state, _FULL)
+    mujoco.mj_fwdPosition(physics.model, physics.data)  # what touches
 
 
 def find_cause(rollout: Rollout, nominal: Rollout, rehearsal: Rehearsal) -> str:

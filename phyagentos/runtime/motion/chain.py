@@ -39,16 +39,17 @@ class Chain:
 
     def compute_tcp(self, q_rad: Array) -> Array:
         """`world_T_tcp` (4, 4) of a posture (n_joints,)."""
-        links = np.zeros_like(self.frames)
-        compute_links(q_rad, self.frames, links)
-        T = np.eye(4)
-        T[:3, :3] = links[-1, :, :3] @ self.tcp[:, :3]
-        T[:3, 3] = links[-1, :, :3] @ self.tcp[:, 3] + links[-1, :, 3]
+        T: Array = self.compute_tcp_path(np.asarray(q_rad)[None])[0]
         return T
 
     def compute_tcp_path(self, path_rad: Array) -> Array:
         """`world_T_tcp` (k, 4, 4) of postures (k, n_joints)."""
-        return np.array([self.compute_tcp(q) for q in path_rad])
+        last = np.empty((len(path_rad), 3, 4))
+        _compute_last_links(np.ascontiguousarray(path_rad, dtype=np.float64), self.frames, last)
+        T = np.tile(np.eye(4), (len(path_rad), 1, 1))
+        T[:, :3] = last[:, :, :3] @ self.tcp
+        T[:, :3, 3] += last[:, :, 3]
+        return T
 
     def solve(self, world_T_tcp: Array, start_rad: Array) -> Array | None:
         """A posture within 1e-4 m and 1e-3 rad of a tool pose, found from `start_rad`, or None."""
@@ -113,6 +114,15 @@ def compute_links(q, frames, links):  # type: ignore[no-untyped-def]  # noqa: AN
             links[i, r, 1] = c * y - s * x
             links[i, r, 2] = a * frames[i, 0, 2] + b * frames[i, 1, 2] + d * frames[i, 2, 2]
             links[i, r, 3] = a * frames[i, 0, 3] + b * frames[i, 1, 3] + d * frames[i, 2, 3] + links[i - 1, r, 3]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _compute_last_links(path, frames, last):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Write `world_T_link` (k, 3, 4) of the last link in each posture of a path into `last`."""
+    links = np.empty_like(frames)
+    for k in range(len(path)):
+        compute_links(path[k], frames, links)
+        last[k] = links[-1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

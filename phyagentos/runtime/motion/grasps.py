@@ -79,9 +79,10 @@ def find_grasps(
             wanted, q_rad=request.q_rad, seeds=seeds, kinematics=kinematics, scene=scene, job=job, count=request.count
         )
         if found:
-            leading = _drop_dead_ends(found, place)
+            leading, leads_on = _drop_dead_ends(found, place)
             if leading or (len(dead_ends) == DEAD_ENDS_MAX and not turns):
-                return Approaches(approaches=tuple(leading or dead_ends[0]), timing=job.timing, stages=job.stages)
+                best = tuple(leading or dead_ends[0])
+                return Approaches(approaches=best, timing=job.timing, stages=job.stages, leads_on=leads_on)
             dead_ends.append(found)
             dead.update(approach.label for approach in found)
     if dead_ends and not turns:
@@ -99,15 +100,20 @@ def _is_wanted(way: Way, entity: Entity, request: FindGrasps) -> bool:
     return request.along is None or abs(float(way.end[:3, 1] @ np.array(request.along))) > ALONG_COS
 
 
-def _drop_dead_ends(found: list[Approach], place: Callable[[Approach], Approaches | NoPlan | None]) -> list[Approach]:
-    """The approaches from the first one on after which the thing can be put down; all where no grasp changes that."""
+def _drop_dead_ends(
+    found: list[Approach], place: Callable[[Approach], Approaches | NoPlan | None]
+) -> tuple[list[Approach], bool]:
+    """The approaches from the first one on after which the thing can be put down; all where no grasp changes that.
+
+    Second is whether a way to put it down was found.
+    """
     for index, approach in enumerate(found):
         if index and approach.label == found[index - 1].label:
             continue
         answer = place(approach)
         if not isinstance(answer, NoPlan) or answer.code != "NO_IK":
-            return found[index:]
-    return []
+            return found[index:], isinstance(answer, Approaches)
+    return [], False
 
 
 def foresee_payload(entity: Entity, approach: Approach) -> Payload:

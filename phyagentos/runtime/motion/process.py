@@ -20,7 +20,7 @@ import msgspec
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.runtime.channel import SPIN_S, Child
 from phyagentos.runtime.codec import Codec
-from phyagentos.runtime.motion.requests import Cancel, MotionAnswer, MotionRequest, NoPlan, Timing
+from phyagentos.runtime.motion.requests import Approaches, Cancel, MotionAnswer, MotionRequest, NoPlan, Timing
 from phyagentos.runtime.motion.tool_bounds import ANYWHERE, Corners, ToolBounds
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 CANCEL_GRACE_S = 0.5
 CLOSE_GRACE_S = 2.0
+KEPT = 4  # answers
 
 _REQUESTS = Codec[MotionRequest | Cancel](MotionRequest | Cancel, "motion request")
 _ANSWERS = Codec[MotionAnswer](MotionAnswer, "answer")
@@ -194,14 +195,16 @@ class _Inbox:
 
     def __init__(self, connection: "Connection[Any, Any]") -> None:
         self._connection = connection
-        self.requests: queue.SimpleQueue[MotionRequest | None] = queue.SimpleQueue()  # None: the other side is gone
+        # a request as it came, too; None: the other side is gone
+        self.requests: queue.SimpleQueue[tuple[bytes, MotionRequest] | None] = queue.SimpleQueue()
         self.cancelled = threading.Event()
         threading.Thread(target=self._read, name="planner-inbox", daemon=True).start()
 
     def _read(self) -> None:
         while True:
             try:
-                message = _REQUESTS.decode(self._connection.recv_bytes())
+                data = self._connection.recv_bytes()
+                message = _REQUESTS.decode(data)
             except (EOFError, OSError):
                 self.cancelled.set()
                 self.requests.put(None)
@@ -210,20 +213,29 @@ class _Inbox:
                 self.cancelled.set()
             else:
                 self.cancelled.clear()
-                self.requests.put(message)
+                self.requests.put((data, message))
 
 
 def serve(profile_file: Path, bounds: ToolBounds, connection: "Connection[Any, Any]") -> None:
-    """Answer requests until the other side closes."""
+    """Answer requests until the other side closes.
+
+    The latest approaches are kept: a skill asks first what its preflight asked. Their timing says what they took then.
+    """
     from phyagentos.runtime.motion.planner import MotionPlanner  # the port alone loads no simulator
 
     inbox = _Inbox(connection)
     planner = MotionPlanner.open(profile_file, bounds=bounds)
     planner.warm_up()
-    while (request := inbox.requests.get()) is not None:
-        answer = planner.answer(request, inbox.cancelled.is_set)
+    known: dict[bytes, bytes] = {}
+    while (received := inbox.requests.get()) is not None:
+        message, request = received
+        if (reply := known.get(message)) is None:
+            answer = planner.answer(request, inbox.cancelled.is_set)
+            reply = _ANSWERS.encode(answer)
+            if isinstance(answer, Approaches):
+                known = dict([*known.items(), (message, reply)][-KEPT:])
         try:
-            connection.send_bytes(_ANSWERS.encode(answer))
+            connection.send_bytes(reply)
         except OSError:
             return
 

@@ -350,12 +350,18 @@ class Stages(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Approaches(msgspec.Struct, frozen=True, tag=True):
-    """At least one approach, the nearest first; `gone` has to be moved away for what comes after it."""
+    """At least one approach, the nearest first.
+
+    Attributes:
+        gone: What has to be moved away for what comes after it.
+        leads_on: Whether a way was found from the first one to where the object goes then.
+    """
 
     approaches: tuple[Approach, ...]
     timing: Timing
     stages: Stages = Stages()
     gone: tuple[str, ...] = ()
+    leads_on: bool = False
 
 
 class Motion(msgspec.Struct, frozen=True, tag=True):

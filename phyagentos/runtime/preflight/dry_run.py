@@ -20,6 +20,7 @@ from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import STILL, Role
 from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.protocol.world.predicates.geometry import find_tops_below
+from phyagentos.runtime.execution.context import compute_leaf_seed
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.leaves.plan_room import list_removable
 from phyagentos.runtime.motion.grasps import foresee_payload
@@ -108,9 +109,11 @@ class Grasp:
     """The tree grasps an object, before anything has moved; `then` is where it says that it puts it.
 
     If it moves out of there what is in the way, that may be anything `removable`; None where it moves nothing out.
+    `leaf` is the path of the leaf that asks for the grasp: the planner keeps its answer for it.
     """
 
     object: str
+    leaf: str
     then: Destination | None = None
     removable: tuple[str, ...] | None = None
 
@@ -150,6 +153,7 @@ class DryRun:
         q_rad = np.asarray(state.q_rad if state is not None else self.home_rad, dtype=np.float64)
         world = World(tuple(now.entities.values()), tuple(now.regions.values()))
         grasped: Payload | None = None
+        known: Destination | None = None  # where it can surely be put down
         if thorough:
             self._ask(
                 TimeLine(waypoints_rad=np.stack((q_rad, q_rad + NUDGE_RAD)))
@@ -178,7 +182,7 @@ class DryRun:
                 trials.append(trial)
                 if not isinstance(answer, Approaches):
                     break
-                way = answer.approaches[0]
+                way, known = answer.approaches[0], motion.then if answer.leads_on else None
                 if thorough:
                     goals_rad = way.line_rad[:1]
                     request = PlanMove(
@@ -188,6 +192,10 @@ class DryRun:
                     trials.append(_judge(f"path to {motion.object}", answer, ms, proves=False))
                 grasped = foresee_payload(entity, way)
                 q_rad = way.line_rad[-1]
+            elif grasped is not None and motion == known and not session.strategy.avoid_sites:
+                trials.append(
+                    Trial(motion=f"place {grasped.entity} {motion.relation} {motion.name}", outcome="possible")
+                )
             elif grasped is not None:
                 trials.append(self._try_place(session, motion, grasped, now, world, q_rad))
         return tuple(trials)
@@ -216,14 +224,12 @@ class DryRun:
         if excess_m > 0.0:
             message = f"{motion.object} lies {excess_m:.3f} m beyond the longest reach of {session.target}"
             return Trial(motion=name, outcome="impossible", code="OUT_OF_REACH", message=message), None
-        avoid = session.strategy.avoid_grasps
         request = FindGrasps(
             world=world,
             object=motion.object,
             q_rad=q_rad,
-            seed=session.seed,
-            avoid=avoid,
-            count=CANDIDATES,
+            seed=compute_leaf_seed(session, motion.leaf),
+            avoid=session.strategy.avoid_grasps,
             then=motion.then,
             removable=motion.removable or (),
         )
@@ -282,7 +288,12 @@ def _has_face(entity: Entity) -> bool:
 
 
 def find_motions(
-    tree: str, arguments: Mapping[str, Any], library: Library, registry: LeafRegistry, within: tuple[str, ...] = ()
+    tree: str,
+    arguments: Mapping[str, Any],
+    library: Library,
+    registry: LeafRegistry,
+    within: tuple[str, ...] = (),
+    path: str = "",
 ) -> Motions:
     """The grasp that a tree surely begins with, and the place that surely follows it.
 
@@ -299,11 +310,11 @@ def find_motions(
     inputs = authored.header.inputs
     known = {name: port.default for name, port in inputs.items() if port.default is not None}
     known |= {name: value for name, value in arguments.items() if value is not None}
-    return (yield from _find_in(authored.root, known, library, registry, (*within, tree)))
+    return (yield from _find_in(authored.root, known, library, registry, (*within, tree), path or tree))
 
 
 def _find_in(
-    node: Node, known: Mapping[str, Any], library: Library, registry: LeafRegistry, within: tuple[str, ...]
+    node: Node, known: Mapping[str, Any], library: Library, registry: LeafRegistry, within: tuple[str, ...], path: str
 ) -> Motions:
     children = node.children if node.kind is NodeKind.SEQUENCE else (node,)
     for child in children:
@@ -311,8 +322,9 @@ def _find_in(
             port: known.get(value.key) if isinstance(value, Reference) else value
             for port, value in child.wiring.items()
         }
+        where = path if child is node else f"{path}/{child.name}"
         if child.kind is NodeKind.SUBTREE and child.type not in within:
-            if not (yield from find_motions(child.type, wired, library, registry, within)):
+            if not (yield from find_motions(child.type, wired, library, registry, within, where)):
                 return False
             continue
         leaf = registry.find(child.type) if child.kind is NodeKind.LEAF else None
@@ -322,7 +334,7 @@ def _find_in(
         elif role in _GRASPING and isinstance(object := wired.get("object"), str):
             then, makes_room = _make_destination(wired), role is Role.PLAN_ROOM
             if then is not None or not makes_room:
-                yield Grasp(object, then, () if makes_room else None)
+                yield Grasp(object, where, then, () if makes_room else None)
             if makes_room:
                 return True  # the rest of its tree moves what is found to be in the way, and nothing else
         elif role is Role.PLAN_SITE and (place := _make_destination(wired)) is not None:

@@ -6,7 +6,7 @@ import pytest
 
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.kinematics import POLISHED, REACHED
-from phyagentos.runtime.motion.moves import leaves_contact
+from phyagentos.runtime.motion.moves import FINE_RAD, leaves_contact, thin_out
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.requests import (
     Approaches,
@@ -40,6 +40,20 @@ def test_a_pick_and_place_is_found_stays_within_the_limits_and_touches_nothing(p
     for start, motion, payload in (motions[0], motions[3]):
         scene = PlanningScenes(planner.robot).get_scene(world, payload)
         assert scene.find_first_blocked(np.vstack((start, motion.trajectory.q_rad))) is None
+
+
+@pytest.mark.parametrize("fastest_rad", [1e-4, 0.004, 0.02])
+def test_between_the_rows_that_are_checked_no_joint_turns_far(fastest_rad):
+    turns = np.random.default_rng(1).uniform(-fastest_rad, fastest_rad, (500, 7))
+    rows = np.cumsum(turns, axis=0)
+
+    checked = thin_out(rows)
+
+    steps = np.abs(np.diff(checked, axis=0)).max(axis=1)
+    assert steps.max() <= max(FINE_RAD, np.abs(turns).max())
+    assert np.array_equal(checked[[0, -1]], rows[[0, -1]])
+    assert len(checked) < 100 or fastest_rad > 1e-3
+    assert np.array_equal(thin_out(rows[:1]), rows[:1])
 
 
 def test_three_cubes_find_room_in_one_tray_one_after_the_other(picker, build, home):

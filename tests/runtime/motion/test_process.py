@@ -5,6 +5,7 @@ import signal
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from phyagentos.runtime.motion.process import LocalPlanner, PlannerProcess
 from phyagentos.runtime.motion.requests import Approaches, FindGrasps, NoPlan
@@ -79,10 +80,17 @@ def test_a_planner_that_does_not_listen_is_replaced(process, request_of_cube):
     assert process.pid != deaf
 
 
+def test_what_preflight_asked_is_known_when_the_skill_asks_it(process, request_of_cube):
+    first, other, again = (ask(process, replace(request_of_cube, seed=seed)) for seed in (11, 12, 11))
+
+    assert first.timing == again.timing != other.timing  # what it took then
+    assert np.array_equal(first.approaches[0].line_rad, again.approaches[0].line_rad)
+
+
 def test_a_lost_planner_is_reported_and_replaced(process, request_of_cube):
     assert isinstance(ask(process, request_of_cube), Approaches)
     lost = process.pid
-    process.submit(request_of_cube)
+    process.submit(replace(request_of_cube, seed=7))
     os.kill(lost, signal.SIGKILL)
     answer = ask_again(process)
 

@@ -78,10 +78,14 @@ def compute_grasp_width(entity: Entity, tcp: Pose, pad_m: float, opening_m: floa
     where it is as thick as they are apart; a solid that is not a box counts as the box around it.
     """
     direction, solids, widths = rotate(tcp.quaternion_wxyz, _AXES[1]), [], []
+    near_m = math.hypot(opening_m / 2 + pad_m, pad_m, pad_m)
     for shape in entity.shapes:
-        turn = multiply(entity.pose.quaternion_wxyz, shape.pose.quaternion_wxyz)
-        pose = Pose(to_parent(entity.pose, shape.pose.position_m), turn)
-        solids.append((pose, compute_half_box(shape), rotate(invert_rotation(turn), direction)))
+        middle, half_m = to_parent(entity.pose, shape.pose.position_m), compute_half_box(shape)
+        if math.dist(middle, tcp.position_m) <= near_m + math.hypot(*half_m):
+            turn = multiply(entity.pose.quaternion_wxyz, shape.pose.quaternion_wxyz)
+            solids.append((Pose(middle, turn), half_m, rotate(invert_rotation(turn), direction)))
+    if not solids:
+        return None
     for aside_m, deep_m in product((-pad_m, -pad_m / 2, 0.0, pad_m / 2, pad_m), repeat=2):
         start = to_parent(tcp, (aside_m, 0.0, deep_m))
         spans = [_cross(to_child(pose, start), along, half_m) for pose, half_m, along in solids]

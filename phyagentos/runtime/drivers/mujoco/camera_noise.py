@@ -4,13 +4,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.protocol.settings.cameras import NoiseLevel
-from phyagentos.runtime.drivers.mujoco.camera_noise_kernels import measure_color, measure_depth, shift_places
+from phyagentos.runtime.drivers.mujoco.camera_noise_kernels import (
+    STEEPEST_COS,
+    measure_color,
+    measure_depth,
+    shift_places,
+)
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import BLACK, GLASS, Picture
 
-GRAZING_RAD = np.pi / 3  # below it Nguyen et al. found no influence of the angle
-GRAZING_COS = 0.5001  # a little more than its cosine: below, the angle decides
 SAME_M = 0.01  # depths of a pixel this close, at both ends of an exposure, are one surface
-STEEPEST_COS = np.cos(np.radians(88.0))  # beyond it the formula has no meaning and a sensor measures nothing
 
 
 def blur(end: Picture, begin: Picture) -> Picture:
@@ -48,8 +50,7 @@ def spoil(
     growth = single(level.depth_constant_m), single(level.depth_quadratic_per_m), single(level.depth_offset_m)
     bounds = single(range_m[0]), single(range_m[1]), STEEPEST_COS if level.depth_grazing > 0.0 else -np.inf
     grain = single(level.pixel_dropout), single(level.depth_unit_m)
-    grazing = _compute_grazing_std(depth, incidence, level)
-    measured = measure_depth(depth, incidence, (noise, grazing, luck), (growth, bounds, grain))
+    measured = measure_depth(depth, incidence, (noise, luck), (growth, bounds, grain, level.depth_grazing))
     if (level.black_dropout > 0.0 or level.glass_dropout > 0.0) and finish.any():
         chances = np.zeros(3, single)
         chances[[BLACK, GLASS]] = level.black_dropout, level.glass_dropout
@@ -67,17 +68,3 @@ def draw_places(
     shifts = rng.standard_normal((2, *shape), dtype=np.float32)
     places: tuple[NDArray[np.intp], NDArray[np.intp]] = shift_places(shifts, every, np.float32(std_px))
     return places
-
-
-def _compute_grazing_std(
-    depth: NDArray[np.float32], incidence: NDArray[np.float32], level: NoiseLevel
-) -> NDArray[np.float64]:
-    """(height, width) the part of the depth's deviation that grows where a surface is turned away [m]."""
-    std = np.zeros(depth.shape)
-    if level.depth_grazing:
-        turned = np.nonzero(incidence < GRAZING_COS)
-        angle = np.arccos(np.clip(incidence[turned], STEEPEST_COS, 1.0))
-        far = np.where(np.isfinite(depth[turned]), depth[turned], np.float32(0.0))
-        steep = angle**2 / (np.sqrt(np.maximum(far, 0.1)) * (np.pi / 2 - angle) ** 2)
-        std[turned] = level.depth_grazing * np.where(angle > GRAZING_RAD, steep, 0.0)
-    return std

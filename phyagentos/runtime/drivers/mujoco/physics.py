@@ -120,6 +120,7 @@ class Physics:
     def restore(self, state: Array) -> None:
         """Continue from a recorded state vector, bit for bit."""
         mujoco.mj_setState(self.model, self.data, state, _STATE)
+        mujoco.mj_fwdPosition(self.model, self.data)  # contacts; the next step computes them anew
 
     def refuse_bad_state(self, state: Array) -> None:
         """Refuse a state of another length, with non-finite numbers, or outside the limits of the joints.
@@ -163,7 +164,7 @@ class Physics:
             mujoco.mj_step(self.model, self.data, count)
 
     def look(self) -> None:
-        """Compute poses and contacts of the present, for the queries below; ExecutionError where there is none."""
+        """Compute poses of the present, for the queries below; ExecutionError where there is none."""
         if not np.isfinite(self.data.qpos).all():
             raise ExecutionError("TARGET_LOST", f"the simulation became unstable before {self.time_s:.3f} s")
         seen = self.seen
@@ -171,10 +172,9 @@ class Physics:
         seen.qpos[:] = self.data.qpos
         seen.qvel[:] = self.data.qvel
         mujoco.mj_kinematics(self.model, seen)
-        mujoco.mj_collision(self.model, seen)
 
     def find_touching(self) -> dict[str, int]:
-        """Entities that touch a pad, with the number of pads (after `look`)."""
+        """Entities that touched a pad in the latest physics step, with the number of pads."""
         touched: dict[str, set[int]] = {}
         for pair in self._find_pad_contacts():
             for pad, other in (pair, pair[::-1]):
@@ -204,8 +204,8 @@ class Physics:
         return as_pose(rotation, self.seen.site_xpos[self._tcp] + moved[:3])
 
     def _find_pad_contacts(self) -> list[list[int]]:
-        """Pairs of geoms that touch, one of them a pad or both (after `look`)."""
-        pairs: list[list[int]] = self.seen.contact.geom[: self.seen.ncon].tolist()
+        """Pairs of geoms that touched in the latest physics step, one of them a pad or both."""
+        pairs: list[list[int]] = self.data.contact.geom[: self.data.ncon].tolist()
         return [pair for pair in pairs if pair[0] in self._pads or pair[1] in self._pads]
 
     def read_entities(self, holders: Mapping[str, str]) -> tuple[Entity, ...]:

@@ -131,20 +131,14 @@ class SimulatedCamera:
     def _cast_some(self, states: Exposed, shot: Shot, thin: Lens, every: int, rng: np.random.Generator) -> Picture:
         """The pixels of a thinned picture: colours at their centres, depths at their wavering places."""
         shape = (thin.height, thin.width)
-        rows, columns = np.indices(shape, dtype=np.intp) * every + every // 2
+        middles = np.indices(shape, dtype=np.intp) * every + every // 2
         std_px = self.noise.lateral_std_rad * shot.lens.fx
-        deep_rows, deep_columns = draw_places(shape, every, std_px, rng) if std_px > 0.0 else (rows, columns)
-        moved = np.nonzero((deep_rows != rows) | (deep_columns != columns))
-        pixels = (
-            np.concatenate((rows.ravel(), deep_rows[moved])),
-            np.concatenate((columns.ravel(), deep_columns[moved])),
-        )
-        picture = self._cast(states, replace(shot, pixels=pixels))
-        n, row = rows.size, np.arange(rows.size)
-        row[moved[0] * shape[1] + moved[1]] = n + np.arange(len(moved[0]))
-        flat = Picture(picture.rgb[0], picture.depth_m[0], picture.incidence[0], picture.finish[0])
-        deep = flat.take(row).reshape(shape)
-        return replace(deep, rgb=picture.rgb[0, :n].reshape(*shape, 3))
+        places = draw_places(shape, every, std_px, rng) if std_px > 0.0 else middles
+        rows, columns = np.concatenate((middles, places), axis=1).reshape(2, -1)
+        picture = self._cast(states, replace(shot, pixels=(rows, columns)))
+        both = picture.reshape((2 * thin.height, thin.width))
+        n = thin.height
+        return Picture(both.rgb[:n], both.depth_m[n:], both.incidence[n:], both.finish[n:])
 
 
 def open_cameras(
