@@ -10,28 +10,26 @@ from itertools import chain, islice, product
 import numpy as np
 
 from phyagentos.geometry import compute_matrix
-from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.motion import sites
 from phyagentos.runtime.motion.requests import Array, FindPlacements
 from phyagentos.runtime.motion.shapes import Box
-from phyagentos.runtime.motion.sites import Footprint, Site, Sites, Space
+from phyagentos.runtime.motion.sites import Placing, Site, Sites, Space
 
 TRIES_MAX = 60  # rectangles that are placed for what still comes, for each way in which the first one is turned
 WIDTH = 4  # sites of each
 
 
-def find_joint_sites(
-    request: FindPlacements, space: Space, held: Entity, attitudes: Mapping[int, Array], footprint: Footprint
-) -> Sites:
+def find_joint_sites(placing: Placing, attitudes: Mapping[int, Array]) -> Sites:
     """Sites for `attitudes` (3, 3) by yaw [degrees]; last those where something removable has to go for the others.
 
     None where nothing else comes, or where no arrangement of all was found.
     """
+    request, space = placing.request, placing.space
     rest = _list_rest(request, space) if space.walled else []
     near = (space.center_m, np.inf) if request.near is None else (np.array(request.near), request.near_radius_m)
-    rectangles = {degrees: sites.measure_rectangle(held, R) for degrees, R in attitudes.items()}
-    taken = sites.list_neighbours(request, space, footprint)
-    staying = sites.list_neighbours(request, space, footprint, without=set(request.removable) - set(request.coming))
+    rectangles = {degrees: sites.measure_rectangle(placing.held, R) for degrees, R in attitudes.items()}
+    taken = sites.list_neighbours(placing)
+    staying = sites.list_neighbours(placing, without=set(request.removable) - set(request.coming))
 
     def iter_beside(others: list[Box]) -> Iterator[Site]:
         sides = sorted({tuple(half_m.round(4).tolist()) for half_m in rectangles.values()})

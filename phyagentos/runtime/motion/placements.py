@@ -8,7 +8,7 @@ falls.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import msgspec
@@ -25,7 +25,7 @@ from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
 from phyagentos.runtime.motion.poses import DOWN, measure_tilt, point_tool_down, point_up
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPlacements, NoPlan
 from phyagentos.runtime.motion.shapes import compute_bounds
-from phyagentos.runtime.motion.sites import Footprint, Site, Sites, Space, find_sites, find_space, measure_footprint
+from phyagentos.runtime.motion.sites import Placing, Site, Sites, find_sites, find_space, measure_footprint
 from phyagentos.runtime.motion.standing import find_standing_sites, fit_tight
 
 DROP_M = 0.004  # released this far above the support, so that errors do not press
@@ -55,24 +55,24 @@ def find_placements(
         tilt = measure_tilt(world_T_tcp) if request.up is None else point_up(tcp_T_entity[:3, :3] @ request.up)
         footprint = measure_footprint(held, DOWN @ tilt @ tcp_T_entity[:3, :3])
         attitudes = _list_attitudes(tilt @ tcp_T_entity[:3, :3])
-        groups = find_sites(request, space, held, attitudes, footprint, world_T_tcp[:3, 3], job)
-        fitted = (fit_tight(request, space, held, attitudes, group, job) for group in groups)
+        placing = Placing(request, space, held, footprint, world_T_tcp[:3, 3])
+        fitted = (fit_tight(placing, attitudes, group, job) for group in find_sites(placing, attitudes, job))
         groups = [group for group in fitted if group]
-        joint = find_joint_sites(request, space, held, attitudes, footprint)
+        joint = find_joint_sites(placing, attitudes)
     open_m, held_m = scene.robot.profile.gripper.max_width_m, request.payload.width_m
     low_m, high_m = compute_extent(held, tuple(tcp_T_entity[1, :3].tolist()))
     is_part = 0.0 < held_m < high_m - low_m - PART_M
     releases_m = (open_m, min(open_m, held_m + RELEASE_M), min(open_m, held_m + LEAST_RELEASE_M))[is_part:]
-    search = _Search(request, held, space, footprint, tilt, releases_m, kinematics, scene, job)
+    search = _Search(placing, tilt, releases_m, kinematics, scene, job)
     found = search.run([joint], attitudes) or search.run(groups, attitudes)
     if (not found and set(job.rejected) - OUT_OF_REACH) or not groups:
         with job.stage("sites"):
             finer = _list_attitudes(tilt @ tcp_T_entity[:3, :3], FINE_DEG)
-            standing = find_standing_sites(request, space, held, finer, footprint, world_T_tcp[:3, 3], job)
+            standing = find_standing_sites(placing, finer, job)
         groups = [*groups, standing]
         found = search.run([standing], finer)
     if not any(groups):
-        if request.near is None and not _fits_alone(request, space, held, finer, footprint, world_T_tcp[:3, 3], job):
+        if request.near is None and not _fits_alone(placing, finer, job):
             return job.fail("NO_SPACE", f"{held.name} does not go into {request.destination}, empty as it may be.")
         near = f" within {request.near_radius_m} m of {request.near}" if request.near else ""
         return job.fail("NO_FREE_SITE", f"There is no room for {held.name} in {request.destination}{near}.")
@@ -82,20 +82,12 @@ def find_placements(
     return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)
 
 
-def _fits_alone(
-    request: FindPlacements,
-    space: Space,
-    held: Entity,
-    attitudes: Mapping[int, Array],
-    footprint: Footprint,
-    tool_m: Array,
-    job: Job,
-) -> bool:
+def _fits_alone(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> bool:
     """Whether the destination would have a site, were nothing movable in it."""
-    kept = (held.name, request.destination, *space.supports)
+    request, kept = placing.request, (placing.held.name, placing.request.destination, *placing.space.supports)
     entities = tuple(each for each in request.world.entities if not each.movable or each.name in kept)
     alone = msgspec.structs.replace(request, world=msgspec.structs.replace(request.world, entities=entities))
-    return bool(find_standing_sites(alone, space, held, attitudes, footprint, tool_m, job, enough=1))
+    return bool(find_standing_sites(replace(placing, request=alone), attitudes, job, enough=1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,10 +97,7 @@ class _Search:
     `releases_m` are openings at which the thing is let go, the better first.
     """
 
-    request: FindPlacements
-    held: Entity
-    space: Space
-    footprint: Footprint
+    placing: Placing
     tilt: Array
     releases_m: tuple[float, ...]
     kinematics: Kinematics
@@ -117,16 +106,15 @@ class _Search:
 
     def run(self, groups: list[Sites], attitudes: Mapping[int, Array]) -> list[Approach]:
         """Approaches to the first sites that have any: without a fall, of an earlier group, with the fingers wide."""
-        request, job = self.request, self.job
+        placing, request, job = self.placing, self.placing.request, self.job
         seeds = draw_seeds(self.kinematics, request.q_rad, self.scene.robot.home_rad, request.seed)
         found: list[Approach] = []
-        falls_m = _list_falls(request, self.space, self.footprint)
-        for fall_m, sites, release_m in product(falls_m, groups, self.releases_m):
+        for fall_m, sites, release_m in product(_list_falls(placing), groups, self.releases_m):
             for site in (each for each in sites if not (each.is_tight and fall_m)):
                 yaws = attitudes if site.yaws is None else site.yaws
                 ways = [
                     way
-                    for way in _ways_to(site, yaws, self.space, request, self.held, self.tilt, release_m, fall_m)
+                    for way in _ways_to(site, yaws, placing, self.tilt, release_m, fall_m)
                     if not {way.label, site.name} & set(request.avoid)
                 ]
                 found += find_approaches(
@@ -155,24 +143,19 @@ def _list_attitudes(tcp_R_entity: Array, step_deg: int = 45) -> dict[int, Array]
     return {degrees: turn((0.0, 0.0, np.radians(degrees))) @ level for degrees in yaws}
 
 
-def _list_falls(request: FindPlacements, space: Space, footprint: Footprint) -> list[float]:
+def _list_falls(placing: Placing) -> list[float]:
     """Heights [m] from which a thing may fall onto its support: none, and rising ones between walls that keep it."""
-    if not request.may_fall or space.depth_m < KEPT_SHARE * footprint.height_m:
+    space = placing.space
+    if not placing.request.may_fall or space.depth_m < KEPT_SHARE * placing.footprint.height_m:
         return [0.0]
     highest_m = min(FALL_MAX_M, space.depth_m + OVER_RIM_M)
     return [0.0, *np.arange(FALL_STEP_M, highest_m, FALL_STEP_M).round(6).tolist(), highest_m]
 
 
 def _ways_to(
-    site: Site,
-    yaws: Iterable[int],
-    space: Space,
-    request: FindPlacements,
-    held: Entity,
-    tilt: Array,
-    release_m: float,
-    fall_m: float,
+    site: Site, yaws: Iterable[int], placing: Placing, tilt: Array, release_m: float, fall_m: float
 ) -> Iterator[Way]:
+    request, space, held = placing.request, placing.space, placing.held
     tcp_T_entity, center_m = compute_matrix(request.payload.tcp_T_entity), compute_bounds(held.shapes)[0]
     entity_T_tcp, tolerate = compute_inverse(tcp_T_entity), frozenset((PAYLOAD, name) for name in space.supports)
     for degrees in yaws:

@@ -143,26 +143,35 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
     return None
 
 
-def find_sites(
-    request: FindPlacements,
-    space: Space,
-    held: Entity,
-    attitudes: Mapping[int, Array],
-    footprint: Footprint,
-    tool_m: Array,
-    job: Job,
-) -> list[Sites]:
+@dataclass(frozen=True, slots=True)
+class Placing:
+    """A held entity that is to be put somewhere by a tool at `tool_m` (3,)."""
+
+    request: FindPlacements
+    space: Space
+    held: Entity
+    footprint: Footprint
+    tool_m: Array
+
+    @property
+    def near(self) -> tuple[Array, float]:
+        """The point (3,) to which sites are to be near, and how far they may be from it [m]."""
+        request = self.request
+        return (self.tool_m, np.inf) if request.near is None else (np.array(request.near), request.near_radius_m)
+
+
+def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> list[Sites]:
     """Groups of sites: at most 16 for any yaw, the nearest to `near` or to the tool (3,) first; then packed ones.
 
     Those come first where the payload in the middle would leave no room for another one, though there is some.
     `attitudes` maps yaws of the tool [degrees] to the attitude (3, 3) of the payload in the axes of the space.
     """
-    interest = tool_m if request.near is None else np.array(request.near)
-    neighbours = list_neighbours(request, space, footprint)
+    space, footprint, neighbours = placing.space, placing.footprint, list_neighbours(placing)
+    interest, farthest_m = placing.near
     sites: list[Site] = []
     for prefix, radius_m in (("", footprint.outer_m), ("tight_", footprint.inner_m)):
         for name, site in _iter_sites(space, radius_m, interest):
-            if request.near is not None and np.linalg.norm((site - interest)[:2]) > request.near_radius_m:
+            if np.linalg.norm((site - interest)[:2]) > farthest_m:
                 job.rejected["far"] += 1
             elif any(
                 box.compute_distance(np.array((site[0], site[1], box.pose[2, 3]))) < radius_m + GAP_M
@@ -177,28 +186,26 @@ def find_sites(
             break
     if not space.walled:
         return [Sites(iter(sites))] if sites else []
-    near = (interest, request.near_radius_m) if request.near is not None else (interest, np.inf)
     packed = Sites(
         site
         for degrees, R in attitudes.items()
-        for site in pack(space, measure_rectangle(held, R), degrees, near, neighbours)
+        for site in pack(space, measure_rectangle(placing.held, R), degrees, placing.near, neighbours)
     )
-    is_single = bool(np.all(space.half_m < 2.0 * footprint.outer_m + 0.5 * TILE_GAP_M + GAP_M)) and not request.near
+    is_single = np.all(space.half_m < 2.0 * footprint.outer_m + 0.5 * TILE_GAP_M + GAP_M) and np.isinf(farthest_m)
     is_wide = float(np.prod(space.half_m)) > ROOM_SHARE * float(np.prod(footprint.half_m + GAP_M))
     groups = [packed, Sites(iter(sites))] if is_single and is_wide else [Sites(iter(sites)), packed]
     return [group for group in groups if group]
 
 
-def list_neighbours(
-    request: FindPlacements, space: Space, footprint: Footprint, *, without: Collection[str] = ()
-) -> list[Box]:
+def list_neighbours(placing: Placing, *, without: Collection[str] = ()) -> list[Box]:
     """Boxes beside which the payload stands, but for those of some entities."""
+    request, supports, bottom_m = placing.request, placing.space.supports, placing.space.center_m[2]
     return [
         box
         for entity in request.world.entities
-        if entity.name not in {request.payload.entity, *space.supports, *without}
+        if entity.name not in {request.payload.entity, *supports, *without}
         for box in compute_shape_boxes(entity)
-        if box.top_m > space.center_m[2] + GAP_M and box.bottom_m < space.center_m[2] + footprint.height_m
+        if box.top_m > bottom_m + GAP_M and box.bottom_m < bottom_m + placing.footprint.height_m
     ]
 
 

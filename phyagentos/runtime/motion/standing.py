@@ -16,9 +16,9 @@ from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.planning_scene import add_geoms
-from phyagentos.runtime.motion.requests import Array, FindPlacements
+from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.shapes import compute_bounds, compute_shape_boxes
-from phyagentos.runtime.motion.sites import Footprint, Site, Sites, Space, measure_rectangle
+from phyagentos.runtime.motion.sites import Placing, Site, Sites, Space, measure_rectangle
 
 GAPS_M = (0.006, 0.003)  # to everything beside it; the second where the first leaves no room
 OVER_FLOOR_M = 0.001  # between a payload that is checked and the floor with its gap
@@ -32,35 +32,25 @@ SNUG_M = 1e-4  # beyond the gap
 Ranked = tuple[tuple[float, ...], float, float]  # how good a point is, and where
 
 
-def find_standing_sites(
-    request: FindPlacements,
-    space: Space,
-    held: Entity,
-    attitudes: Mapping[int, Array],
-    footprint: Footprint,
-    tool_m: Array,
-    job: Job,
-    enough: float = np.inf,
-) -> Sites:
+def find_standing_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job, enough: float = np.inf) -> Sites:
     """Sites at which no solid of the payload touches another one, those along the sides of the destination first.
 
     Only the payload's middle must be within the sides. `attitudes` maps yaws of the tool [degrees] to the attitude
-    (3, 3) of the payload in the axes of the space; `tool_m` (3,) is where the tool is. The search ends with the yaw
-    that makes `enough` sites.
+    (3, 3) of the payload in the axes of the space. The search ends with the yaw that makes `enough` sites.
     """
-    interest_m, radius_m = (tool_m, np.inf) if request.near is None else (request.near, request.near_radius_m)
-    from_m = space.rotation[:2, :2].T @ (np.asarray(interest_m) - space.center_m)[:2]
-    room = space.half_m - (INSIDE_M if space.walled else footprint.inner_m)
+    space, (interest_m, radius_m) = placing.space, placing.near
+    from_m = space.rotation[:2, :2].T @ (interest_m - space.center_m)[:2]
+    room = space.half_m - (INSIDE_M if space.walled else placing.footprint.inner_m)
     if np.any(room < 0.0) and space.walled:
         return Sites(iter(()))
     for gap_m in GAPS_M:
-        checker = StandingRoom(request, space, held, gap_m)
+        checker = StandingRoom(placing, gap_m)
         sites: list[tuple[tuple[float, ...], Site]] = []
         for degrees, R in attitudes.items():
             if len(sites) >= enough:
                 break
             start = checker.turn(R)
-            snug = space.half_m - measure_rectangle(held, R) - gap_m - SNUG_M
+            snug = space.half_m - measure_rectangle(placing.held, R) - gap_m - SNUG_M
             points = [p for p in _list_points(np.maximum(room, 0.0), snug) if np.hypot(*(p - from_m)) <= radius_m]
             ranked = sorted((_rank(point, room, from_m, space), *point) for point in points)
             job.checkpoint()
@@ -71,27 +61,26 @@ def find_standing_sites(
     return Sites(iter(()))
 
 
-def fit_tight(
-    request: FindPlacements, space: Space, held: Entity, attitudes: Mapping[int, Array], sites: Sites, job: Job
-) -> Sites:
+def fit_tight(placing: Placing, attitudes: Mapping[int, Array], sites: Sites, job: Job) -> Sites:
     """The sites with the yaws at which the payload meets nothing: its box may reach through a low wall."""
     if not next(iter(sites)).is_tight:  # all of a group, or none
         return sites
-    room, fitted = StandingRoom(request, space, held, GAPS_M[-1]), []
+    room, fitted = StandingRoom(placing, GAPS_M[-1]), []
     for site in sites:
-        away_m = site.point_m - space.center_m
+        away_m = site.point_m - placing.space.center_m
         yaws = tuple(degrees for degrees, R in attitudes.items() if room.is_free(room.turn(R) + away_m))
         fitted += [replace(site, yaws=yaws)] if yaws else []
         job.rejected["occupied"] += not yaws
     return Sites(iter(fitted))
 
 
-def _find_near(request: FindPlacements, space: Space, held: Entity) -> list[Entity]:
+def _find_near(placing: Placing) -> list[Entity]:
     """Entities that the payload may meet anywhere over the space."""
+    space, held = placing.space, placing.held
     radius_m = float(np.linalg.norm(space.half_m) + np.linalg.norm(compute_bounds(held.shapes)[1])) + max(GAPS_M)
     return [
         each
-        for each in request.world.entities
+        for each in placing.request.world.entities
         if each.name != held.name
         and any(box.compute_distance(space.center_m) <= radius_m for box in compute_shape_boxes(each))
     ]
@@ -135,18 +124,18 @@ def _make_site(point: Array, degrees: int, space: Space) -> Site:
 class StandingRoom:
     """Contacts of the payload, alone, with everything around it, each inflated by a gap."""
 
-    def __init__(self, request: FindPlacements, space: Space, held: Entity, gap_m: float) -> None:
+    def __init__(self, placing: Placing, gap_m: float) -> None:
         spec = mujoco.MjSpec()
         body = spec.worldbody.add_body(name="payload")
         body.add_freejoint()
-        add_geoms(body, held.shapes, 1, 0)
-        for other in _find_near(request, space, held):
+        add_geoms(body, placing.held.shapes, 1, 0)
+        for other in _find_near(placing):
             inflated = tuple(change(s, size_m=tuple(part + gap_m for part in s.size_m)) for s in other.shapes)
             around = spec.worldbody.add_body(pos=other.pose.position_m, quat=other.pose.quaternion_wxyz)
             add_geoms(around, inflated, 0, 1)
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
-        self._held, self._space, self._over_m = held, space, gap_m + OVER_FLOOR_M
+        self._held, self._space, self._over_m = placing.held, placing.space, gap_m + OVER_FLOOR_M
 
     def turn(self, R: Array) -> Array:
         """Give the payload an attitude (3, 3) in the space; its position (3,) over the middle of the space."""
