@@ -257,9 +257,7 @@ def check_scheduling() -> Finding:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except PermissionError:
-        fix = (
-            "Wake-ups may come a scheduler tick late. Allow it: 'rtprio 10' for this user in /etc/security/limits.conf."
-        )
+        fix = "Wake-ups may come a tick late. Allow it: 'rtprio 10' for this user in /etc/security/limits.conf."
         return Finding("scheduling", Grade.WEAK, "real-time priority is not granted", fix)
     os.sched_setscheduler(0, policy, parameters)
     return Finding("scheduling", Grade.FINE, "real-time priority is granted")
@@ -271,9 +269,7 @@ def check_ports() -> Finding:
         with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()[:2], 2.0):
             return Finding("ports", Grade.FINE, "a local server can be reached")
     except OSError as error:
-        return Finding(
-            "ports", Grade.WEAK, str(error), "Policy servers need the loopback interface: ip link set lo up."
-        )
+        return Finding("ports", Grade.WEAK, str(error), "Policy servers need the loopback: ip link set lo up.")
 
 
 CHECKS: tuple[Callable[[Path, Clock], Finding], ...] = (

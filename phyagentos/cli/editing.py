@@ -75,9 +75,7 @@ def _edit_copy(edits: "EditIntake", history: "History", name: str, command: list
         try:
             code = subprocess.run([*command, str(copy)], check=False).returncode
         except OSError as error:
-            raise Exit(
-                ExitCode.INVALID_INPUT, f"{command[0]}: {error.strerror}. Name an editor with --editor."
-            ) from error
+            raise Exit(ExitCode.INVALID_INPUT, f"{command[0]}: {error.strerror}. Name an editor: --editor") from error
         if code != 0:
             raise Exit(ExitCode.INVALID_INPUT, f"{command[0]} ended with {code}; nothing was changed")
         try:

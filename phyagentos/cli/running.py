@@ -22,28 +22,15 @@ Seed = Annotated[int, typer.Option(help="Root of every random choice.", min=0, m
 NoPictures = Annotated[bool, typer.Option("--no-pictures", help="Render nothing.")]
 FaultFile = Annotated[Path | None, typer.Option("--faults", help="What shall go wrong in the simulated world.")]
 WithParent = Annotated[int | None, typer.Option("--with-parent", hidden=True)]  # its process id: it may be gone
-Mode = Annotated[
-    WorldMode | None,
-    typer.Option(help="How simulated time advances; declared in the workspace's runtime_contract.yaml."),
-]
-Sense = Annotated[
-    Sensing | None,
-    typer.Option(help="What agent and verifier see; declared in the workspace's perception.yaml."),
-]
-Known = Annotated[
-    Prior | None,
-    typer.Option(help="What perception knows before its first look; declared in the workspace's perception.yaml."),
-]
+Mode = Annotated[WorldMode | None, typer.Option(help="How simulated time advances; kept in runtime_contract.yaml.")]
+Sense = Annotated[Sensing | None, typer.Option(help="What agent and verifier see; kept in perception.yaml.")]
+Known = Annotated[Prior | None, typer.Option(help="What perception knows at first; kept in perception.yaml.")]
 Verify = Annotated[
-    VerificationMode | None,
-    typer.Option(help="What judgements are for, instead of that of runtime_contract.yaml."),
+    VerificationMode | None, typer.Option(help="What judgements are for; overrides runtime_contract.yaml.")
 ]
-SharedMemory = Annotated[
-    Path | None,
-    typer.Option(
-        "--memory", help="Folder of a memory that outlives the workspace, instead of its own.", file_okay=False
-    ),
-]
+_FOLDER_HELP = "Folder of the run; a new one under workspaces/ by default."
+_MEMORY_HELP = "Folder of a memory that outlives the workspace, instead of its own."
+SharedMemory = Annotated[Path | None, typer.Option("--memory", help=_MEMORY_HELP, file_okay=False)]
 
 PR_SET_PDEATHSIG = 1  # Linux: the signal that a process gets when its parent ends
 
@@ -51,10 +38,7 @@ PR_SET_PDEATHSIG = 1  # Linux: the signal that a process gets when its parent en
 def run(
     graph: Graph,
     seed: Seed = 0,
-    workspace: Annotated[
-        Path | None,
-        typer.Option("--workspace", "-w", help="Folder of the run; a new one under workspaces/ by default."),
-    ] = None,
+    workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help=_FOLDER_HELP)] = None,
     faults: FaultFile = None,
     set_: Overrides = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON report on stdout, all else on stderr.")] = False,

@@ -31,16 +31,12 @@ def list_names(kind: Listing) -> None:
 
 
 def show_schema(
-    kind: Annotated[
-        str | None, typer.Argument(help="goal_graph, tree, skill, scene, target, safety, sessions, task, …")
-    ] = None,
+    kind: Annotated[str | None, typer.Argument(help="goal_graph, tree, skill, scene, target, sessions, …")] = None,
     write: Annotated[Path | None, typer.Option(help="Write every schema into this folder instead.")] = None,
     pristine: Annotated[
         Path | None, typer.Option(help="Write every document, as it is in a new workspace, into this folder instead.")
     ] = None,
-    pages: Annotated[
-        Path | None, typer.Option(help="Renew the tables of fields of every page in this folder instead.")
-    ] = None,
+    pages: Annotated[Path | None, typer.Option(help="Renew the tables of every page in this folder instead.")] = None,
     fields: Annotated[bool, typer.Option("--fields", help="As a Markdown table of its fields.")] = False,
 ) -> None:
     """Print the JSON Schema of an authored file or a document; without a kind, the kinds."""

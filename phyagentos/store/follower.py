@@ -195,9 +195,8 @@ class Follower:
 
     def describe_damage(self) -> Exception:
         """The error for a damaged tail."""
-        return self._damage or segments.damage(
-            self.path, self.offset, f"record {self.seq + 1} is not as it was written"
-        )
+        found = f"record {self.seq + 1} is not as it was written"
+        return self._damage or segments.damage(self.path, self.offset, found)
 
     def close(self) -> None:
         """Close the files."""

@@ -90,9 +90,8 @@ class MotionPlanner:
 
     def warm_up(self) -> None:
         """Load or compile every kernel and library, so that the first request is as fast as later ones."""
-        cube = Entity(
-            name="cube", kind="cube", pose=Pose((0.5, 0.0, 0.02)), shapes=(Shape(ShapeKind.BOX, (0.02, 0.02, 0.02)),)
-        )
+        shapes = (Shape(ShapeKind.BOX, (0.02, 0.02, 0.02)),)
+        cube = Entity(name="cube", kind="cube", pose=Pose((0.5, 0.0, 0.02)), shapes=shapes)
         home = self.robot.home_rad
         world = World((cube,))
         self.answer(FindGrasps(world=world, object="cube", q_rad=home, seed=0, count=1))
@@ -124,9 +123,8 @@ class MotionPlanner:
                 with job.stage("timing"):
                     rows = np.asarray(request.waypoints_rad, dtype=float)
                     timed = self._get_timer(limits, request.load, keeps_toppra=True)(rows)
-                return Motion(
-                    trajectory=timed.trajectory, goal=0, timing=job.timing, stages=Stages(scaling=timed.scaling)
-                )
+                stages = Stages(scaling=timed.scaling)
+                return Motion(trajectory=timed.trajectory, goal=0, timing=job.timing, stages=stages)
             case ShapeTransport():
                 from phyagentos.runtime.motion.transport import shape_transport  # casadi: only where it is used
 

@@ -155,9 +155,8 @@ class DryRun:
         grasped: Payload | None = None
         known: Destination | None = None  # where it can surely be put down
         if thorough:
-            self._ask(
-                TimeLine(waypoints_rad=np.stack((q_rad, q_rad + NUDGE_RAD)))
-            )  # it is ready: the costs are its own
+            nudge_rad = np.stack((q_rad, q_rad + NUDGE_RAD))
+            self._ask(TimeLine(waypoints_rad=nudge_rad))  # it is ready: the costs are its own
         start = self._try_posture(session, "start", world, q_rad)
         if start.outcome != "possible" or thorough:
             trials.append(start)
@@ -184,20 +183,14 @@ class DryRun:
                     break
                 way, known = answer.approaches[0], motion.then if answer.leads_on else None
                 if thorough:
-                    goals_rad = way.line_rad[:1]
-                    request = PlanMove(
-                        world=world, q_rad=q_rad, goals_rad=goals_rad, seed=session.seed, speed=PATH_SPEED
-                    )
-                    answer, ms = self._ask(request)
+                    answer, ms = self._ask(PlanMove(world, q_rad, way.line_rad[:1], session.seed, speed=PATH_SPEED))
                     trials.append(_judge(f"path to {motion.object}", answer, ms, proves=False))
                 grasped = foresee_payload(entity, way)
                 q_rad = way.line_rad[-1]
-            elif grasped is not None and motion == known and not session.strategy.avoid_sites:
-                trials.append(
-                    Trial(motion=f"place {grasped.entity} {motion.relation} {motion.name}", outcome="possible")
-                )
-            elif grasped is not None:
+            elif grasped is not None and (motion != known or session.strategy.avoid_sites):
                 trials.append(self._try_place(session, motion, grasped, now, world, q_rad))
+            elif grasped is not None:
+                trials.append(Trial(motion=_name_place(grasped, motion), outcome="possible"))
         return tuple(trials)
 
     def _try_posture(self, session: Session, name: str, world: World, q_rad: "np.ndarray") -> Trial:
@@ -239,7 +232,7 @@ class DryRun:
     def _try_place(
         self, session: Session, to: Destination, payload: Payload, now: Environment, world: World, q_rad: "np.ndarray"
     ) -> Trial:
-        name = f"place {payload.entity} {to.relation} {to.name}"
+        name = _name_place(payload, to)
         place = now.entities.get(to.name) or now.regions.get(to.name)
         if place is None:
             return Trial(motion=name, outcome="undecided", message="the destination is not in the world")
@@ -279,6 +272,10 @@ class DryRun:
         norm = np.linalg.norm  # of balls about the entity's origin that hold its shapes
         own_m = max((float(norm(each.pose.position_m) + norm(each.size_m)) for each in entity.shapes), default=0.0)
         return self.reach.compute_excess(entity.pose.position_m) - own_m - HAND_M
+
+
+def _name_place(payload: Payload, to: Destination) -> str:
+    return f"place {payload.entity} {to.relation} {to.name}"
 
 
 def _has_face(entity: Entity) -> bool:
