@@ -25,9 +25,7 @@ WithParent = Annotated[int | None, typer.Option("--with-parent", hidden=True)]  
 Mode = Annotated[WorldMode | None, typer.Option(help="How simulated time advances; kept in runtime_contract.yaml.")]
 Sense = Annotated[Sensing | None, typer.Option(help="What agent and verifier see; kept in perception.yaml.")]
 Known = Annotated[Prior | None, typer.Option(help="What perception knows at first; kept in perception.yaml.")]
-Verify = Annotated[
-    VerificationMode | None, typer.Option(help="What judgements are for; overrides runtime_contract.yaml.")
-]
+Verify = Annotated[VerificationMode | None, typer.Option(help="What judgements are for, over runtime_contract.yaml.")]
 _FOLDER_HELP = "Folder of the run; a new one under workspaces/ by default."
 _MEMORY_HELP = "Folder of a memory that outlives the workspace, instead of its own."
 SharedMemory = Annotated[Path | None, typer.Option("--memory", help=_MEMORY_HELP, file_okay=False)]

@@ -103,10 +103,7 @@ def _is_wanted(way: Way, entity: Entity, request: FindGrasps) -> bool:
 def _drop_dead_ends(
     found: list[Approach], place: Callable[[Approach], Approaches | NoPlan | None]
 ) -> tuple[list[Approach], bool]:
-    """The approaches from the first one on after which the thing can be put down; all where no grasp changes that.
-
-    Second is whether a way to put it down was found.
-    """
+    """The approaches from the first that leads on, all where no grasp changes that; and whether a way on was found."""
     for index, approach in enumerate(found):
         if index and approach.label == found[index - 1].label:
             continue
