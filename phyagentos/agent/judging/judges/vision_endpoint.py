@@ -93,7 +93,7 @@ class OpenAiEndpoint:
                             "MODEL_MALFORMED", f"{self.name} answered with more than {MAX_BYTES} bytes"
                         )
                     if self.clock.now_s() > until_s:
-                        raise ExecutionError("MODEL_UNREACHABLE", f"{self.name}: not all in {self.timeout_s:g} s")
+                        raise ExecutionError("MODEL_UNREACHABLE", f"{self.name}: unfinished after {self.timeout_s:g} s")
         except (httpx.HTTPError, httpx.InvalidURL) as error:
             raise ExecutionError("MODEL_UNREACHABLE", f"{self.name}: {type(error).__name__} {error}".strip()) from error
         return bytes(data)
