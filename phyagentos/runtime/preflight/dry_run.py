@@ -153,7 +153,7 @@ class DryRun:
         q_rad = np.asarray(state.q_rad if state is not None else self.home_rad, dtype=np.float64)
         world = World(tuple(now.entities.values()), tuple(now.regions.values()))
         grasped: Payload | None = None
-        known: Destination | None = None  # where it can surely be put down
+        known: Destination | None = None  # where it can surely be put down; what it stands on has to have a face
         if thorough:
             nudge_rad = np.stack((q_rad, q_rad + NUDGE_RAD))
             self._ask(TimeLine(waypoints_rad=nudge_rad))  # it is ready: the costs are its own
@@ -181,7 +181,8 @@ class DryRun:
                 trials.append(trial)
                 if not isinstance(answer, Approaches):
                     break
-                way, known = answer.approaches[0], motion.then if answer.leads_on else None
+                is_known = answer.leads_on and motion.then is not None and motion.then.relation == "inside"
+                way, known = answer.approaches[0], motion.then if is_known else None
                 if thorough:
                     answer, ms = self._ask(PlanMove(world, q_rad, way.line_rad[:1], session.seed, speed=PATH_SPEED))
                     trials.append(_judge(f"path to {motion.object}", answer, ms, proves=False))
