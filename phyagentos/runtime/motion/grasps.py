@@ -9,7 +9,7 @@ it alike, near its weight; elsewhere only where nothing else is left.
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, product
 
 import numpy as np
 
@@ -39,7 +39,7 @@ SHIFT_PAD_M = 0.012  # of the thing that is left beside the middle of the pads
 STRADDLE_M = 0.05  # over this last part of the way the fingers are beside the object
 RIM_DEPTH_M = 0.006  # of the tool centre point under the edge of a single solid; its pads reach a centimetre further
 SOLID_OPEN_M = 0.016  # further open than a single solid is wide: there is little room in a vessel
-LEANS = (1.0, 0.5, 0.0)  # of the hand with a leaning wall: as it leans; less, and the wall turns until pads lie flat
+LEANS = (1.0, 0.5, 0.0)  # of the hand with a leaning wall: as it leans, by half, upright
 UP_AXIS = np.array((0.0, 0.0, 1.0))
 SOLID_MAX_M = 0.03  # a thicker solid is no wall or handle
 TURNED_COS = 0.3  # least, of the way that the hand points with straight down once the thing is turned
@@ -65,8 +65,8 @@ def find_grasps(
     corners: list[Way] = []
     if is_whole and not is_round(entity):
         corners, _ = compute_grasp_ways(entity, profile, fingers, request.hover_m, whole=True, corners=True)
-    solids = [list(_iter_solid_ways(entity, profile, fingers, request.hover_m, lean)) for lean in LEANS]
-    if not (ways or poor or any(solids)):
+    solids = list(_iter_solid_ways(entity, profile, fingers, request.hover_m))
+    if not ways and not solids and not poor:
         opens = f"the gripper opens ({profile.gripper.max_width_m} m), less {1e3 * LEAST_CLEARANCE_M:.0f} mm of room"
         return job.fail("TOO_WIDE", f"{entity.name} is wider than {opens}.")
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
@@ -121,7 +121,7 @@ def foresee_payload(entity: Entity, approach: Approach) -> Payload:
     return Payload(entity.name, compute_pose(in_hand), width_m)
 
 
-def _iter_batches(ways: list[Way], corners: list[Way], solids: list[list[Way]], entity: Entity) -> Iterator[list[Way]]:
+def _iter_batches(ways: list[Way], corners: list[Way], solids: list[Way], entity: Entity) -> Iterator[list[Way]]:
     """What is tried together, the better first."""
     yield from _iter_tilted(ways, TILTS_DEG)
     for share in SHIFTS:
@@ -129,7 +129,7 @@ def _iter_batches(ways: list[Way], corners: list[Way], solids: list[list[Way]], 
     yield from _iter_tilted(corners, TILTS_DEG)
     for degrees in SIDE_DEG:
         yield _narrow(_tilt(ways, degrees), NARROW_M[0])
-    yield from solids
+    yield solids
 
 
 def _iter_tilted(ways: list[Way], tilts_deg: tuple[int, ...]) -> Iterator[list[Way]]:
@@ -237,9 +237,7 @@ def _iter_contacts(
         yield f"yaw+{degrees:03d}", contact
 
 
-def _iter_solid_ways(
-    entity: Entity, profile: TargetProfile, fingers: Collection[str], hover_m: float, lean: float
-) -> Iterator[Way]:
+def _iter_solid_ways(entity: Entity, profile: TargetProfile, fingers: Collection[str], hover_m: float) -> Iterator[Way]:
     """Tool poses that close on one thin solid of several, along its own axes; the fingers touch nothing else of it."""
     boxes = compute_shape_boxes(entity) if len(entity.shapes) > 1 else []
     low_m = min((box.bottom_m for box in boxes), default=0.0) + profile.gripper.fingertip_m
@@ -256,7 +254,7 @@ def _iter_solid_ways(
                 up_m = max(0.0, float(box.half_m[approach]) - RIM_DEPTH_M)
                 position = box.pose[:3, 3] - up_m * z
                 position[2] = max(position[2], low_m)
-                for turned, sign in enumerate((1.0, -1.0)):
+                for (turned, sign), lean in product(enumerate((1.0, -1.0)), LEANS):
                     yield Way(
                         label=f"solid{index}.{'xyz'[closing]}+{180 * turned:03d}.lean{lean:g}",
                         end=_make_pose(sign * y, lean * z - (1.0 - lean) * UP_AXIS, position),
