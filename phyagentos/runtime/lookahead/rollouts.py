@@ -109,7 +109,7 @@ def _look(state: Array, stage: Stage) -> Environment:
 
 def _enter(state: Array, physics: Physics) -> None:
     mujoco.mj_setState(physics.model, physics.data, state, _FULL)
-    mujoco.mj_fwdPosition(physics.model, physics.data)  # what touches
+    mujoco.mj_fwdPosition(physics.model, physics.data)  # its contacts, which a state does not hold
 
 
 def find_cause(rollout: Rollout, nominal: Rollout, rehearsal: Rehearsal) -> str:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 CANCEL_GRACE_S = 0.5
 CLOSE_GRACE_S = 2.0
-KEPT = 4  # answers
+KEPT = 4  # latest answers that are remembered, by the bytes of their requests
 
 _REQUESTS = Codec[MotionRequest | Cancel](MotionRequest | Cancel, "motion request")
 _ANSWERS = Codec[MotionAnswer](MotionAnswer, "answer")
@@ -195,7 +195,7 @@ class _Inbox:
 
     def __init__(self, connection: "Connection[Any, Any]") -> None:
         self._connection = connection
-        # a request as it came, too; None: the other side is gone
+        # a request and the bytes that it came as; None: the other side is gone
         self.requests: queue.SimpleQueue[tuple[bytes, MotionRequest] | None] = queue.SimpleQueue()
         self.cancelled = threading.Event()
         threading.Thread(target=self._read, name="planner-inbox", daemon=True).start()

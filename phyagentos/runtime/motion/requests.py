@@ -93,6 +93,9 @@ class Destination(msgspec.Struct, frozen=True):
     up: tuple[float, float, float] | None = None
 
 
+GRASPS = 4  # that a skill chooses from
+
+
 class FindGrasps(msgspec.Struct, frozen=True, tag=True):
     """Grasps of an object from above. Answer: `Approaches`.
 
@@ -112,7 +115,7 @@ class FindGrasps(msgspec.Struct, frozen=True, tag=True):
     seed: int
     avoid: tuple[str, ...] = ()
     hover_m: float = 0.08
-    count: int = 4
+    count: int = GRASPS
     along: tuple[float, float, float] | None = None
     then: Destination | None = None
     removable: tuple[str, ...] = ()

@@ -26,6 +26,7 @@ from phyagentos.runtime.execution.leaves.plan_room import list_removable
 from phyagentos.runtime.motion.grasps import foresee_payload
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.motion.requests import (
+    GRASPS,
     Approaches,
     CheckPosture,
     Destination,
@@ -224,6 +225,7 @@ class DryRun:
             q_rad=q_rad,
             seed=compute_leaf_seed(session, motion.leaf),
             avoid=session.strategy.avoid_grasps,
+            count=CANDIDATES if motion.removable else GRASPS,
             then=motion.then,
             removable=motion.removable or (),
         )

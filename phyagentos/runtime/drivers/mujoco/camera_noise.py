@@ -4,12 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.protocol.settings.cameras import NoiseLevel
-from phyagentos.runtime.drivers.mujoco.camera_noise_kernels import (
-    STEEPEST_COS,
-    measure_color,
-    measure_depth,
-    shift_places,
-)
+from phyagentos.runtime.drivers.mujoco.camera_noise_kernels import measure_color, measure_depth, shift_places
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import BLACK, GLASS, Picture
 
 SAME_M = 0.01  # depths of a pixel this close, at both ends of an exposure, are one surface
@@ -48,7 +43,7 @@ def spoil(
     luck = rng.random(shape, dtype=single) if level.pixel_dropout > 0.0 else np.ones(shape, single)
     tint = draw(rgb.shape, dtype=single) if level.color_std > 0.0 else np.zeros(rgb.shape, single)
     growth = single(level.depth_constant_m), single(level.depth_quadratic_per_m), single(level.depth_offset_m)
-    bounds = single(range_m[0]), single(range_m[1]), STEEPEST_COS if level.depth_grazing > 0.0 else -np.inf
+    bounds = single(range_m[0]), single(range_m[1])
     grain = single(level.pixel_dropout), single(level.depth_unit_m)
     measured = measure_depth(depth, incidence, (noise, luck), (growth, bounds, grain, level.depth_grazing))
     if (level.black_dropout > 0.0 or level.glass_dropout > 0.0) and finish.any():

@@ -5,7 +5,7 @@ from numba import njit
 
 GRAZING_COS = np.cos(np.pi / 3)  # up to this angle Nguyen et al. found no influence of it
 STEEPEST_COS = np.cos(np.radians(88.0))  # beyond it the formula has no meaning and a sensor measures nothing
-NEAR_M = np.float32(0.1)
+NEAR_M = np.float32(0.1)  # nearer, the noise of grazing light grows no more
 
 
 @njit(cache=True, nogil=True)
@@ -24,7 +24,7 @@ def shift_places(shifts, every, std_px):  # type: ignore[no-untyped-def]  # noqa
 @njit(cache=True, nogil=True)
 def measure_depth(depth, incidence, drawn, numbers):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """(height, width) in single precision; NaN where nothing was measured."""
-    (constant, quadratic, offset), (low, high, steepest), (dropout, unit), grazing = numbers
+    (constant, quadratic, offset), (low, high), (dropout, unit), grazing = numbers
     noise, luck = drawn
     measured = np.full(depth.shape, np.float32(np.nan), np.float32)
     for row in range(depth.shape[0]):
@@ -33,12 +33,13 @@ def measure_depth(depth, incidence, drawn, numbers):  # type: ignore[no-untyped-
             if not np.isfinite(here):
                 continue
             away, cosine, turned = here - offset, np.float64(incidence[row, column]), 0.0
+            is_seen = grazing <= 0.0 or cosine > STEEPEST_COS
             if grazing > 0.0 and cosine < GRAZING_COS:
                 angle = np.arccos(max(cosine, STEEPEST_COS))
                 turned = grazing * angle**2 / (np.sqrt(max(here, NEAR_M)) * (np.pi / 2 - angle) ** 2)
             std = np.float32(np.float64(constant + quadratic * (away * away)) + turned)
             here = here + std * noise[row, column]
-            if low <= here <= high and cosine > steepest and luck[row, column] >= dropout:
+            if low <= here <= high and is_seen and luck[row, column] >= dropout:
                 measured[row, column] = np.rint(here / unit) * unit if unit > np.float32(0.0) else here
     return measured
 
