@@ -87,7 +87,7 @@ def flat(name: str, z: float, half_m: float = 0.002, **more: Any) -> Entity:
     return cube(name, 0.3, 0.0, z, shapes=(Shape(ShapeKind.BOX, (0.06, 0.06, half_m)),), **more)
 
 
-@pytest.mark.parametrize(("x", "y", "expected"), [(0.3, 0.05, True), (0.34, 0.03, True), (0.34, 0.04, False)])
+@pytest.mark.parametrize(("x", "y", "expected"), [(0.3, 0.0495, True), (0.339, 0.03, True), (0.34, 0.04, False)])
 @pytest.mark.parametrize("sensing", ["truth", "perceived"])
 def test_a_round_support_ends_where_its_disk_ends(x, y, expected, sensing):
     coaster = cube("b", 0.3, 0.0, 0.004, shapes=(COASTER,), movable=False)

@@ -151,6 +151,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         alternatives: Names that this body may have as well, and whose body may have this name: no look, no mark and no
             history tells them apart. Empty where the name is known.
         named_at_s: When the present naming among the alternatives was chosen [s]; it has followed the body since.
+        bears: Of a hidden thing, what is seen to stand on it, and on nothing else: that shows where it is.
     """
 
     name: str
@@ -187,6 +188,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     evidence: tuple[str, ...] = ()
     alternatives: tuple[str, ...] = ()
     named_at_s: float = 0.0
+    bears: str = ""
 
     @property
     def is_unsure(self) -> bool:
@@ -370,10 +372,13 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         """Why the snapshot does not show where a thing is now; empty where it does.
 
         The one rule of freshness. A fixed thing cannot have changed, a held one is felt. Anything else was seen in the
-        look of the snapshot: neither hidden nor gone, at most `FRESH_S` (or `max_age_s`) before it, and surely.
+        look of the snapshot: neither hidden nor gone, at most `FRESH_S` (or `max_age_s`) before it, and surely; or
+        what it bears was.
         """
         if not entity.movable:
             return ""
+        if (bearing := self.entities.get(entity.bears)) is not None and bearing.status is Status.SEEN:
+            return self.explain_unseen(bearing, max_age_s)
         age_s, allowed_s = self.time_s - entity.observed_at_s, min(max_age_s, FRESH_S)
         if not entity.visible:
             return f"{entity.name} was not visible"

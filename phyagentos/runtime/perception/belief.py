@@ -15,6 +15,7 @@ from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import LIFTED_M, Change, Entity, Pose, Region, Shape, Status, TargetState
 from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.association import Match, associate, exchange_doubts
+from phyagentos.runtime.perception.bearing import find_bearing
 from phyagentos.runtime.perception.contents import count_balls
 from phyagentos.runtime.perception.fitting import SURE_POINTS, Fit, choose_symmetric, is_upright, stand_up
 from phyagentos.runtime.perception.fixed_things import measure_fixed
@@ -96,7 +97,7 @@ def update_belief(
     for name, contents in count_balls(inventory, entities, cloud, views, time_s).items() if inventory.balls else ():
         if not focus or name in focus:
             entities[name] = msgspec.structs.replace(entities[name], contents=contents)
-    return _carry_contents(inventory, before, place_articulated(inventory.articulated, entities))
+    return find_bearing(_carry_contents(inventory, before, place_articulated(inventory.articulated, entities)))
 
 
 def follow_hand(

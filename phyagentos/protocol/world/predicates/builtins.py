@@ -46,6 +46,7 @@ WIDTH_M = 0.006  # by which the opening may differ from what is between the pads
 PERCEIVED_STD_M = 0.0015  # of a position, where a pipeline states none: the median error of the one that ships
 VESSEL_STD_M = 0.004  # the same of a vessel, of which thin walls and its filling are seen
 PERCEIVED_STD_RAD = 0.02
+SHIFT_STD_M = 0.005  # by which a thing may have been shifted unseen as what hides it was put down on it
 COARSE_RAD, COARSE_FACTOR = 0.15, 2.0  # few pixels fit many turns: such a doubt is not that of a normal distribution
 DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
 OPEN_FRACTION = 0.9
@@ -59,7 +60,9 @@ def _find_position_doubt(view: View, *entities: Entity | None) -> float:
         for each in entities
         if each is not None and (each.position_std_m or (each.movable and view.now.sensing != "truth"))
     )
-    return DOUBT_STDS * math.hypot(*stds_m)
+    known = {each.name: each for each in entities if each is not None}
+    shifts_m = (SHIFT_STD_M for each in known.values() if each.bears and each.bears not in known)
+    return DOUBT_STDS * math.hypot(*stds_m, *shifts_m)
 
 
 def _find_turn_doubt(view: View, *entities: Entity | None) -> float:
@@ -137,7 +140,7 @@ def measure_above(view: View, a: Entity, b: str) -> Reading:
 def _find_sure_gap(view: View, a: Entity, b: str, doubt_m: float, near_m: float) -> float | None:
     """As `_find_gap`; unknown where the doubt decides whether a is over b, at less than `near_m` from its top."""
     if doubt_m:
-        sure = _find_gap(view, a, b, FOOTPRINT_SLACK_M - doubt_m)
+        sure = _find_gap(view, a, b, -doubt_m)
         possible = _find_gap(view, a, b, FOOTPRINT_SLACK_M + doubt_m)
         if (sure is None) != (possible is None) and min(abs(g) for g in (sure, possible) if g is not None) <= near_m:
             raise FactMarginal(f"whether {a.name} is above {b} is within what the measurement may be off")
@@ -277,7 +280,7 @@ def measure_visible(view: View, a: str) -> Reading:
     reason = view.now.explain_unseen(entity)
     if reason and entity.is_unsure:
         raise FactMarginal(reason)
-    seen = entity.visible and not reason
+    seen = entity.visible and not reason and not entity.bears
     return Reading(
         1.0 if seen else -1.0, {"visible": seen, "age_s": round(age_s, 3)}, f"{a} was seen {age_s:.1f} s ago"
     )
