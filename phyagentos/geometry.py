@@ -39,11 +39,7 @@ def rotate(quaternion_wxyz: Sequence[float], v: Sequence[float]) -> Vector:
     """V turned by a unit quaternion: v + 2 u x (u x v + w v), with u the vector part."""
     w, x, y, z = quaternion_wxyz
     tx, ty, tz = y * v[2] - z * v[1] + w * v[0], z * v[0] - x * v[2] + w * v[1], x * v[1] - y * v[0] + w * v[2]
-    return (
-        v[0] + 2 * (y * tz - z * ty),
-        v[1] + 2 * (z * tx - x * tz),
-        v[2] + 2 * (x * ty - y * tx),
-    )
+    return (v[0] + 2 * (y * tz - z * ty), v[1] + 2 * (z * tx - x * tz), v[2] + 2 * (x * ty - y * tx))
 
 
 def invert_rotation(quaternion_wxyz: Sequence[float]) -> Quaternion:

@@ -21,10 +21,7 @@ def revise_refused(refused: SessionStatus, folder: Path) -> Advice | None:
     if result is None:
         return None
     own = Alternative(
-        strategy=refused.contract.strategy,
-        samples=result.samples,
-        succeeded=result.succeeded,
-        causes=result.causes,
+        strategy=refused.contract.strategy, samples=result.samples, succeeded=result.succeeded, causes=result.causes
     )
     best = max((own, *result.alternatives), key=lambda each: each.share)
     is_enough = best.share >= result.threshold

@@ -15,10 +15,7 @@ _TAKING = frozenset({"holding", "moved"})  # they pass by themselves, but a sess
 
 
 def find_regressions(
-    finished: Mapping[str, Session],
-    find_later: Callable[[str], Collection[str]],
-    promises: Promises,
-    worlds: Worlds,
+    finished: Mapping[str, Session], find_later: Callable[[str], Collection[str]], promises: Promises, worlds: Worlds
 ) -> dict[str, str]:
     """Finished nodes whose achievement no longer holds -> the fact that shows it.
 

@@ -187,11 +187,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     ) -> View:
         """What its predicates are evaluated on: the world `now` against `initial`, as its goal agreed on names."""
         return View(
-            now=now,
-            initial=initial,
-            target=self.target,
-            metrics=metrics or {},
-            interchangeable=self.interchangeable,
+            now=now, initial=initial, target=self.target, metrics=metrics or {}, interchangeable=self.interchangeable
         )
 
     def explain_time(self) -> str:

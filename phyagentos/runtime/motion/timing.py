@@ -239,7 +239,6 @@ def _constrain(velocity: tuple[float, ...], acceleration: tuple[float, ...]) -> 
     return (
         constraint.JointVelocityConstraint(np.column_stack((-fastest, fastest))),
         constraint.JointAccelerationConstraint(
-            np.column_stack((-hardest, hardest)),
-            discretization_scheme=constraint.DiscretizationType.Interpolation,
+            np.column_stack((-hardest, hardest)), discretization_scheme=constraint.DiscretizationType.Interpolation
         ),
     )

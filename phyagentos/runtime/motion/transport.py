@@ -19,15 +19,7 @@ from scipy.interpolate import CubicSpline
 
 from phyagentos.runtime.motion.chain import Chain
 from phyagentos.runtime.motion.job import Job
-from phyagentos.runtime.motion.requests import (
-    Array,
-    Load,
-    Motion,
-    NoPlan,
-    ShapeTransport,
-    Stages,
-    Trajectory,
-)
+from phyagentos.runtime.motion.requests import Array, Load, Motion, NoPlan, ShapeTransport, Stages, Trajectory
 from phyagentos.runtime.motion.timing import (
     ACCELERATION_SCALE,
     VELOCITY_SCALE,

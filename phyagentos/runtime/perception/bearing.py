@@ -6,12 +6,7 @@ from collections.abc import Mapping
 import msgspec
 
 from phyagentos.protocol.world.environment import REST_M_S, Entity, Status
-from phyagentos.protocol.world.predicates.geometry import (
-    compute_center,
-    compute_lowest,
-    compute_reach,
-    find_tops_below,
-)
+from phyagentos.protocol.world.predicates.geometry import compute_center, compute_lowest, compute_reach, find_tops_below
 
 NEAR_M = 0.002  # how far solids that touch may be apart, beside twice the stated doubt
 

@@ -237,13 +237,7 @@ def stay(
 
 
 def compare_lookalikes(
-    thing: ObjectModel,
-    patch: Patch,
-    views: tuple[CameraView, ...],
-    found: Fit,
-    obstacle: Solids | None,
-    *,
-    keep: bool,
+    thing: ObjectModel, patch: Patch, views: tuple[CameraView, ...], found: Fit, obstacle: Solids | None, *, keep: bool
 ) -> Fit:
     """The fit, or the least tilted one of those that are as good, with what these differ by; `keep` the given one."""
     best, tilts, alike_m = found, [_tilt(thing, found.rotation)], _compute_alike(found.rms_m, found.count)

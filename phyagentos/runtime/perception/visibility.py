@@ -44,13 +44,7 @@ def measure_sight(
     confirmed = hidden = contradicted = 0
     for view in views:
         v, u, depth, _ = project(
-            samples_m,
-            normals,
-            pose,
-            (view.rotation, view.position_m),
-            view.focal,
-            view.nearest_m.shape,
-            FACING,
+            samples_m, normals, pose, (view.rotation, view.position_m), view.focal, view.nearest_m.shape, FACING
         )
         near, far = view.nearest_m[v, u], view.farthest_m[v, u]
         measured = np.isfinite(near)

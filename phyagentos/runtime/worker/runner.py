@@ -142,10 +142,7 @@ class SessionRunner:
         live = self._handle.describe()
         return recorder.write_execution(
             msgspec.structs.replace(
-                report,
-                open_criteria=self._open_criteria,
-                driver=live.driver,
-                idealisations=live.idealisations,
+                report, open_criteria=self._open_criteria, driver=live.driver, idealisations=live.idealisations
             )
         )
 
@@ -260,11 +257,7 @@ class SessionRunner:
         return recorder.write_execution(_report(outcome, evidence))
 
     def _write_end(
-        self,
-        session: Session,
-        recorder: Recorder,
-        holds: HoldMonitor | None = None,
-        initial: Environment | None = None,
+        self, session: Session, recorder: Recorder, holds: HoldMonitor | None = None, initial: Environment | None = None
     ) -> tuple[RecordedFault, ...]:
         """Observe and give authority back; the last snapshot is the last sample of the hold conditions, too."""
         observation, seen = self._handle.observe(snapshot=True), self._world.observe(WORLD)

@@ -93,11 +93,7 @@ def _place(camera: mujoco.MjvGLCamera, lens: Lens, viewpoint: Viewpoint) -> None
     """Set pose and opening of a camera of the graphics."""
     near = camera.frustum_near
     left, right = -lens.cx / lens.fx, (lens.width - lens.cx) / lens.fx
-    camera.pos, camera.forward, camera.up = (
-        viewpoint.position_m,
-        viewpoint.rotation[:, 2],
-        -viewpoint.rotation[:, 1],
-    )
+    camera.pos, camera.forward, camera.up = (viewpoint.position_m, viewpoint.rotation[:, 2], -viewpoint.rotation[:, 1])
     camera.frustum_center, camera.frustum_width = near * (left + right) / 2, near * (right - left) / 2
     camera.frustum_top, camera.frustum_bottom = near * lens.cy / lens.fy, -near * (lens.height - lens.cy) / lens.fy
 

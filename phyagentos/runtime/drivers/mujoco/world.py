@@ -293,10 +293,7 @@ class MujocoDriver(TargetDriver):
             return wire.Observation(time_s=physics.time_s, target=target)
         holders = {entity: name for name, robot in self.world.robots.items() for entity in robot.look().holding}
         return wire.Observation(
-            time_s=physics.time_s,
-            target=target,
-            entities=physics.read_entities(holders),
-            regions=physics.regions,
+            time_s=physics.time_s, target=target, entities=physics.read_entities(holders), regions=physics.regions
         )
 
     @override

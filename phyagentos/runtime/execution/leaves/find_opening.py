@@ -35,9 +35,7 @@ class FindOpening(Leaf):
             data_type=tuple, required=False, description="Poses world_T_tcp that bring it there from the tool's place."
         ),
         "level": PortInformation(
-            data_type=tuple,
-            required=False,
-            description="The same with the hand as it is turned now, where it may.",
+            data_type=tuple, required=False, description="The same with the hand as it is turned now, where it may."
         ),
     }
 

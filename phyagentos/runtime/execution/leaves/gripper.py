@@ -87,7 +87,7 @@ class CloseGripper(_GripperLeaf):
     INPUT_PORTS = {
         "seconds": PortInformation(
             data_type=float, required=False, description="Time for it, simulated [s]; until they grip if unset."
-        ),
+        )
     }
     OUTPUT_PORTS = {
         "width_m": PortInformation(data_type=float, required=False, description="Measured opening afterwards [m].")

@@ -20,9 +20,7 @@ class PlanGrasp(CandidatePlanningLeaf):
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity to take hold of."),
         "hinged": PortInformation(
-            data_type=str,
-            required=False,
-            description="What the handle belongs to: a level hinge turns in the fingers.",
+            data_type=str, required=False, description="What the handle belongs to: a level hinge turns in the fingers."
         ),
         "destination": PortInformation(
             data_type=str, required=False, description="Entity or region where it goes then; as at `plan_place`."
