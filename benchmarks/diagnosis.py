@@ -33,7 +33,7 @@ from benchmarks.diagnosis_parts.refusals import classify_refusal
 from phyagentos.agent.mission.mission import Mission
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
-from phyagentos.assembly.planes import watching
+from phyagentos.assembly.planes import start_watch
 from phyagentos.bench.report import Ask, Rate, format_outcome
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import SessionState
@@ -142,7 +142,7 @@ def run_cases(
         change_contract(workspace, dict(case.settings))
     terms = {"faults": write_faults(cases, root), "sense": Sensing(sense) if sense else None}
     pictures = any(case.judge for case in cases)
-    with serve_model() as url, watching(workspace, clock, pictures=pictures, **terms) as plane:
+    with serve_model() as url, start_watch(workspace, pictures=pictures, **terms).running(clock) as plane:
         for case in cases:
             if case.judge:
                 change_contract(workspace, {"verification": describe_judges(url, case.judge)})

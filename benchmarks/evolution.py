@@ -30,7 +30,7 @@ from scipy.stats import binomtest
 
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
-from phyagentos.assembly.planes import Plane, watching
+from phyagentos.assembly.planes import Plane, start_watch
 from phyagentos.bench.report import Ask, Rate, format_outcome
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId, SessionId
@@ -189,7 +189,7 @@ def run(
         passes.append(run_pass(workspace, plane, name, plan, learns=False, console=console))
         written += count_records(workspace) - bytes_before
 
-    with watching(workspace, SystemClock(), faults=FAULTS, sense=Sensing.PERCEIVED) as plane:
+    with start_watch(workspace, faults=FAULTS, pictures=False, sense=Sensing.PERCEIVED).running(SystemClock()) as plane:
         evaluate("before")
         plan = list(itertools.product(train, graphs))
         passes.append(run_pass(workspace, plane, "adaptation", plan, learns=True, console=console))

@@ -52,6 +52,14 @@ class Plane:
             clock.sleep(0.02)
         self.kill()
 
+    @contextlib.contextmanager
+    def running(self, clock: Clock) -> Iterator["Plane"]:
+        """Itself while the block runs; then it is stopped."""
+        try:
+            yield self
+        finally:
+            self.stop(clock, STOP_S)
+
     def kill(self) -> None:
         """End it at once, with its process group."""
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -73,20 +81,3 @@ def start_watch(
     arguments += ["--sense", sense] if sense is not None else []
     arguments += [] if pictures else ["--no-pictures"]
     return Plane("watch", arguments, workspace.logs)
-
-
-@contextlib.contextmanager
-def watching(
-    workspace: Workspace,
-    clock: Clock,
-    *,
-    faults: Path | None = None,
-    pictures: bool = False,
-    sense: Sensing | None = None,
-) -> Iterator[Plane]:
-    """A warm runtime plane while the block runs; arguments as of `start_watch`."""
-    plane = start_watch(workspace, faults=faults, pictures=pictures, sense=sense)
-    try:
-        yield plane
-    finally:
-        plane.stop(clock, STOP_S)

@@ -11,7 +11,7 @@ from pathlib import Path
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.assembly.agent_plane import Agent, MemoryUse, open_agent
-from phyagentos.assembly.planes import watching
+from phyagentos.assembly.planes import start_watch
 from phyagentos.clock import Clock
 from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -39,7 +39,7 @@ def open_bench(
 ) -> Iterator[Agent]:
     """Both planes of a workspace, the agent in this process; arguments as of `start_watch` and `open_agent`."""
     with (
-        watching(workspace, clock, faults=faults, pictures=pictures, sense=sense) as plane,
+        start_watch(workspace, faults=faults, pictures=pictures, sense=sense).running(clock) as plane,
         open_agent(
             workspace, clock, by="bench", memory_use=memory_use, policy=policy, is_runtime_alive=plane.is_alive
         ) as agent,

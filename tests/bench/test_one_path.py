@@ -15,7 +15,7 @@ import yaml
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
-from phyagentos.assembly.planes import watching
+from phyagentos.assembly.planes import start_watch
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.memory_entries import Embodiment
@@ -68,7 +68,7 @@ def watched(tmp_path_factory):
         install_judge(base / "site")
         patch.syspath_prepend(base / "site")
         patch.setenv("PYTHONPATH", str(base / "site"), prepend=os.pathsep)
-        with watching(workspace, CLOCK):
+        with start_watch(workspace, pictures=False).running(CLOCK):
             yield workspace
 
 
