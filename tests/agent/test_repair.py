@@ -35,7 +35,7 @@ from phyagentos.protocol.world.environment import (
     Status,
     TargetState,
 )
-from phyagentos.protocol.world.free_spot import compute_distance, find_free_spot, find_support
+from phyagentos.protocol.world.free_spot import compute_distance, find_filling, find_free_spot, find_support
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -456,6 +456,17 @@ def test_the_four_policies_answer_the_same_case_each_in_its_own_way(shipped):
     assert kinds == [AlternativeKind.GIVE_UP, AlternativeKind.RETRY, AlternativeKind.RETRY, AlternativeKind.RETRY]
     assert BlindRetry().choose(case).chosen.revision.strategy == Strategy(speed=0.5)
     assert GraphRepair().choose(case).chosen.revision.strategy == Strategy(speed=0.25)
+
+
+def test_what_stands_on_a_thing_fills_it_and_what_stands_beside_it_does_not():
+    slab = Entity(
+        name="slab", kind="slab", pose=Pose((0.5, 0.0, 0.01)), shapes=(Shape(ShapeKind.BOX, (0.05, 0.03, 0.01)),)
+    )
+    cube = (Shape(ShapeKind.BOX, (0.015, 0.015, 0.015)),)
+    at = {"on": (0.52, 0.0, 0.035), "edge": (0.56, 0.0, 0.035), "beside": (0.5, 0.06, 0.015), "high": (0.5, 0.0, 0.09)}
+    things = (Entity(name=name, kind="cube", pose=Pose(place), shapes=cube) for name, place in at.items())
+    assert set(find_filling(make_table_world(slab, *things), "slab")) == {"on", "edge"}
+    assert find_filling(make_table_world(slab), "table") == []  # what is fixed is large
 
 
 def test_a_free_spot_is_on_the_same_table_within_reach_and_away_from_everything(shipped):

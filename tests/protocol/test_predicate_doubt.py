@@ -181,7 +181,7 @@ def test_what_the_deciding_look_did_not_show_is_unknown(text, seen_s, status, be
     now = msgspec.structs.replace(world(cube("a", 0.5, observed_at_s=seen_s, status=status), tray()), time_s=10.0)
     found = value(text, now, world(cube("a", 0.5)))
     assert (found.truth, found.because) == (Truth.UNKNOWN, because)
-    assert truth("visible(a)", now) is Truth.FALSE
+    assert truth("visible(a)", now) is (Truth.UNKNOWN if status is Status.HIDDEN else Truth.FALSE)  # a look may miss it
 
 
 def test_a_held_thing_is_felt_and_a_fixed_one_cannot_have_changed():

@@ -5,8 +5,8 @@ import math
 from collections.abc import Iterator
 
 from phyagentos.geometry import Vector, to_child, to_parent
-from phyagentos.protocol.world.environment import Entity, Environment, Shape, ShapeKind
-from phyagentos.protocol.world.predicates.geometry import compute_lowest
+from phyagentos.protocol.world.environment import Entity, Environment
+from phyagentos.protocol.world.predicates.geometry import AXES, compute_extent, compute_half_box, compute_lowest
 
 STEP_M = 0.04  # between spots that are looked at
 ROOM_M = 0.09  # between the middle of the spot and anything else: half a hand and half a cube
@@ -17,12 +17,16 @@ RIM_M = 0.02  # a thing on the rim fills a vessel, too
 
 
 def find_filling(world: Environment, destination: str) -> list[str]:
-    """Movable things in a region or vessel, by the point at their lowest height: tall things stand out."""
+    """Movable things in a region or vessel, or on a movable thing, by the point at their lowest height."""
     place, vessel = world.regions.get(destination), world.entities.get(destination)
     if place is not None:
         pose, center, half = place.pose, (0.0, 0.0, 0.0), place.half_m
     elif vessel is not None and vessel.interior is not None:
         pose, center, half = vessel.pose, vessel.interior.center_m, vessel.interior.half_m
+    elif vessel is not None and vessel.movable:
+        (left, right), (back, front), (_, top) = (compute_extent(vessel, axis) for axis in AXES)
+        center, half = ((left + right) / 2, (back + front) / 2, top), ((right - left) / 2, (front - back) / 2, 0.0)
+        pose = vessel.pose
     else:
         return []
     feet = {e.name: (*e.pose.position_m[:2], compute_lowest(e)) for e in world.entities.values() if e.movable}
@@ -82,35 +86,24 @@ def find_free_spot(
 def compute_distance(entity: Entity, point: Vector) -> float:
     """From a point of the world to the nearest solid of an entity; 0 inside [m]."""
     local = to_child(entity.pose, point)
-    solids = [(to_child(shape.pose, local), _half(shape)) for shape in entity.shapes]
+    solids = [(to_child(shape.pose, local), compute_half_box(shape)) for shape in entity.shapes]
     outside = (math.hypot(*(max(abs(p) - h, 0.0) for p, h in zip(*solid, strict=True))) for solid in solids)
     return min(outside, default=math.inf)
-
-
-def _half(shape: Shape) -> Vector:
-    """Half extents of the box around a solid."""
-    size = shape.size_m
-    if shape.kind is ShapeKind.BOX:
-        return (size[0], size[1], size[2])
-    if shape.kind is ShapeKind.SPHERE:
-        return (size[0], size[0], size[0])
-    along = size[1] + (size[0] if shape.kind is ShapeKind.CAPSULE else 0.0)
-    return (size[0], size[0], along)
 
 
 def _iter_tops(entity: Entity, x: float, y: float) -> Iterator[tuple[float, float]]:
     """Area and height of every level box under a point; a fixed entity is assumed upright."""
     for shape in entity.shapes:
         cx, cy, cz = to_parent(entity.pose, shape.pose.position_m)
-        hx, hy, hz = _half(shape)
+        hx, hy, hz = compute_half_box(shape)
         if abs(x - cx) <= hx and abs(y - cy) <= hy:
             yield hx * hy, cz + hz
 
 
 def _iter_grid(support: Entity) -> Iterator[tuple[float, float]]:
-    shape = max(support.shapes, key=lambda each: _half(each)[0] * _half(each)[1])
+    shape = max(support.shapes, key=lambda each: compute_half_box(each)[0] * compute_half_box(each)[1])
     cx, cy, _ = to_parent(support.pose, shape.pose.position_m)
-    hx, hy, _ = _half(shape)
+    hx, hy, _ = compute_half_box(shape)
     for i, j in itertools.product(range(int(2 * hx / STEP_M)), range(int(2 * hy / STEP_M))):
         x, y = cx - hx + EDGE_M + i * STEP_M, cy - hy + EDGE_M + j * STEP_M
         if x <= cx + hx - EDGE_M and y <= cy + hy - EDGE_M:

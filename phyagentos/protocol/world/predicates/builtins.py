@@ -272,13 +272,14 @@ def measure_near(view: View, a: Entity, b: Place, distance_m: float) -> Reading:
 
 
 def measure_visible(view: View, a: str) -> Reading:
-    """It was seen in this look, or cannot move. What was never seen is not visible; what may be another, unknown."""
+    """It was seen in this look, or cannot move. What was never seen is not visible; what was just seen is unknown."""
     entity = view.now.entities.get(a)
     if entity is None:
         return Reading(-1.0, {"visible": False}, f"{a} is not in the snapshot")
     age_s = view.now.time_s - entity.observed_at_s
     reason = view.now.explain_unseen(entity)
-    if reason and entity.is_unsure:
+    was_just_seen = entity.visible and entity.status is Status.HIDDEN and age_s <= FRESH_S
+    if reason and (entity.is_unsure or was_just_seen):
         raise FactMarginal(reason)
     seen = entity.visible and not reason and not entity.bears
     return Reading(

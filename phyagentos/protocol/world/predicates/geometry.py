@@ -12,7 +12,7 @@ from phyagentos.geometry import UP, Pose, Vector, compute_turn, invert_rotation,
 from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 
 LEVEL_COS = 0.9  # of the steepest top on which things stand
-_AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _HALF = math.sqrt(0.5)
 _QUARTER_TURNS = tuple(
     (w, x, y, z)
@@ -42,7 +42,7 @@ def compute_reach(entity: Entity, world_direction: Vector) -> float:
 
 def compute_center(entity: Entity) -> Vector:
     """Centre of the entity's bounding box (taken in its own frame), in the world [m]."""
-    x, y, z = (sum(compute_extent(entity, axis)) / 2 for axis in _AXES)
+    x, y, z = (sum(compute_extent(entity, axis)) / 2 for axis in AXES)
     return to_parent(entity.pose, (x, y, z))
 
 
@@ -77,7 +77,7 @@ def compute_grasp_width(entity: Entity, tcp: Pose, pad_m: float, opening_m: floa
     `opening_m` apart: of a bowl held at its rim, the far rim is not. Where lines differ, as on a slope, pads touch
     where it is as thick as they are apart; a solid that is not a box counts as the box around it.
     """
-    direction, solids, widths = rotate(tcp.quaternion_wxyz, _AXES[1]), [], []
+    direction, solids, widths = rotate(tcp.quaternion_wxyz, AXES[1]), [], []
     near_m = math.hypot(opening_m / 2 + pad_m, pad_m, pad_m)
     for shape in entity.shapes:
         middle, half_m = to_parent(entity.pose, shape.pose.position_m), compute_half_box(shape)
