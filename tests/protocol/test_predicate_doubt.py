@@ -52,6 +52,12 @@ def test_a_larger_uncertainty_leaves_more_open():
     assert truth("inside(a, tray)", seen(0.58, std_m=0.006)) is Truth.UNKNOWN
 
 
+@pytest.mark.parametrize(("y", "expected"), [(0.015, Truth.TRUE), (0.019, Truth.UNKNOWN), (0.03, Truth.FALSE)])
+def test_a_middle_near_an_edge_is_not_surely_over_it(y, expected):
+    stacked = world(cube("a", 0.5, y, 0.06, position_std_m=0.001), cube("b", 0.5, position_std_m=0.001))
+    assert truth("on(a, b)", stacked) is expected
+
+
 def test_a_fixed_thing_that_was_measured_has_a_doubt():
     measured = tray(position_std_m=0.006)
     assert truth("inside(a, tray)", world(cube("a", 0.58, 0.0, 0.03), tray(), sensing="perceived")) is Truth.TRUE

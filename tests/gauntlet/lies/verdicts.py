@@ -90,6 +90,30 @@ SABOTAGES = (
         tests=("tests/agent/test_judges.py::test_acceptance_needs_facts_that_were_observed_at_the_end",),
     ),
     Sabotage(
+        name="whatever_covers_bears",
+        lie="A hidden thing is under what is seen above its place, at whatever height that is.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.bearing",
+                "for each, top_m in tops if abs(low_m - top_m) <= near_m}",
+                "for each, top_m in tops if each is by}",
+            ),
+        ),
+        tests=("tests/runtime/perception/test_bearing.py::test_what_is_not_sure_to_rest_on_it_shows_nothing",),
+    ),
+    Sabotage(
+        name="edges_hold_what_they_do_not",
+        lie="A thing whose middle may be past an edge, by what the measurement may be off, surely stands.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.world.predicates.builtins",
+                "sure = _find_gap(view, a, b, -doubt_m)",
+                "sure = _find_gap(view, a, b, FOOTPRINT_SLACK_M - doubt_m)",
+            ),
+        ),
+        tests=("tests/protocol/test_predicate_doubt.py::test_a_middle_near_an_edge_is_not_surely_over_it",),
+    ),
+    Sabotage(
         name="hidden_counts_as_seen",
         lie="What is hidden is where it was last seen.",
         edits=(
