@@ -147,6 +147,7 @@ ENDPOINT_INVALID         The endpoint of a policy is no address.
 ENTITY_UNKNOWN           An argument names a thing that is not in the world.
 FRAME_UNKNOWN            A frame is not known, or no transform leads from it to the target's.
 GRIPPER_MISMATCH         One side commands a gripper that the other does not have.
+HOLD_BROKEN              A hold condition, or a constraint of the goal, is false already in the world as observed.
 JOINT_MISSING            The target has a joint for which the source gives no value.
 JOINT_UNKNOWN            The source names a joint that the target does not have.
 LIMIT_EMPTY              The least value of a limit is not below its greatest.

@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     from phyagentos.runtime.worker.orders import Checked
 
 OPEN = "${"  # begins a reference to an output that does not exist yet
-OF_THE_MOMENT = frozenset({"PRECONDITION_UNMET", "NO_FREE_SITE", "OUT_OF_REACH", "OUTSIDE_WORKSPACE"})  # may change
+OF_THE_MOMENT = frozenset(  # may change
+    {"PRECONDITION_UNMET", "HOLD_BROKEN", "NO_FREE_SITE", "OUT_OF_REACH", "OUTSIDE_WORKSPACE"}
+)
 
 
 def preflight(

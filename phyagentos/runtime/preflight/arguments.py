@@ -115,16 +115,17 @@ def _make_missing(
 
 
 def iter_precondition_problems(session: Session, now: Environment) -> Iterator[Problem]:
-    """Preconditions that do not hold in the world as observed."""
-    for text in session.requires:
+    """Preconditions that do not hold in the world as observed, and hold conditions that are false already."""
+    texts = [("requires", text) for text in session.requires] + [("hold", text) for text in session.hold]
+    for kind, text in texts:
         try:
             evaluation = parse_predicate(text).evaluate(_look_at(session, now))
         except DefinitionError:
             continue  # reported by `iter_predicate_problems`
-        if evaluation.truth is not Truth.TRUE:
-            found = f"{text} is {evaluation.truth}"
-            by = f"requires: {text}"
-            yield make_problem("PRECONDITION_UNMET", "requires", found, "true", by, evaluation.because, text)
+        if evaluation.truth is Truth.FALSE or (kind == "requires" and evaluation.truth is Truth.UNKNOWN):
+            code = "PRECONDITION_UNMET" if kind == "requires" else "HOLD_BROKEN"
+            found, by = f"{text} is {evaluation.truth}", f"{kind}: {text}"
+            yield make_problem(code, kind, found, "true", by, evaluation.because, text)
 
 
 def iter_ambiguity_problems(session: Session, skill: SkillRuntime | None, now: Environment) -> Iterator[Problem]:
