@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from phyagentos.errors import ExecutionError
 from phyagentos.geometry import compute_rotation, convert_euler, multiply, to_parent, turn
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Interior, Mechanism, Pose, Region, Shape
+from phyagentos.protocol.world.predicates.geometry import compute_volume
 from phyagentos.protocol.world.scenes import Body, Camera, Joint, Material, Placement, SceneSpec, Solid
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.models.surfaces import find_surface
@@ -266,7 +267,7 @@ def _add_body(robot: mujoco.MjSpec, item: PlacedBody, bodies: Set[str], spec: Sc
         _add_joint(body, item.name, item.body.joint, item.opening)
     elif not item.body.fixed and item.body.part_of is None:
         body.add_freejoint(name=f"{item.name}_free")
-    volumes = [0.0 if solid.decor else _compute_volume(solid) for solid in item.shapes]
+    volumes = [0.0 if solid.decor else compute_volume(solid.kind, solid.size_m) for solid in item.shapes]
     for index, (solid, volume) in enumerate(zip(item.shapes, volumes, strict=True)):
         geom = body.add_geom(
             name=_name_solid(item.name, index, bodies),
@@ -309,16 +310,6 @@ def _decide_grip(geom: mujoco.MjsGeom, friction: float) -> None:
     """The thing's surface decides the grip: above the pads' priority, and as stiff as they are."""
     geom.priority, geom.condim, geom.friction = GRIP_PRIORITY, 4, (friction, 0.02 * friction, 0.001)
     geom.solref, geom.solimp = GRIP_SOLREF, (*GRIP_IMPEDANCE, 0.5, 2.0)
-
-
-def _compute_volume(solid: Solid) -> float:
-    size = solid.size_m
-    if solid.kind == "box":
-        return float(8 * np.prod(size))
-    if solid.kind == "sphere":
-        return float(4 / 3 * np.pi * size[0] ** 3)
-    caps = 4 / 3 * np.pi * size[0] ** 3 if solid.kind == "capsule" else 0.0
-    return float(2 * np.pi * size[0] ** 2 * size[1] + caps)
 
 
 def read_regions(spec: SceneSpec, placed: tuple[PlacedBody, ...]) -> tuple[Region, ...]:

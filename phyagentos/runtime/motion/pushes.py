@@ -1,6 +1,6 @@
 """Straight pushes of an object along its support with closed fingers.
 
-The way begins above, goes down behind the object, and straight on until its origin is at the goal. Up to three heights
+The way begins above, goes down behind the object, and straight on until its middle is at the goal. Up to three heights
 of contact, two distances behind the object and four turns of the hand are tried: across the push the hand is wide,
 along it narrow. Where something is in the way of object or hand, the first of several pushes around it is given.
 """
@@ -12,9 +12,14 @@ import numpy as np
 from msgspec.structs import replace
 from scipy.sparse.csgraph import dijkstra
 
-from phyagentos.geometry import compute_matrix, compute_pose
+from phyagentos.geometry import compute_matrix, compute_pose, to_parent
 from phyagentos.protocol.world.environment import Entity, Pose
-from phyagentos.protocol.world.predicates.geometry import compute_reach
+from phyagentos.protocol.world.predicates.geometry import (
+    compute_balance,
+    compute_center,
+    compute_reach,
+    find_surface,
+)
 from phyagentos.runtime.motion.approaches import SAME_POSTURE_RAD, draw_seeds
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import POLISHED, Kinematics
@@ -40,6 +45,7 @@ ROUTE_TRIES = 40  # routes that are looked at
 PUSHES_MAX = 4
 PUSH_COST_M = 0.2  # of one more push, as a way
 CLEAR_M = 0.01  # between the object and what it passes, whichever way it turns
+FAR_M = 0.5  # behind the object, whatever its size
 CELL_M = 0.02  # of the map of what is beside
 TOP_BAND_M = 0.015  # between its lowest point and the top of what it stands on
 
@@ -49,7 +55,7 @@ def find_push(
 ) -> Approaches | NoPlan:
     """Ways of the tool from above behind the entity to the end of the push, the nearest first."""
     goal_m = np.asarray(request.to_m)
-    length_m = float(np.linalg.norm(goal_m - np.asarray(entity.pose.position_m[:2])))
+    length_m = float(np.linalg.norm(goal_m - _find_middle(entity)))
     if length_m < SHORTEST_M:
         return job.fail("TOO_SHORT", f"{entity.name} is {1e3 * length_m:.1f} mm from its goal.")
     gripper, half_m = scene.robot.profile.gripper, measure_fingers(scene.robot)
@@ -99,7 +105,7 @@ class _Strokes:
     job: Job
 
     def find(self, entity: Entity, to_m: Array) -> list[Approach]:
-        """Ways of the tool that push an entity until its origin is at a point (2,)."""
+        """Ways of the tool that push an entity until its middle is at a point (2,)."""
         for height_m, stand_off_m, degrees in product(self.heights_m, STAND_OFFS_M, TURNS_DEG):
             poses = self._compute(entity, to_m, height_m, stand_off_m, degrees)
             label = f"push+{degrees:03d}.h{round(1e3 * height_m)}.d{round(1e3 * stand_off_m)}"
@@ -121,8 +127,8 @@ class _Strokes:
     def _compute(
         self, entity: Entity, to_m: Array, height_m: float, stand_off_m: float, degrees: int
     ) -> tuple[Pose, ...]:
-        gap_m = stand_off_m + float(self.half_m[1 if degrees % 180 else 0])
-        return compute_push(entity, to_m, gap_m, stand_off_m, self.bottom_m + height_m, np.radians(degrees))
+        half_m = self.half_m[::-1] if degrees % 180 else self.half_m
+        return compute_push(entity, to_m, half_m, stand_off_m, self.bottom_m + height_m, np.radians(degrees))
 
     def _reaches(self, pose: Array) -> bool:
         for seed in self.seeds:
@@ -148,7 +154,7 @@ class _Floor:
     @classmethod
     def of(cls, entity: Entity, goal_m: Array, bottom_m: float, top_m: float, scene: PlanningScene) -> "_Floor":
         """Between two places a disc around the entity stays on the support, and meets nothing it moves away from."""
-        start_m, box = np.asarray(entity.pose.position_m[:2]), compute_entity_box(entity)
+        start_m, box = _find_middle(entity), compute_entity_box(entity)
         radius_m = float(np.linalg.norm(np.abs(box.pose[:2, :3]) @ box.half_m)) + CLEAR_M
         solids = [box for other in scene.obstacles for box in compute_shape_boxes(other)]
         tops = [box for box in solids if abs(box.top_m - bottom_m) <= TOP_BAND_M]
@@ -226,9 +232,13 @@ def _measure_distance(points_m: Array, boxes: list[Box]) -> Array:
     return nearest
 
 
+def _find_middle(entity: Entity) -> Array:
+    return np.array(compute_center(entity)[:2])
+
+
 def _shift(entity: Entity, to_m: Array) -> Entity:
-    """The entity with its origin over another point (2,)."""
-    x, y = to_m.tolist()
+    """The entity with its middle over another point (2,)."""
+    x, y = (entity.pose.position_m[:2] + to_m - _find_middle(entity)).tolist()
     pose = Pose((x, y, entity.pose.position_m[2]), entity.pose.quaternion_wxyz)
     return replace(entity, pose=pose)
 
@@ -262,18 +272,21 @@ def _find_ways(
 
 
 def compute_push(
-    entity: Entity, goal_m: Array, gap_m: float, stand_off_m: float, z_m: float, turn_rad: float
+    entity: Entity, goal_m: Array, half_m: Array, stand_off_m: float, z_m: float, turn_rad: float
 ) -> tuple[Pose, ...]:
-    """Poses `world_T_tcp` of closed fingers that push an entity until its origin is at `goal_m` (2,).
+    """Poses `world_T_tcp` of closed fingers that push an entity until its middle is at `goal_m` (2,).
 
-    `gap_m` [m] is from the entity to the tool centre point before the push, `stand_off_m` of it in the air; `z_m` is
-    the height of the contact in the world, `turn_rad` the turn of the hand against the direction of the push.
+    The push goes through the centre of its volume. The fingers reach `half_m` (2,) from the tool centre point along and
+    across the push, which begins `stand_off_m` [m] before they meet the entity; `z_m` is the height of the contact in
+    the world, `turn_rad` the turn of the hand against the direction of the push.
     """
-    center = np.asarray(entity.pose.position_m)
-    way = goal_m - center[:2]
+    way, heavy_m = goal_m - _find_middle(entity), np.array(to_parent(entity.pose, compute_balance(entity)))
     direction = way / np.linalg.norm(way)
-    back_m = compute_reach(entity, (*(-direction).tolist(), 0.0)) + gap_m
+    aside_m, z = np.linspace(-half_m[1], half_m[1], 9)[:, None] * (-direction[1], direction[0]), float(heavy_m[2])
+    starts = [(*point, z) for point in (heavy_m[:2] + aside_m - FAR_M * direction).tolist()]
+    met_m = [each for start in starts if (each := find_surface(entity, start, (*direction.tolist(), 0.0))) is not None]
+    begin_m = heavy_m[:2] - direction * (FAR_M - min(met_m, default=FAR_M) + half_m[0] + stand_off_m)
     yaw_rad = float(np.arctan2(direction[1], direction[0])) + turn_rad
-    begin = point_tool_down(yaw_rad, np.array([*(center[:2] - direction * back_m), z_m]))
-    end = point_tool_down(yaw_rad, np.array([*(goal_m - direction * (back_m - stand_off_m)), z_m]))
+    begin = point_tool_down(yaw_rad, np.array([*begin_m, z_m]))
+    end = point_tool_down(yaw_rad, np.array([*(begin_m + way + stand_off_m * direction), z_m]))
     return tuple(compute_pose(pose) for pose in (raise_pose(begin, OVER_M), begin, end))

@@ -46,6 +46,39 @@ def compute_center(entity: Entity) -> Vector:
     return to_parent(entity.pose, (x, y, z))
 
 
+def compute_balance(entity: Entity) -> Vector:
+    """Centre of the volume of the entity's solids, in its own frame [m]."""
+    solids = [(compute_volume(shape.kind, shape.size_m), shape.pose.position_m) for shape in entity.shapes]
+    whole = sum(volume for volume, _ in solids)
+    x, y, z = (sum(volume * position_m[axis] for volume, position_m in solids) / whole for axis in range(3))
+    return (x, y, z)
+
+
+def compute_volume(kind: ShapeKind, size_m: Sequence[float]) -> float:
+    """Of a solid [m^3]; sizes as of `ShapeKind`."""
+    if kind is ShapeKind.BOX:
+        return 8.0 * math.prod(size_m)
+    ball = 4 / 3 * math.pi * size_m[0] ** 3
+    if kind is ShapeKind.SPHERE:
+        return ball
+    return 2 * math.pi * size_m[0] ** 2 * size_m[1] + (ball if kind is ShapeKind.CAPSULE else 0.0)
+
+
+def find_surface(entity: Entity, start: Vector, direction: Vector) -> float | None:
+    """How far from `start` along a unit direction of the world its solids begin at the earliest [m]; None beside them.
+
+    What is round begins where its box does, and not before the plane across the direction that it touches.
+    """
+    firsts, own = [], rotate(invert_rotation(entity.pose.quaternion_wxyz), direction)
+    local = to_child(entity.pose, start)
+    for shape in entity.shapes:
+        along = rotate(invert_rotation(shape.pose.quaternion_wxyz), own)
+        if span := _cross(to_child(shape.pose, local), along, compute_half_box(shape)):
+            plane_m = dot(shape.pose.position_m, own) - dot(local, own) - _compute_support(shape, own)
+            firsts.append(max(span[0], plane_m))
+    return min(firsts, default=None)
+
+
 def compute_least_turn(now: Entity, was: Entity, doubt_m: float) -> float:
     """Least angle [rad] by which a thing may have turned, where a quarter turn of its box shows no more than a doubt.
 
