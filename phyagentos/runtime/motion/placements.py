@@ -24,7 +24,6 @@ from phyagentos.runtime.motion.packing import find_joint_sites
 from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
 from phyagentos.runtime.motion.poses import DOWN, measure_tilt, point_tool_down, point_up
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPlacements, NoPlan
-from phyagentos.runtime.motion.shapes import compute_bounds
 from phyagentos.runtime.motion.sites import Placing, Site, Sites, find_sites, find_space, measure_footprint
 from phyagentos.runtime.motion.standing import find_standing_sites, fit_tight
 
@@ -156,7 +155,7 @@ def _ways_to(
     site: Site, yaws: Iterable[int], placing: Placing, tilt: Array, release_m: float, fall_m: float
 ) -> Iterator[Way]:
     request, space, held = placing.request, placing.space, placing.held
-    tcp_T_entity, center_m = compute_matrix(request.payload.tcp_T_entity), compute_bounds(held.shapes)[0]
+    tcp_T_entity, center_m = compute_matrix(request.payload.tcp_T_entity), placing.middle_m
     entity_T_tcp, tolerate = compute_inverse(tcp_T_entity), frozenset((PAYLOAD, name) for name in space.supports)
     for degrees in yaws:
         tool = point_tool_down(space.yaw_rad + np.radians(degrees), np.zeros(3))

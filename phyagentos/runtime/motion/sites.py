@@ -13,7 +13,7 @@ import numpy as np
 
 from phyagentos.geometry import compute_matrix, turn
 from phyagentos.protocol.world.environment import Entity
-from phyagentos.protocol.world.predicates.geometry import compute_extent
+from phyagentos.protocol.world.predicates.geometry import compute_balance, compute_extent
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.requests import Array, FindPlacements
 from phyagentos.runtime.motion.shapes import Box, compute_bounds, compute_entity_box, compute_shape_boxes
@@ -152,6 +152,11 @@ class Placing:
     held: Entity
     footprint: Footprint
     tool_m: Array
+
+    @property
+    def middle_m(self) -> Array:
+        """(3,) what of the held thing comes over a site, in its frame: of its box, or of its weight on an open top."""
+        return compute_bounds(self.held.shapes)[0] if self.space.walled else np.array(compute_balance(self.held))
 
     @property
     def near(self) -> tuple[Array, float]:

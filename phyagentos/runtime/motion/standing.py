@@ -136,12 +136,13 @@ class StandingRoom:
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
         self._held, self._space, self._over_m = placing.held, placing.space, gap_m + OVER_FLOOR_M
+        self._middle_m = placing.middle_m
 
     def turn(self, R: Array) -> Array:
         """Give the payload an attitude (3, 3) in the space; its position (3,) over the middle of the space."""
         turned = self._space.rotation @ R
         self._data.qpos[3:] = compute_quaternion(turned)
-        start: Array = self._space.center_m - turned @ compute_bounds(self._held.shapes)[0]
+        start: Array = self._space.center_m - turned @ self._middle_m
         lowest_m = compute_extent(self._held, tuple((-turned[2]).tolist()))[1]
         start[2] = self._space.center_m[2] + self._over_m + lowest_m
         return start

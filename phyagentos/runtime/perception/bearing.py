@@ -5,8 +5,14 @@ from collections.abc import Mapping
 
 import msgspec
 
+from phyagentos.geometry import to_parent
 from phyagentos.protocol.world.environment import REST_M_S, Entity, Status
-from phyagentos.protocol.world.predicates.geometry import compute_center, compute_lowest, compute_reach, find_tops_below
+from phyagentos.protocol.world.predicates.geometry import (
+    compute_balance,
+    compute_lowest,
+    compute_reach,
+    find_tops_below,
+)
 
 NEAR_M = 0.002  # how far solids that touch may be apart, beside twice the stated doubt
 
@@ -25,7 +31,7 @@ def _is_borne(a: Entity, by: Entity, entities: Mapping[str, Entity]) -> bool:
     """Whether `a` is seen to rest where the top of `by` is believed, and that of no other thing."""
     if not a.movable or a.status is not Status.SEEN or a.is_unsure or a.held_by or not a.speed_m_s <= REST_M_S:
         return False
-    (x_m, y_m, _), low_m = compute_center(a), compute_lowest(a)
+    (x_m, y_m, _), low_m = to_parent(a.pose, compute_balance(a)), compute_lowest(a)
     reach_m = max(compute_reach(a, (1.0, 0.0, 0.0)), compute_reach(a, (0.0, 1.0, 0.0)))
     near_m = NEAR_M + 2.0 * math.hypot(a.position_std_m, by.position_std_m)
     others = (each for each in entities.values() if each.name != a.name and each.status is not Status.GONE)

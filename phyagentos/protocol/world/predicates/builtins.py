@@ -8,9 +8,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child
+from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child, to_parent
 from phyagentos.protocol.world.environment import CLOSED_M, FRESH_S, Entity, Status, TargetState
 from phyagentos.protocol.world.predicates.geometry import (
+    compute_balance,
     compute_box_distance,
     compute_center,
     compute_grasp_width,
@@ -149,7 +150,7 @@ def _find_sure_gap(view: View, a: Entity, b: str, doubt_m: float, near_m: float)
 
 def _find_between(view: View, a: Entity, b: str, top_m: float, allowed_m: float) -> Entity | None:
     """A thing under the middle of a whose top is above that of b, and not above the lowest point of a."""
-    center, highest_m = compute_center(a), compute_lowest(a) + allowed_m
+    center, highest_m = to_parent(a.pose, compute_balance(a)), compute_lowest(a) + allowed_m
     of = view.now.entities.get(b)
     for other in view.now.entities.values():
         is_part = of is not None and (other.part_of == b or of.part_of == other.name)
@@ -185,7 +186,7 @@ def _find_hold(view: View, a: Entity) -> Reading | None:
 
 def _find_gap(view: View, a: Entity, b: str, slack_m: float) -> float | None:
     """Height [m] of a's lowest point above the nearest surface of b, None where the middle of a is not over b."""
-    center, low_m = compute_center(a), compute_lowest(a)
+    center, low_m = to_parent(a.pose, compute_balance(a)), compute_lowest(a)
     region = view.now.regions.get(b)
     if region is not None:
         x, y, _ = to_child(region.pose, center)

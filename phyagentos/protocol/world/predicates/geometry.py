@@ -49,7 +49,7 @@ def compute_center(entity: Entity) -> Vector:
 def compute_balance(entity: Entity) -> Vector:
     """Centre of the volume of the entity's solids, in its own frame [m]."""
     solids = [(compute_volume(shape.kind, shape.size_m), shape.pose.position_m) for shape in entity.shapes]
-    whole = sum(volume for volume, _ in solids)
+    whole = sum(volume for volume, _ in solids) or 1.0  # without solids it is its origin
     x, y, z = (sum(volume * position_m[axis] for volume, position_m in solids) / whole for axis in range(3))
     return (x, y, z)
 
