@@ -168,7 +168,8 @@ class Placing:
 def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> list[Sites]:
     """Groups of sites: at most 16 for any yaw, the nearest to `near` or to the tool (3,) first; then packed ones.
 
-    Those come first where the payload in the middle would leave no room for another one, though there is some.
+    Those come first where the payload in the middle would leave no room for another one, though there is some, or more
+    comes.
     `attitudes` maps yaws of the tool [degrees] to the attitude (3, 3) of the payload in the axes of the space.
     """
     space, footprint, neighbours = placing.space, placing.footprint, list_neighbours(placing)
@@ -198,7 +199,8 @@ def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> li
     )
     is_single = np.all(space.half_m < 2.0 * footprint.outer_m + 0.5 * TILE_GAP_M + GAP_M) and np.isinf(farthest_m)
     is_wide = float(np.prod(space.half_m)) > ROOM_SHARE * float(np.prod(footprint.half_m + GAP_M))
-    groups = [packed, Sites(iter(sites))] if is_single and is_wide else [Sites(iter(sites)), packed]
+    comes_first = is_single and (is_wide or placing.request.coming)
+    groups = [packed, Sites(iter(sites))] if comes_first else [Sites(iter(sites)), packed]
     return [group for group in groups if group]
 
 

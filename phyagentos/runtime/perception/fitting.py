@@ -32,6 +32,7 @@ SURE_POINTS = 20  # fewer show where a thing is only with what was known before
 FLAT_M, FLAT_PERCENT = 0.025, 85  # most points of a flat thing are on top; noise above it is nearer to its underside
 CONTRADICTED = 0.1  # share of a surface seen through that is noise
 TRACKED_M, TRACK_REACH_M = 0.0028, 0.02  # cost and distance of a thing that is where it was
+FEW_M = 0.008  # that cost, where few pixels show it: from afar, or at the edge of a picture
 DOWN_M = 0.0012  # of a thing upside down, where that looks the same
 TURNED_M = 0.0004  # by which a turned pose must fit better before a tracked thing is believed to have turned so
 ALIKE_M, ALIKE_STDS = 0.0001, 1.0  # two poses whose costs differ by less, or by less than their noise, fit equally well
@@ -204,7 +205,7 @@ def track(thing: ObjectModel, seen: Cloud, views: tuple[CameraView, ...], prior:
     found = _finish(thing, patch, views, *prior)
     if found.count < SURE_POINTS:  # they fit many poses: what is seen where it was, and nowhere else, has not moved
         stays = stay(thing, patch, views, prior)
-        if stays.cost_m < TRACKED_M and stays.sight.contradicted_fraction < CONTRADICTED:
+        if stays.cost_m < FEW_M and stays.sight.contradicted_fraction < CONTRADICTED:
             return stays
     if found.rotation[2, 2] < -0.5:  # on its head, which few things are: what was once taken for that would stay so
         again = fit(thing, seen, views)
