@@ -247,6 +247,18 @@ def test_a_turn_that_few_pixels_show_is_no_turn(std_rad, expected):
     assert truth("moved(a)", after, before) is expected
 
 
+@pytest.mark.parametrize(("tilt_rad", "expected"), [(0.05, Truth.TRUE), (1.57, Truth.UNKNOWN)])
+def test_a_thing_of_which_another_pose_fits_as_well_is_not_known_to_have_turned(tilt_rad, expected):
+    """`moved(red_ell): turned 149.9 degrees`: it was seen the wrong way round at first, half in the picture."""
+    half_turn = Pose((0.5, 0.0, 0.03), (0.0, 0.0, 0.0, 1.0))
+    ell = (Shape(ShapeKind.BOX, (0.04, 0.01, 0.01)), Shape(ShapeKind.BOX, (0.01, 0.02, 0.01), Pose((0.03, 0.03, 0.0))))
+    before = seen(0.5, shapes=ell, tilt_std_rad=tilt_rad)
+    now = seen(0.5, shapes=ell)
+    turned = msgspec.structs.replace(now.entities["a"], pose=half_turn)
+    now = msgspec.structs.replace(now, entities=now.entities | {"a": turned})
+    assert truth("moved(a)", now, before) is expected
+
+
 @pytest.mark.parametrize(
     ("half_m", "degrees", "expected"),
     [

@@ -41,6 +41,7 @@ SUNK_DOUBT_M = 0.015  # a pose so deep in another solid is hardly believed
 SEEN_MOVED_M = 0.01  # less than this is the noise of looking
 CHANGES_MAX = 40  # a longer list helps no reader
 SHOWS_MORE = 1.5  # as many pixels: what another pose explained as well before, such a look may exclude
+KEPT_SHARE = 0.95  # of the confidence, after a look that misses it
 SPEED_S = (0.08, 2.0)  # a speed needs two looks this far apart
 
 
@@ -252,7 +253,7 @@ def _miss(thing: ObjectModel, entity: Entity, views: tuple[CameraView, ...]) -> 
     shown = sight.confirmed + sight.contradicted
     if shown > SEEN_FRACTION * (shown + sight.hidden) and sight.contradicted_fraction > GONE_FRACTION:
         return msgspec.structs.replace(entity, status=Status.GONE, visible=False, confidence=0.1, looks=0)
-    return msgspec.structs.replace(entity, status=Status.HIDDEN, confidence=round(0.8 * entity.confidence, 3))
+    return msgspec.structs.replace(entity, status=Status.HIDDEN, confidence=round(KEPT_SHARE * entity.confidence, 3))
 
 
 def _take_filling(

@@ -323,6 +323,8 @@ def measure_moved(view: View, a: Entity) -> Reading:
     because = f"{a.name} moved {moved_m:.3f} m and turned {math.degrees(turned_rad):.1f} degrees"
     doubt_m, doubt_rad = _find_position_doubt(view, a, was), _find_turn_doubt(view, a, was)
     least_rad = turned_rad if is_exact or turned_rad < MOVED_RAD else compute_least_turn(a, was, doubt_m)
+    if max(a.tilt_std_rad, was.tilt_std_rad) > MOVED_RAD:  # another pose fits as well, which is turned, too
+        least_rad = 0.0
     coarse = COARSE_FACTOR if doubt_rad > COARSE_RAD else 1.0
     least = max((moved_m - doubt_m) / MOVED_M, (least_rad - coarse * doubt_rad) / MOVED_RAD)
     most = max((moved_m + doubt_m) / MOVED_M, (turned_rad + doubt_rad) / MOVED_RAD)
