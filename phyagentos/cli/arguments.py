@@ -24,10 +24,8 @@ FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "prot
 def find_project(path: Path) -> Path:
     """The project folder of a file; its own folder when none is recognised."""
     resolved = path.resolve()
-    for parent in resolved.parents:
-        if parent.name in FOLDERS:
-            return parent.parent
-    return resolved if resolved.is_dir() else resolved.parent
+    own = resolved if resolved.is_dir() else resolved.parent
+    return next((parent.parent for parent in resolved.parents if parent.name in FOLDERS), own)
 
 
 def open_library(*paths: Path) -> Library:

@@ -113,7 +113,4 @@ class AdmissionCache:
             return None
         if not self._is_warm:
             raise NotCached
-        for record in reversed(self.histories.read_sealed(id)):
-            if (known := read_known(record)) is not None:
-                return known
-        return None
+        return next(filter(None, map(read_known, reversed(self.histories.read_sealed(id)))), None)

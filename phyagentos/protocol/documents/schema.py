@@ -271,7 +271,4 @@ def _find_model(annotation: Any, step: Any) -> Any:
     if isinstance(annotation, type) and issubclass(annotation, pydantic.BaseModel):
         return annotation
     candidates = [found for arg in getattr(annotation, "__args__", ()) if (found := _find_model(arg, step)) is not None]
-    for candidate in candidates:
-        if candidate.__name__ == step:
-            return candidate
-    return candidates[0] if candidates else None
+    return next((each for each in candidates if each.__name__ == step), candidates[0] if candidates else None)

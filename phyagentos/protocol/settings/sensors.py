@@ -94,10 +94,8 @@ def find_sensor(sensors: Sensors, observation: str) -> tuple[str, Sensor] | None
 
 def find_source(sensors: Sensors, observation: str, frame: str) -> tuple[str, Sensor] | None:
     """The sensor that provides an observation in a frame; the first one that provides it at all where none does."""
-    for name, each in sensors.sensors.items():
-        if observation in each.provides and each.frame == frame:
-            return name, each
-    return find_sensor(sensors, observation)
+    found = ((name, s) for name, s in sensors.sensors.items() if observation in s.provides and s.frame == frame)
+    return next(found, find_sensor(sensors, observation))
 
 
 def read_sensors(path: Path) -> Sensors:

@@ -57,10 +57,9 @@ def find_turned(spec: SceneSpec, name: str) -> str:
     x, y, z = region.center_m
     if math.hypot(x, y) <= ALIKE_M or not _are_like(_list_looks(spec, body), _list_looks(spec, body, turned=True)):
         return ""
-    for other, each in spec.regions.items():
-        if each.body == region.body and math.dist(each.center_m, (-x, -y, z)) <= ALIKE_M:
-            return other
-    return f"{name} turned around"
+    of_body = ((other, each.center_m) for other, each in spec.regions.items() if each.body == region.body)
+    there = (other for other, center_m in of_body if math.dist(center_m, (-x, -y, z)) <= ALIKE_M)
+    return next(there, f"{name} turned around")
 
 
 def _are_like(one: Sequence[_Look], other: Sequence[_Look]) -> bool:

@@ -49,7 +49,5 @@ class PostureCollision:
         Empty when it is free.
         """
         self._scene.spread_fingers(width_m, width_m)
-        for pair in self._scene.find_contacts(q_rad, self._depth_max_m):
-            if pair not in self._touched:
-                return name_pair(pair)
-        return ""
+        pairs = self._scene.find_contacts(q_rad, self._depth_max_m)
+        return next((name_pair(pair) for pair in pairs if pair not in self._touched), "")

@@ -172,10 +172,7 @@ class PlanningScene:
 
     def find_first_blocked(self, rows_rad: Array) -> tuple[int, list[Pair]] | None:
         """Index and contacts of the first row (k, n_joints) that is not free."""
-        for index, q in enumerate(rows_rad):
-            if not self.is_free(q):
-                return index, self.find_contacts(q)
-        return None
+        return next(((i, self.find_contacts(q)) for i, q in enumerate(rows_rad) if not self.is_free(q)), None)
 
 
 class PlanningScenes:

@@ -56,14 +56,9 @@ def find_symmetries(entity: Entity, form: Form) -> Array:
 
 def _list_quarter_turns() -> tuple[Array, ...]:
     """The 24 rotations that bring axes onto axes."""
-    found = []
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            candidate = np.zeros((3, 3))
-            candidate[range(3), order] = signs
-            if np.linalg.det(candidate) > 0:
-                found.append(candidate)
-    return tuple(found)
+    orders = product(permutations(np.eye(3)), product((1.0, -1.0), repeat=3))
+    candidates = (np.array(rows) * np.array(signs)[:, None] for rows, signs in orders)
+    return tuple(each for each in candidates if np.linalg.det(each) > 0)
 
 
 _QUARTER_TURNS = _list_quarter_turns()

@@ -76,9 +76,8 @@ def render_task(goal: tasks.GoalStatus, ledger: Ledger) -> str:
         f"**Verdict:** {_describe_verdict(goal)}",
         f"**Sessions:** {sum(len(node.sessions) for node in goal.nodes.values())}, replans: {goal.replans}",
     ]
-    for name, predicates in (("Accepted when", goal.accept), ("All through", goal.constraints)):
-        if predicates:
-            lines.append(f"**{name}:** {', '.join(f'`{each}`' for each in predicates)}")
+    named = (("Accepted when", goal.accept), ("All through", goal.constraints))
+    lines += [f"**{name}:** {', '.join(f'`{each}`' for each in texts)}" for name, texts in named if texts]
     lines += _format_advice(goal, ledger)
     parts = [f"## {goal.id}\n", "".join(f"- {flatten(line)}\n" for line in lines)]
     if goal.nodes:

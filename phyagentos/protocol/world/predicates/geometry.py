@@ -180,28 +180,18 @@ def compute_box_distance(pose: Pose, half_m: Sequence[float], point: Sequence[fl
 
 def compute_half_box(shape: Shape) -> Vector:
     """Half extents [m] of the box around a shape, in the shape's own frame."""
-    size = shape.size_m
-    match shape.kind:
-        case ShapeKind.BOX:
-            return (size[0], size[1], size[2])
-        case ShapeKind.CYLINDER:
-            return (size[0], size[0], size[1])
-        case ShapeKind.CAPSULE:
-            return (size[0], size[0], size[1] + size[0])
-        case ShapeKind.SPHERE:
-            return (size[0], size[0], size[0])
+    radius_m, size = shape.size_m[0], shape.size_m
+    if shape.kind is ShapeKind.BOX:
+        return (size[0], size[1], size[2])
+    along_m = 0.0 if shape.kind is ShapeKind.SPHERE else size[1]
+    return (radius_m, radius_m, along_m if shape.kind is ShapeKind.CYLINDER else along_m + radius_m)
 
 
 def _compute_support(shape: Shape, direction: Vector) -> float:
     """Reach [m] of the solid from its own centre along a unit direction of the entity's frame."""
     d = rotate(invert_rotation(shape.pose.quaternion_wxyz), direction)
-    size = shape.size_m
-    match shape.kind:
-        case ShapeKind.BOX:
-            return sum(abs(x) * h for x, h in zip(d, size, strict=True))
-        case ShapeKind.CYLINDER:
-            return math.hypot(d[0], d[1]) * size[0] + abs(d[2]) * size[1]
-        case ShapeKind.CAPSULE:
-            return size[0] + abs(d[2]) * size[1]
-        case ShapeKind.SPHERE:
-            return size[0]
+    radius_m, size = shape.size_m[0], shape.size_m
+    if shape.kind is ShapeKind.BOX:
+        return sum(abs(x) * h for x, h in zip(d, size, strict=True))
+    along_m = 0.0 if shape.kind is ShapeKind.SPHERE else abs(d[2]) * size[1]
+    return along_m + (math.hypot(d[0], d[1]) * radius_m if shape.kind is ShapeKind.CYLINDER else radius_m)

@@ -56,10 +56,7 @@ class StateHistory:
 
     def find(self, time_s: float) -> tuple[float, Array]:
         """The latest moment up to `time_s`, and its joint positions (nq,); the first one when all are later."""
-        for moment in reversed(self._states):
-            if moment[0] <= time_s + 1e-9:
-                return moment
-        return self._states[0]
+        return next((each for each in reversed(self._states) if each[0] <= time_s + 1e-9), self._states[0])
 
     def interpolate(self, time_s: float) -> Array:
         """(nq,) joint positions at a moment between two that are kept; turns of free bodies need not have length 1."""
