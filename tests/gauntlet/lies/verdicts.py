@@ -114,6 +114,21 @@ SABOTAGES = (
         tests=("tests/protocol/test_predicate_doubt.py::test_a_middle_near_an_edge_is_not_surely_over_it",),
     ),
     Sabotage(
+        name="a_doubtful_pose_shows_a_turn",
+        lie="A thing has turned by what its pose differs from one of several that had fitted as well.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.world.predicates.builtins",
+                "if max(a.tilt_std_rad, was.tilt_std_rad) > MOVED_RAD:",
+                "if False:",
+            ),
+        ),
+        tests=(
+            "tests/protocol/test_predicate_doubt.py::"
+            "test_a_thing_of_which_another_pose_fits_as_well_is_not_known_to_have_turned",
+        ),
+    ),
+    Sabotage(
         name="hidden_counts_as_seen",
         lie="What is hidden is where it was last seen.",
         edits=(
