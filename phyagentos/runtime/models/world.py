@@ -23,7 +23,6 @@ from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.models.scene import add_scene, draw_bodies, read_regions
 from phyagentos.runtime.models.surfaces import add_pairs, find_idealised
 
-BALL_SOLREF = (0.005, 1.0)  # softer, a ball that falls 15 cm goes through the floor of a bowl
 Robot = tuple[TargetProfile, Path]
 
 
@@ -76,9 +75,6 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
     world.visual.map.znear = 0.01
     add_scene(world, spec, placed)
     add_pairs(world, spec, {item.name: item.grip for item in placed}, _list_pads(robots), seed)
-    for pair in world.pairs:
-        if pair.geomname1 in balls or pair.geomname2 in balls:
-            pair.solref = BALL_SOLREF
     model = world.compile()
     return CompiledScene(
         spec=world,

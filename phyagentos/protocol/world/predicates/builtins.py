@@ -179,7 +179,7 @@ def _find_hold(view: View, a: Entity) -> Reading | None:
         for name, state in view.now.targets.items():
             width_m, doubt_m = state.gripper_width_m, _find_position_doubt(view, a)
             between_m = compute_grasp_width(a, state.tcp, PAD_M, width_m) if width_m >= CLOSED_M else None
-            if between_m is not None and abs(between_m - width_m) < WIDTH_M + doubt_m:
+            if between_m is not None and between_m > width_m - WIDTH_M - doubt_m:  # wider: the box around what is round
                 raise FactUnknown(f"{a.name} is between the fingers of {name}, which may still hold it")
     return None
 
