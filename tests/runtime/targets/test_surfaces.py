@@ -86,6 +86,19 @@ def test_a_declared_grip_holds_against_the_pads_alone(still):
     assert pairs[frozenset((carton, model.geom("table").id))] >= 0.4
 
 
+def test_a_light_thing_is_not_pressed_into_what_it_lies_on():
+    """A rod of 10 g lay three centimetres deep in the table, and a slab of 20 g below the floor of a tray."""
+    rod = make_thing("capsule", [0.0075, 0.025], 0.15, 0.0075, mass_kg=0.01)
+    model = compile_scene((PANDA,), make_scene(rod=rod), 3).model
+    data, body = mujoco.MjData(model), model.body("rod").id
+
+    for press_n in np.linspace(0.0, 60.0, 500).tolist():  # as fingers that come down on it
+        data.xfrc_applied[body, 2] = -press_n
+        mujoco.mj_step(model, data)
+
+    assert data.xpos[body, 2] == pytest.approx(0.0075, abs=0.004)
+
+
 def test_round_things_that_roll_come_to_rest(still):
     model, data = still
     data = mujoco.MjData(model)
