@@ -165,6 +165,14 @@ def test_fingers_as_far_apart_as_a_thing_between_them_is_wide_may_still_hold_it(
     assert truth("inside(a, tray)", now) == expected
 
 
+def test_fingers_that_are_nearer_than_a_round_thing_is_wide_may_hold_its_cap():
+    """A ball in a tray was told as let go of: the pads, half as far apart as it is wide, pressed on its top."""
+    ball = cube("a", 0.5, 0.0, 0.035, shapes=(Shape(ShapeKind.SPHERE, (0.033,)),))
+    above = TargetState(q_rad=(), qd_rad_s=(), gripper_width_m=0.032, tcp=Pose((0.5, 0.0, 0.072)), grip_force_n=4.0)
+    seen_now = world(ball, tray(), sensing="perceived", targets={"arm": above})
+    assert truth("inside(a, tray)", seen_now) is Truth.UNKNOWN
+
+
 def test_a_metric_is_unknown_in_a_snapshot_and_compared_where_it_was_measured():
     assert truth("metric(peak_force_n) <= 40", world()) is Truth.UNKNOWN
     view = View(now=world(), metrics={"peak_force_n": 41.5})

@@ -74,8 +74,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.preflight.arguments",
-                "    for text in session.requires:\n",
-                "    for text in ():\n",
+                '[("requires", text) for text in session.requires]',
+                "[]",
             ),
         ),
         tests=("tests/runtime/test_preflight.py::test_names_and_preconditions_are_judged_on_the_live_world",),

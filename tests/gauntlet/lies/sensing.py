@@ -461,7 +461,7 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.protocol.world.predicates.builtins",
-                "abs(between_m - width_m) < WIDTH_M + doubt_m",
+                "between_m > width_m - WIDTH_M - doubt_m",
                 "False",
             ),
         ),
