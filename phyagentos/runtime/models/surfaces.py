@@ -18,7 +18,7 @@ from phyagentos.protocol.world.scenes import Body, SceneSpec, Solid
 ROUND = frozenset({ShapeKind.SPHERE, ShapeKind.CYLINDER, ShapeKind.CAPSULE})
 PAD_SPIN_M = 0.02  # torsional friction of a pad, per unit of its friction: half the length of its contact
 # Softer, a finger presses a light rod centimetres into the table, and a ball that falls 15 cm goes through a bowl.
-SOLREF, SOLIMP = (0.005, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
+ROUND_SOLREF, ROUND_SOLIMP = (0.005, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
 LEAST = 0.2
 
 
@@ -93,11 +93,12 @@ def _add_pair(
     world: mujoco.MjSpec, one: _Touching, other: mujoco.MjsGeom, friction: tuple[float, float, float], condim: int
 ) -> mujoco.MjsPair:
     slide, spin, roll = friction
-    return world.add_pair(
+    pair = world.add_pair(
         geomname1=one.geom.name,
         geomname2=other.name,
         condim=6 if one.is_round else condim,
         friction=[slide, slide, spin, roll, roll],
-        solref=SOLREF,
-        solimp=SOLIMP,
     )
+    if pair.condim == 6:
+        pair.solref, pair.solimp = ROUND_SOLREF, ROUND_SOLIMP
+    return pair
