@@ -18,15 +18,15 @@ RIM_M = 0.02  # a thing on the rim fills a vessel, too
 
 def find_filling(world: Environment, destination: str) -> list[str]:
     """Movable things in a region or vessel, or on a movable thing, by the point at their lowest height."""
-    place, vessel = world.regions.get(destination), world.entities.get(destination)
+    place, holder = world.regions.get(destination), world.entities.get(destination)
     if place is not None:
         pose, center, half = place.pose, (0.0, 0.0, 0.0), place.half_m
-    elif vessel is not None and vessel.interior is not None:
-        pose, center, half = vessel.pose, vessel.interior.center_m, vessel.interior.half_m
-    elif vessel is not None and vessel.movable:
-        (left, right), (back, front), (_, top) = (compute_extent(vessel, axis) for axis in AXES)
+    elif holder is not None and holder.interior is not None:
+        pose, center, half = holder.pose, holder.interior.center_m, holder.interior.half_m
+    elif holder is not None and holder.movable:
+        (left, right), (back, front), (_, top) = (compute_extent(holder, axis) for axis in AXES)
         center, half = ((left + right) / 2, (back + front) / 2, top), ((right - left) / 2, (front - back) / 2, 0.0)
-        pose = vessel.pose
+        pose = holder.pose
     else:
         return []
     feet = {e.name: (*e.pose.position_m[:2], compute_lowest(e)) for e in world.entities.values() if e.movable}

@@ -15,8 +15,8 @@ from scipy.sparse.csgraph import dijkstra
 from phyagentos.geometry import compute_matrix, compute_pose, to_parent
 from phyagentos.protocol.world.environment import Entity, Pose
 from phyagentos.protocol.world.predicates.geometry import (
-    compute_balance,
     compute_center,
+    compute_centroid,
     compute_reach,
     find_surface,
 )
@@ -280,12 +280,12 @@ def compute_push(
     across the push, which begins `stand_off_m` [m] before they meet the entity; `z_m` is the height of the contact in
     the world, `turn_rad` the turn of the hand against the direction of the push.
     """
-    way, heavy_m = goal_m - _find_middle(entity), np.array(to_parent(entity.pose, compute_balance(entity)))
+    way, centroid_m = goal_m - _find_middle(entity), np.array(to_parent(entity.pose, compute_centroid(entity)))
     direction = way / np.linalg.norm(way)
-    aside_m, z = np.linspace(-half_m[1], half_m[1], 9)[:, None] * (-direction[1], direction[0]), float(heavy_m[2])
-    starts = [(*point, z) for point in (heavy_m[:2] + aside_m - FAR_M * direction).tolist()]
+    aside_m, z = np.linspace(-half_m[1], half_m[1], 9)[:, None] * (-direction[1], direction[0]), float(centroid_m[2])
+    starts = [(*point, z) for point in (centroid_m[:2] + aside_m - FAR_M * direction).tolist()]
     met_m = [each for start in starts if (each := find_surface(entity, start, (*direction.tolist(), 0.0))) is not None]
-    begin_m = heavy_m[:2] - direction * (FAR_M - min(met_m, default=FAR_M) + half_m[0] + stand_off_m)
+    begin_m = centroid_m[:2] - direction * (FAR_M - min(met_m, default=FAR_M) + half_m[0] + stand_off_m)
     yaw_rad = float(np.arctan2(direction[1], direction[0])) + turn_rad
     begin = point_tool_down(yaw_rad, np.array([*begin_m, z_m]))
     end = point_tool_down(yaw_rad, np.array([*(begin_m + way + stand_off_m * direction), z_m]))

@@ -13,7 +13,7 @@ import numpy as np
 
 from phyagentos.geometry import compute_matrix, turn
 from phyagentos.protocol.world.environment import Entity
-from phyagentos.protocol.world.predicates.geometry import compute_balance, compute_extent
+from phyagentos.protocol.world.predicates.geometry import compute_centroid, compute_extent
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.requests import Array, FindPlacements
 from phyagentos.runtime.motion.shapes import Box, compute_bounds, compute_entity_box, compute_shape_boxes
@@ -155,8 +155,8 @@ class Placing:
 
     @property
     def middle_m(self) -> Array:
-        """(3,) what of the held thing comes over a site, in its frame: of its box, or of its weight on an open top."""
-        return compute_bounds(self.held.shapes)[0] if self.space.walled else np.array(compute_balance(self.held))
+        """(3,) the point of the held thing that comes over a site: its box's middle, or its centroid on an open top."""
+        return compute_bounds(self.held.shapes)[0] if self.space.walled else np.array(compute_centroid(self.held))
 
     @property
     def near(self) -> tuple[Array, float]:
@@ -168,8 +168,8 @@ class Placing:
 def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> list[Sites]:
     """Groups of sites: at most 16 for any yaw, the nearest to `near` or to the tool (3,) first; then packed ones.
 
-    Those come first where the payload in the middle would leave no room for another one, though there is some, or more
-    comes.
+    Those come first where the payload in the middle would leave no room for another one, and there is some, or another
+    one is to come.
     `attitudes` maps yaws of the tool [degrees] to the attitude (3, 3) of the payload in the axes of the space.
     """
     space, footprint, neighbours = placing.space, placing.footprint, list_neighbours(placing)

@@ -8,12 +8,13 @@ import msgspec
 from phyagentos.geometry import to_parent
 from phyagentos.protocol.world.environment import REST_M_S, Entity, Status
 from phyagentos.protocol.world.predicates.geometry import (
-    compute_balance,
+    compute_centroid,
     compute_lowest,
     compute_reach,
     find_tops_below,
 )
 
+SIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 NEAR_M = 0.002  # how far solids that touch may be apart, beside twice the stated doubt
 
 
@@ -27,13 +28,14 @@ def find_bearing(entities: Mapping[str, Entity]) -> dict[str, Entity]:
     return after
 
 
-def _is_borne(a: Entity, by: Entity, entities: Mapping[str, Entity]) -> bool:
-    """Whether `a` is seen to rest where the top of `by` is believed, and that of no other thing."""
-    if not a.movable or a.status is not Status.SEEN or a.is_unsure or a.held_by or not a.speed_m_s <= REST_M_S:
+def _is_borne(upper: Entity, lower: Entity, entities: Mapping[str, Entity]) -> bool:
+    """Whether one thing is seen to rest where the top of the other is believed, and that of nothing else."""
+    is_moving = upper.held_by or not upper.speed_m_s <= REST_M_S
+    if not upper.movable or upper.status is not Status.SEEN or upper.is_unsure or is_moving:
         return False
-    (x_m, y_m, _), low_m = to_parent(a.pose, compute_balance(a)), compute_lowest(a)
-    reach_m = max(compute_reach(a, (1.0, 0.0, 0.0)), compute_reach(a, (0.0, 1.0, 0.0)))
-    near_m = NEAR_M + 2.0 * math.hypot(a.position_std_m, by.position_std_m)
-    others = (each for each in entities.values() if each.name != a.name and each.status is not Status.GONE)
-    tops = ((each, top_m) for each in others for top_m in find_tops_below(each, x_m, y_m, reach_m * (each is not by)))
-    return {each.name for each, top_m in tops if abs(low_m - top_m) <= near_m} == {by.name}
+    (x_m, y_m, _), low_m = to_parent(upper.pose, compute_centroid(upper)), compute_lowest(upper)
+    reach_m = max(compute_reach(upper, (x, y, 0.0)) for x, y in SIDES)  # under any part of it another top would do
+    near_m = NEAR_M + 2.0 * math.hypot(upper.position_std_m, lower.position_std_m)
+    others = (each for each in entities.values() if each is not upper and each.status is not Status.GONE)
+    tops = ((e.name, top_m) for e in others for top_m in find_tops_below(e, x_m, y_m, reach_m * (e is not lower)))
+    return {name for name, top_m in tops if abs(low_m - top_m) <= near_m} == {lower.name}

@@ -95,8 +95,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.perception.bearing",
-                "for each, top_m in tops if abs(low_m - top_m) <= near_m}",
-                "for each, top_m in tops if each is by}",
+                "for name, top_m in tops if abs(low_m - top_m) <= near_m}",
+                "for name, top_m in tops if name == lower.name}",
             ),
         ),
         tests=("tests/runtime/perception/test_bearing.py::test_what_is_not_sure_to_rest_on_it_shows_nothing",),

@@ -11,9 +11,9 @@ from typing import Any
 from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child, to_parent
 from phyagentos.protocol.world.environment import CLOSED_M, FRESH_S, Entity, Status, TargetState
 from phyagentos.protocol.world.predicates.geometry import (
-    compute_balance,
     compute_box_distance,
     compute_center,
+    compute_centroid,
     compute_grasp_width,
     compute_least_turn,
     compute_lowest,
@@ -36,7 +36,7 @@ from phyagentos.protocol.world.predicates.library import (
 RIM_M = 0.003  # how far below the rim the lowest point must lie: what rests on the rim is not inside
 FLOOR_SLACK_M = 0.010  # contact penetration and the rounding of floors
 CONTACT_M = 0.002  # how far solids that touch may be apart, or in each other, beside the stated doubt
-FOOTPRINT_SLACK_M = 0.005  # how far past the edge the centre of a footprint may be
+FOOTPRINT_SLACK_M = 0.005  # how far past the edge the centroid may be where no doubt is stated
 UPRIGHT_RAD = 0.26  # 15 degrees: a bottle leaning on a wall does not stand
 FALLEN_RAD = 0.79  # 45 degrees
 MOVED_M = 0.015  # settling and sensing noise stay below
@@ -150,7 +150,7 @@ def _find_sure_gap(view: View, a: Entity, b: str, doubt_m: float, near_m: float)
 
 def _find_between(view: View, a: Entity, b: str, top_m: float, allowed_m: float) -> Entity | None:
     """A thing under the middle of a whose top is above that of b, and not above the lowest point of a."""
-    center, highest_m = to_parent(a.pose, compute_balance(a)), compute_lowest(a) + allowed_m
+    center, highest_m = to_parent(a.pose, compute_centroid(a)), compute_lowest(a) + allowed_m
     of = view.now.entities.get(b)
     for other in view.now.entities.values():
         is_part = of is not None and (other.part_of == b or of.part_of == other.name)
@@ -186,7 +186,7 @@ def _find_hold(view: View, a: Entity) -> Reading | None:
 
 def _find_gap(view: View, a: Entity, b: str, slack_m: float) -> float | None:
     """Height [m] of a's lowest point above the nearest surface of b, None where the middle of a is not over b."""
-    center, low_m = to_parent(a.pose, compute_balance(a)), compute_lowest(a)
+    center, low_m = to_parent(a.pose, compute_centroid(a)), compute_lowest(a)
     region = view.now.regions.get(b)
     if region is not None:
         x, y, _ = to_child(region.pose, center)

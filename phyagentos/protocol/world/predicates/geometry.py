@@ -46,7 +46,7 @@ def compute_center(entity: Entity) -> Vector:
     return to_parent(entity.pose, (x, y, z))
 
 
-def compute_balance(entity: Entity) -> Vector:
+def compute_centroid(entity: Entity) -> Vector:
     """Centre of the volume of the entity's solids, in its own frame [m]."""
     solids = [(compute_volume(shape.kind, shape.size_m), shape.pose.position_m) for shape in entity.shapes]
     whole = sum(volume for volume, _ in solids) or 1.0  # without solids it is its origin
