@@ -3,10 +3,14 @@
 The watchdog keeps the target free until the verdict: the agent may have to look again before anything moves.
 """
 
+import msgspec
+
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import find_things, parse_predicate
 from phyagentos.protocol.world.predicates.syntax import iter_calls
+
+BLURRED = 2.0  # the turn in a later look may be off by so much more than stated now, and `moved` still be decided
 
 
 def find_open_criteria(session: Session, after: Environment) -> tuple[str, ...]:
@@ -30,10 +34,12 @@ def is_marginal(session: Session, initial: Environment, now: Environment) -> boo
 
 
 def is_start_marginal(session: Session, initial: Environment) -> bool:
-    """Whether a later `moved` could not be decided, however sharp the look then."""
+    """Whether a later `moved` could not be decided by a look that is less sharp, at what has not moved."""
     criteria = map(parse_predicate, (*session.accept, *session.hold))
     comparing = [each for each in criteria if any(call.name == "moved" for call in iter_calls(each.formula))]
-    view = session.make_view(initial, initial)
+    entities = initial.entities.items()
+    blurred = {key: msgspec.structs.replace(each, turn_std_rad=BLURRED * each.turn_std_rad) for key, each in entities}
+    view = session.make_view(msgspec.structs.replace(initial, entities=blurred), initial)
     return any(each.evaluate(view).is_marginal for each in comparing)
 
 

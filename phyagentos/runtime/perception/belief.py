@@ -31,6 +31,7 @@ SOURCE, FILLING = "rgbd", "rgbd filling"
 RIM_M = 0.008  # of a vessel: how far its filling may stand out, and how far its pose may be off
 FILLING_POINTS = 4  # so many pixels show that there is some
 STILL_M, STILL_RAD = 0.008, 0.14  # a thing that comes out this near to where it was has not moved
+STILL_STDS = np.array([2.0, 3.0])  # or nearer than so many deviations; poses of few pixels differ by many small turns
 FUSE_MAX = 5  # a mean over more looks would follow too slowly
 FIXED_LOOKS = 4  # after so many a fixed thing is known
 GONE_FRACTION = 0.6  # of its surface seen through
@@ -171,7 +172,7 @@ def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, 
         shown = was @ thing.turns  # what a form does not show has not turned
         moved_m, turned = float(np.linalg.norm(moved)), shown @ shown.T @ compute_rotation_vector(freely @ was.T)
         before = np.array([entity.position_std_m, entity.turn_std_rad])
-        place_m, turn_rad = 2.0 * np.hypot(stds, before)
+        place_m, turn_rad = STILL_STDS * np.hypot(stds, before)
         is_still = moved_m < max(STILL_M, place_m) and float(np.linalg.norm(turned)) < max(STILL_RAD, turn_rad)
         if is_still:
             since_s = entity.observed_at_s if entity.still_since_s is None else entity.still_since_s
@@ -302,12 +303,8 @@ def _leave_out(cloud: Cloud, inventory: Inventory, entities: Mapping[str, Entity
         entity = entities.get(name)
         if entity is None or (thing.template.movable and name not in held):
             continue
-        if not thing.template.movable:
-            alike = [c for c in loose if c in thing.colors or _is_like(inventory, c, thing)]
-            among = is_among(cloud.colors, (*alike, *thing.colors))
-            margin = NEAR_FIXED_M
-        else:
-            among, margin = cloud.colors == thing.colors[0], HAND_M
+        alike = [c for c in loose if c in thing.colors or _is_like(inventory, c, thing)]
+        among, margin = is_among(cloud.colors, (*alike, *thing.colors)), HAND_M if name in held else NEAR_FIXED_M
         if not among.any():
             continue
         rotation = compute_rotation(entity.pose.quaternion_wxyz)

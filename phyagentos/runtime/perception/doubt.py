@@ -13,6 +13,7 @@ from phyagentos.runtime.perception.solid_distance import linearise
 from phyagentos.runtime.perception.solids import Array
 
 CORRELATED = 2.0  # neighbouring pixels share their errors: so many of them count as one
+SHIFTED = 0.5  # of that variance, what turns a thing; what pixels share shifts it
 SIGMA = 1.4826  # of a normal distribution, by its median distance
 RESIDUAL_M = 0.0005  # no residual is less: the model of a thing is as exact as this
 BIAS_M, BIAS_PER_M = 0.0003, 180.0  # of a position in every look: its least, and what it grows by with the variance
@@ -50,10 +51,11 @@ class Doubt:
         return gain
 
     def fuse(self, before: Array) -> Array:
-        """(2,) deviations of that mean; never less than the common part."""
+        """(2,) deviations of that mean; of its position never less than the common part of this look."""
         gain, shared = self.compute_gain(before), np.minimum(self.common, before) ** 2
         square = ((1 - gain) * before) ** 2 + (gain * self.total) ** 2 + 2 * gain * (1 - gain) * shared
-        fused: Array = np.maximum(np.sqrt(square), self.common)
+        least = np.array([self.common[0], min(self.common[1], before[1])])  # few turn where they stay
+        fused: Array = np.maximum(np.sqrt(square), least)
         return fused
 
 
@@ -104,5 +106,6 @@ def compute_doubt(
     covariance = motions @ np.linalg.inv(matrix) @ motions.T
     parts = covariance[:3, :3], covariance[3:, 3:]
     left = np.array([max(np.linalg.eigvalsh(part)[-1], 0.0) for part in parts])  # (2,) variances that the points leave
+    left *= (1.0, SHIFTED if path is None else 1.0)
     common = np.hypot(np.array([bias_m, bias_turn * bias_m]), MAP_STDS * is_map)
     return Doubt(np.sqrt(left + common**2), common)

@@ -34,7 +34,7 @@ CONTRADICTED = 0.1  # share of a surface seen through that is noise
 TRACKED_M, TRACK_REACH_M = 0.0028, 0.02  # cost and distance of a thing that is where it was
 FEW_M = 0.008  # that cost, where few pixels show it: from afar, or at the edge of a picture
 DOWN_M = 0.0012  # of a thing upside down, where that looks the same
-TURNED_M = 0.0004  # by which a turned pose must fit better before a tracked thing is believed to have turned so
+TURNED_M, TURNED_STDS = 0.0004, 2.0  # by which a turned pose must fit better before a tracked thing has turned so
 ALIKE_M, ALIKE_STDS = 0.0001, 1.0  # two poses whose costs differ by less, or by less than their noise, fit equally well
 CONTRADICTION_M = 0.012  # cost of a surface that is seen through altogether
 UPRIGHT = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])
@@ -181,7 +181,7 @@ def fit(
     ranked.sort(key=lambda each: each[0])
     for _, turned, moved in ranked[:2]:
         candidate = _finish(thing, patch, views, turned, moved, obstacle)
-        if best is None or candidate.cost_m < best.cost_m - (TURNED_M if stays and best is kept else 0.0):
+        if best is None or candidate.cost_m < best.cost_m - (_compute_turned(best) if stays and best is kept else 0.0):
             best = candidate
     if best is None:
         return None
@@ -246,7 +246,7 @@ def compare_lookalikes(
         rotation = found.rotation @ turned
         position = found.position_m + rotation @ (turned.T @ shift)
         other = _finish(thing, patch, views, rotation, position, obstacle)
-        is_better = other.cost_m < best.cost_m - (TURNED_M if keep and best is found else ALIKE_M)
+        is_better = other.cost_m < best.cost_m - (_compute_turned(best) if keep and best is found else ALIKE_M)
         if is_better or other.cost_m < best.cost_m + alike_m:
             tilts = [_tilt(thing, other.rotation)] if is_better else [*tilts, _tilt(thing, other.rotation)]
             if is_better or (not keep and _tilt(thing, other.rotation) < _tilt(thing, best.rotation)):
@@ -259,6 +259,10 @@ def compare_lookalikes(
 def _compute_alike(rms_m: float, count: int) -> float:
     """Difference of cost [m] that the noise of so many points makes."""
     return max(ALIKE_M, ALIKE_STDS * rms_m / math.sqrt(count))
+
+
+def _compute_turned(kept: Fit) -> float:
+    return max(TURNED_M, TURNED_STDS * kept.rms_m / math.sqrt(kept.count))
 
 
 def _tilt(thing: ObjectModel, rotation: Array) -> float:

@@ -48,7 +48,7 @@ PERCEIVED_STD_M = 0.0015  # of a position, where a pipeline states none: the med
 VESSEL_STD_M = 0.004  # the same of a vessel, of which thin walls and its filling are seen
 PERCEIVED_STD_RAD = 0.02
 SHIFT_STD_M = 0.005  # by which a thing may have been shifted unseen as what hides it was put down on it
-COARSE_RAD, COARSE_FACTOR = 0.15, 2.0  # few pixels fit many turns: such a doubt is not that of a normal distribution
+COARSE_RAD, COARSE_FACTOR = 0.11, 3.0  # few pixels fit many turns: such a doubt is not that of a normal distribution
 DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
 OPEN_FRACTION = 0.9
 CLOSED_FRACTION = 0.1
@@ -318,10 +318,10 @@ def measure_moved(view: View, a: Entity) -> Reading:
         raise FactUnknown(f"in the initial snapshot, {reason}") from reason
     moved_m = math.dist(a.pose.position_m, was.pose.position_m)
     is_exact = view.now.sensing == "truth"
-    turned_rad = compute_least_turn(a, was, 0.0 if is_exact else SAME_SIDE_M)
+    doubt_m, doubt_rad = _find_position_doubt(view, a, was), _find_turn_doubt(view, a, was)
+    turned_rad = compute_least_turn(a, was, *((0.0,) if is_exact else (SAME_SIDE_M, doubt_m)))
     margin = max(moved_m / MOVED_M, turned_rad / MOVED_RAD) - 1.0
     because = f"{a.name} moved {moved_m:.3f} m and turned {math.degrees(turned_rad):.1f} degrees"
-    doubt_m, doubt_rad = _find_position_doubt(view, a, was), _find_turn_doubt(view, a, was)
     least_rad = turned_rad if is_exact or turned_rad < MOVED_RAD else compute_least_turn(a, was, doubt_m)
     if max(a.tilt_std_rad, was.tilt_std_rad) > MOVED_RAD:  # another pose fits as well, which is turned, too
         least_rad = 0.0

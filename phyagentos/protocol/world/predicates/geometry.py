@@ -14,6 +14,7 @@ from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 LEVEL_COS = 0.9  # of the steepest top on which things stand
 AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _HALF = math.sqrt(0.5)
+ROLLED_COS = 0.7  # of the angle between two sides that are up one after the other
 _QUARTER_TURNS = tuple(
     (w, x, y, z)
     for w, x, y, z in product((0.0, 0.5, _HALF, 1.0, -0.5, -_HALF, -1.0), repeat=4)
@@ -79,11 +80,12 @@ def find_surface(entity: Entity, start: Vector, direction: Vector) -> float | No
     return min(firsts, default=None)
 
 
-def compute_least_turn(now: Entity, was: Entity, doubt_m: float) -> float:
+def compute_least_turn(now: Entity, was: Entity, doubt_m: float, place_m: float = math.inf) -> float:
     """Least angle [rad] by which a thing may have turned, where a quarter turn of its box shows no more than a doubt.
 
     A quarter turn brings each side onto another one; where these differ by less than `doubt_m`, it may have been made,
     or may be none but a mistake of the measurement. A ball does not turn, and what is round turns with its axis alone.
+    What rolls onto another side goes as far as a side is long: where it stays, by `place_m` or less, it has not rolled.
     """
     turned_rad = compute_turn(now.pose, was.pose)
     if len(now.shapes) != 1:
@@ -95,9 +97,12 @@ def compute_least_turn(now: Entity, was: Entity, doubt_m: float) -> float:
         axes = (rotate(multiply(each.pose.quaternion_wxyz, own), UP) for each in (now, was))
         return math.acos(min(1.0, abs(dot(*axes))))
     box = Pose(now.pose.position_m, multiply(now.pose.quaternion_wxyz, own))
+    up = rotate(invert_rotation(multiply(was.pose.quaternion_wxyz, own)), UP)
+    stays = math.dist(now.pose.position_m, was.pose.position_m) + place_m < 2 * min(half_m)
     for quarter in _QUARTER_TURNS:
         turned_m = [abs(each) for each in rotate(quarter, half_m)]
-        if max(abs(one - other) for one, other in zip(turned_m, half_m, strict=True)) <= doubt_m:
+        alike_m = place_m if stays and dot(rotate(quarter, up), up) < ROLLED_COS else doubt_m
+        if max(abs(one - other) for one, other in zip(turned_m, half_m, strict=True)) <= alike_m:
             before = multiply(multiply(was.pose.quaternion_wxyz, own), quarter)
             turned_rad = min(turned_rad, compute_turn(box, Pose(was.pose.position_m, before)))
     return turned_rad
