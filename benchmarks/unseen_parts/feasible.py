@@ -22,9 +22,9 @@ ROUND_TOPS = frozenset({"ball", "rod"})
 
 
 def list_obstacles(case: Case, node: Node) -> list[str]:
-    """Why a node that moves something cannot be met by any skill of this arm; empty where it may be."""
+    """Why a node cannot be met by any skill of this arm; empty where it may be."""
     if node.is_claim:
-        return []
+        return list(_iter_contradictions(node.accept))
     thing = case.room.things[str(node.arguments["object"])]
     found = list(_iter_reach(case.room, thing, node))
     if node.skill in LIFTING:
@@ -80,15 +80,17 @@ def _iter_grasp(thing: Thing) -> Iterator[str]:
 
 
 def _iter_volume(case: Case, thing: Thing, vessel: Thing) -> Iterator[str]:
-    if vessel.form.interior is None or thing.form.kind == "ball":  # a ball may sink between the walls
+    if vessel.form.interior is None:
         return
     sides = sorted(float(side) for side in thing.form.span_m)
     inner = sorted(2 * side for side in vessel.form.interior[1][:2])
-    if sides[0] > inner[0] or sides[1] > math.hypot(*inner):
+    sinks = thing.form.kind == "ball"  # between the walls, as far as nothing fills them
+    if not sinks and (sides[0] > inner[0] or sides[1] > math.hypot(*inner)):
         told = " x ".join(f"{1e3 * side:.0f}" for side in sides)
         free = " x ".join(f"{1e3 * side:.0f}" for side in inner)
         yield f"{thing.name} ({told} mm) does not go into {vessel.name} ({free} mm)"
-    yield from _iter_crowd(case, vessel)
+    if not sinks:
+        yield from _iter_crowd(case, vessel)
     for block in case.room.movable:
         if block.on == vessel.name and block.form.grip_m > OPENING_M and block.name != thing.name:
             left = 2 * np.array(vessel.form.interior[1][:2]) - block.form.span_m[:2]

@@ -136,7 +136,14 @@ def test_volume_decides_and_a_ball_may_sink_between_walls():
 def test_a_vessel_that_is_filled_for_good_is_infeasible_and_one_with_a_cube_is_not():
     block = make_thing("filling", make_box(0.116, 0.156, 0.03), (0.5, 0.3), on="tray")
     assert "filled by filling" in find_why(make_thing(), PUT, block)[0]
+    ball = make_thing(form=Form("ball", (Solid("sphere", (0.012,)),), 0.024))
+    assert "filled by filling" in find_why(ball, PUT, block)[0]  # it would lie on top
     assert find_why(make_thing(), PUT, make_thing("cube", at=(0.5, 0.3), on="tray")) == []
+
+
+def test_a_claim_of_two_vessels_at_once_is_infeasible():
+    claim = Node("n1", "inspect", {"object": "thing"}, ("inside(thing, tray)", "inside(thing, bin)"), is_claim=True)
+    assert "cannot be in tray and in bin" in find_why(make_thing(), claim)[0]
 
 
 def test_nothing_stands_on_a_ball():

@@ -285,6 +285,16 @@ def test_a_quarter_turn_of_what_is_nearly_square_is_not_known(half_m, degrees, e
     assert truth("not moved(a)", *exact) is Truth.FALSE
 
 
+@pytest.mark.parametrize(("aside_m", "expected"), [(0.003, Truth.TRUE), (0.02, Truth.FALSE)])
+def test_a_bar_that_stays_has_not_rolled_onto_another_side_however_alike_its_sides_are(aside_m, expected):
+    """`not moved(red_bar)`: turned by 90 degrees in its place, two looks at sides that differ by 1.6 mm."""
+    rolled = Pose((0.5, aside_m, 0.03), (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0))
+    bar = (Shape(ShapeKind.BOX, (0.05, 0.0072, 0.0064)),)
+    before = world(cube("a", 0.5, z=0.03, shapes=bar), sensing="perceived")
+    after = world(cube("a", pose=rolled, shapes=bar), sensing="perceived")
+    assert truth("not moved(a)", after, before) is expected
+
+
 def test_a_sloping_rim_is_as_wide_as_it_is_where_pads_touch_it():
     tilt = (math.cos(0.22), 0.0, math.sin(0.22), 0.0)  # 25 degrees, as of the wall of a bowl
     wall = (Shape(ShapeKind.BOX, (0.002, 0.017, 0.017), Pose((0.0, 0.0, 0.0), tilt)),)

@@ -57,6 +57,7 @@ def test_so_is_what_it_covers_by_a_star(text):
         ("at(red_cube, (0, 0, 0), 0.05)", {"visible": False}, False, False),
         ("not moved(red_cube)", {}, False, False),
         ("not moved(red_cube)", {"turn_std_rad": 0.1}, True, True),
+        ("not moved(red_cube)", {"turn_std_rad": 0.05}, False, True),  # a look in which it seems to turn would leave it
     ],
 )
 def test_what_another_look_may_sharpen_is_looked_at_again_before_and_after(text, cube, ends, begins):

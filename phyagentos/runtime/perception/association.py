@@ -79,7 +79,7 @@ def associate(
             for piece in find_pieces(group, believed, cloud, near)
             if not _is_behind_map(cloud.take(piece), views, map_solids)
         ]
-        tracked = _track(group, believed, cloud, pieces, views)
+        tracked = _track(group, believed, cloud, pieces, views, map_solids)
         matches |= tracked
         taken = {id(match.points) for match in tracked.values()}
         rest = [thing for thing in group if thing.name not in tracked]
@@ -139,6 +139,7 @@ def _track(
     cloud: Cloud,
     pieces: Sequence[Piece],
     views: tuple[CameraView, ...],
+    map_solids: Solids | None,
 ) -> dict[str, Match]:
     """Things near their last pose, each alone with its cluster; not those that a better look may tell apart."""
     names = {thing.name for thing in group}
@@ -162,7 +163,7 @@ def _track(
         prior = _get_prior(believed.get(name))
         if len(claimants) > 1 or prior is None:
             continue
-        fitted = track(claimants[0], cloud.take(pieces[index]), views, prior)
+        fitted = track(claimants[0], cloud.take(pieces[index]), views, prior, map_solids)
         if fitted is not None:
             found[name] = Match(fit=fitted, points=pieces[index], alternatives=believed[name].alternatives)
     return found
@@ -267,7 +268,8 @@ def _weigh_pairs(
             share = _measure_share(cloud, piece, thing)
             if share < OWN_MIN or _measure_size(cloud.points_m[piece]) > ROOM * thing.diameter_m + LINK_M:
                 continue
-            found = fit(thing, cloud.take(piece), views, prior, map_solids if len(piece) < FEW else None)
+            obstacle = map_solids if len(piece) < FEW or thing.lookalikes else None
+            found = fit(thing, cloud.take(piece), views, prior, obstacle)
             if found is None or found.cost_m > GATE_M:
                 continue
             fits[row, column] = found

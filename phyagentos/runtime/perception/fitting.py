@@ -197,12 +197,18 @@ def fit(
     return compare_lookalikes(thing, patch, views, best, obstacle, keep=prior is not None)
 
 
-def track(thing: ObjectModel, seen: Cloud, views: tuple[CameraView, ...], prior: tuple[Array, Array]) -> Fit | None:
-    """The pose near a believed one; None when the points contradict it."""
+def track(
+    thing: ObjectModel,
+    seen: Cloud,
+    views: tuple[CameraView, ...],
+    prior: tuple[Array, Array],
+    obstacle: Solids | None = None,
+) -> Fit | None:
+    """The pose near a believed one; None when the points contradict it. The `obstacle` tells lookalikes apart."""
     patch = Patch.of(seen, views)
     if len(patch.points_m) < POINTS_MIN:
         return None
-    found = _finish(thing, patch, views, *prior)
+    found = _finish(thing, patch, views, *prior, obstacle if thing.lookalikes else None)
     if found.count < SURE_POINTS:  # they fit many poses: what is seen where it was, and nowhere else, has not moved
         stays = stay(thing, patch, views, prior)
         if stays.cost_m < FEW_M and stays.sight.contradicted_fraction < CONTRADICTED:
@@ -211,7 +217,7 @@ def track(thing: ObjectModel, seen: Cloud, views: tuple[CameraView, ...], prior:
         again = fit(thing, seen, views)
         found = again if again is not None and again.cost_m < found.cost_m - ALIKE_M else found
     is_good = found.cost_m < TRACKED_M and float(np.linalg.norm(found.position_m - prior[1])) < TRACK_REACH_M
-    return compare_lookalikes(thing, patch, views, found, None, keep=True) if is_good else None
+    return compare_lookalikes(thing, patch, views, found, obstacle, keep=True) if is_good else None
 
 
 def stay(
