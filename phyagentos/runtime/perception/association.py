@@ -8,6 +8,7 @@ that was lost, or never known, each lists the names that it may have as well.
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -22,7 +23,7 @@ from phyagentos.runtime.perception.pieces import LINK_M, Piece, find_pieces
 from phyagentos.runtime.perception.segmentation import find_near_colors
 from phyagentos.runtime.perception.separate_overlaps import separate_overlaps
 from phyagentos.runtime.perception.solids import Array, Solids
-from phyagentos.runtime.perception.views import CameraView, Cloud
+from phyagentos.runtime.perception.views import Cloud, Views
 
 GATE_M = 0.0065  # a fit that leaves more than this is no fit
 JOINED_M = 0.003  # nor are several clusters one thing if their common fit leaves more
@@ -58,11 +59,20 @@ class Match:
     is_renamed: bool = False
 
 
+class _Look(NamedTuple):
+    """What one look shows, and what was believed before."""
+
+    believed: Mapping[str, Entity]
+    cloud: Cloud
+    views: Views
+    map_solids: Solids | None
+
+
 def associate(
     things: Mapping[str, ObjectModel],
     believed: Mapping[str, Entity],
     cloud: Cloud,
-    views: tuple[CameraView, ...],
+    views: Views,
     map_solids: Solids | None = None,
     palette: Array | None = None,
 ) -> dict[str, Match]:
@@ -72,6 +82,7 @@ def associate(
     whose colours are near in the `palette` (k, 3) are assigned together.
     """
     near, chains = find_near_colors(palette if palette is not None else np.zeros((0, 3)))
+    look = _Look(believed, cloud, views, map_solids)
     matches: dict[str, Match] = {}
     for group in _iter_groups(things, chains):
         pieces = [
@@ -79,7 +90,7 @@ def associate(
             for piece in find_pieces(group, believed, cloud, near)
             if not _is_behind_map(cloud.take(piece), views, map_solids)
         ]
-        tracked = _track(group, believed, cloud, pieces, views, map_solids)
+        tracked = _track(group, look, pieces)
         matches |= tracked
         taken = {id(match.points) for match in tracked.values()}
         rest = [thing for thing in group if thing.name not in tracked]
@@ -88,7 +99,7 @@ def associate(
             pieces = [piece for piece in pieces if id(piece) not in taken]
             if len(rest) == 1:
                 pieces = _join_parts(rest[0], cloud, pieces, views)
-            matches |= _assign(rest, believed, cloud, pieces, views, known, map_solids)
+            matches |= _assign(rest, look, pieces, known)
     if map_solids is None:
         return matches
     fits = {name: match.fit for name, match in matches.items()}
@@ -118,7 +129,7 @@ def _iter_groups(things: Mapping[str, ObjectModel], chains: NDArray[np.int32]) -
         yield [thing for thing in things.values() if chains[thing.colors[0]] == chain]
 
 
-def _is_behind_map(seen: Cloud, views: tuple[CameraView, ...], map_solids: Solids | None) -> bool:
+def _is_behind_map(seen: Cloud, views: Views, map_solids: Solids | None) -> bool:
     """Whether a solid of the map blocks every camera's line of sight to these points."""
     if map_solids is None or not map_solids.kinds:
         return False
@@ -133,20 +144,13 @@ def _is_behind_map(seen: Cloud, views: tuple[CameraView, ...], map_solids: Solid
     return True
 
 
-def _track(
-    group: Sequence[ObjectModel],
-    believed: Mapping[str, Entity],
-    cloud: Cloud,
-    pieces: Sequence[Piece],
-    views: tuple[CameraView, ...],
-    map_solids: Solids | None,
-) -> dict[str, Match]:
+def _track(group: Sequence[ObjectModel], look: _Look, pieces: Sequence[Piece]) -> dict[str, Match]:
     """Things near their last pose, each alone with its cluster; not those that a better look may tell apart."""
     names = {thing.name for thing in group}
-    middles = [np.median(cloud.points_m[piece], axis=0) for piece in pieces]
+    middles = [np.median(look.cloud.points_m[piece], axis=0) for piece in pieces]
     claims: dict[int, list[ObjectModel]] = {}
     for thing in group:
-        entity = believed.get(thing.name)
+        entity = look.believed.get(thing.name)
         prior = _get_prior(entity)
         if entity is None or prior is None or not middles:
             continue
@@ -154,39 +158,33 @@ def _track(
             continue
         away = [math.dist(middle, prior[1]) for middle in middles]
         nearest = int(np.argmin(away))
-        is_own = _measure_share(cloud, pieces[nearest], thing) >= OWN_MIN
+        is_own = _measure_share(look.cloud, pieces[nearest], thing) >= OWN_MIN
         if is_own and away[nearest] < thing.diameter_m / 2 + LINK_M:
             claims.setdefault(nearest, []).append(thing)
     found: dict[str, Match] = {}
     for index, claimants in claims.items():
         name = claimants[0].name
-        prior = _get_prior(believed.get(name))
+        prior = _get_prior(look.believed.get(name))
         if len(claimants) > 1 or prior is None:
             continue
-        fitted = track(claimants[0], cloud.take(pieces[index]), views, prior, map_solids)
+        fitted = track(claimants[0], look.cloud.take(pieces[index]), look.views, prior, look.map_solids)
         if fitted is not None:
-            found[name] = Match(fit=fitted, points=pieces[index], alternatives=believed[name].alternatives)
+            found[name] = Match(fit=fitted, points=pieces[index], alternatives=look.believed[name].alternatives)
     return found
 
 
 def _assign(
-    group: Sequence[ObjectModel],
-    believed: Mapping[str, Entity],
-    cloud: Cloud,
-    pieces: Sequence[Piece],
-    views: tuple[CameraView, ...],
-    known: Sequence[tuple[ObjectModel, Fit, Piece]],
-    map_solids: Solids | None,
+    group: Sequence[ObjectModel], look: _Look, pieces: Sequence[Piece], known: Sequence[tuple[ObjectModel, Fit, Piece]]
 ) -> dict[str, Match]:
     """The matches of least cost by form, colour and history; without those that may as well be elsewhere.
 
     `known` are other things, and their clusters, which are none of `pieces`.
     """
-    shown, travelled, fits = _weigh_pairs(group, believed, cloud, pieces, views, map_solids)
+    shown, travelled, fits = _weigh_pairs(group, look, pieces)
     best = [(int(row), column) for column, row in enumerate(shown.argmin(axis=0))]
     own = [(group[row], fits[row, column], pieces[column]) for row, column in best if (row, column) in fits]
     own += known
-    stray = [index for index, piece in enumerate(pieces) if _is_stray(cloud, piece, own)]
+    stray = [index for index, piece in enumerate(pieces) if _is_stray(look.cloud, piece, own)]
     shown[:, stray] = HUGE
     unseen = np.where(np.eye(len(group), dtype=np.bool_), UNSEEN_COST, HUGE)
     looks, costs = np.hstack((shown, unseen)), np.hstack((shown + travelled, unseen))
@@ -204,11 +202,11 @@ def _assign(
         thing = group[row]
         if (row, column) not in fits or frozenset({row}) in undecided:
             continue
-        if any(_is_spill(cloud, pieces[column], piece, thing) for piece in unclaimed):
+        if any(_is_spill(look.cloud, pieces[column], piece, thing) for piece in unclaimed):
             continue
         doubts = {group[other].name for rows in undecided if row in rows for other in rows - {row}}
         names = {other.name for other in group} - {group[o].name for rows in by_looks if row in rows for o in rows}
-        inherited = set(believed[thing.name].alternatives) - names if thing.name in believed else set()
+        inherited = set(look.believed[thing.name].alternatives) - names if thing.name in look.believed else set()
         matches[thing.name] = Match(
             fit=fits[row, column],
             points=pieces[column],
@@ -218,7 +216,7 @@ def _assign(
     return matches
 
 
-def _join_parts(thing: ObjectModel, cloud: Cloud, pieces: list[Piece], views: tuple[CameraView, ...]) -> list[Piece]:
+def _join_parts(thing: ObjectModel, cloud: Cloud, pieces: list[Piece], views: Views) -> list[Piece]:
     """The clusters, or that of which the only thing looked for explains all: its parts may be seen from above alone."""
     own = [piece for piece in pieces if _measure_share(cloud, piece, thing) >= OWN_MIN]
     if len(own) < 2:
@@ -250,26 +248,21 @@ def _measure_share(cloud: Cloud, piece: Piece, thing: ObjectModel) -> float:
 
 
 def _weigh_pairs(
-    group: Sequence[ObjectModel],
-    believed: Mapping[str, Entity],
-    cloud: Cloud,
-    pieces: Sequence[Piece],
-    views: tuple[CameraView, ...],
-    map_solids: Solids | None,
+    group: Sequence[ObjectModel], look: _Look, pieces: Sequence[Piece]
 ) -> tuple[Array, Array, dict[tuple[int, int], Fit]]:
     """Costs by looks and costs of travel, both (n, m), `HUGE` without a fit; and the fits."""
     shown = np.full((len(group), len(pieces)), HUGE)
     travelled = np.zeros_like(shown)
     fits: dict[tuple[int, int], Fit] = {}
     for row, thing in enumerate(group):
-        entity = believed.get(thing.name)
+        entity = look.believed.get(thing.name)
         prior = _get_prior(entity)
         for column, piece in enumerate(pieces):
-            share = _measure_share(cloud, piece, thing)
-            if share < OWN_MIN or _measure_size(cloud.points_m[piece]) > ROOM * thing.diameter_m + LINK_M:
+            share = _measure_share(look.cloud, piece, thing)
+            if share < OWN_MIN or _measure_size(look.cloud.points_m[piece]) > ROOM * thing.diameter_m + LINK_M:
                 continue
-            obstacle = map_solids if len(piece) < FEW or thing.lookalikes else None
-            found = fit(thing, cloud.take(piece), views, prior, obstacle)
+            obstacle = look.map_solids if len(piece) < FEW or thing.lookalikes else None
+            found = fit(thing, look.cloud.take(piece), look.views, prior, obstacle)
             if found is None or found.cost_m > GATE_M:
                 continue
             fits[row, column] = found

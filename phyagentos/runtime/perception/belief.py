@@ -24,7 +24,7 @@ from phyagentos.runtime.perception.grip import Hand, carry, check_hand, find_hel
 from phyagentos.runtime.perception.inventory import ALIKE, Inventory, ObjectModel
 from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solids import Solids
-from phyagentos.runtime.perception.views import CameraView, Cloud
+from phyagentos.runtime.perception.views import CameraView, Cloud, Views
 from phyagentos.runtime.perception.visibility import compute_sight
 
 SOURCE, FILLING = "rgbd", "rgbd filling"
@@ -49,7 +49,7 @@ SPEED_S = (0.08, 2.0)  # a speed needs two looks this far apart
 def update_belief(
     inventory: Inventory,
     before: Mapping[str, Entity],
-    views: tuple[CameraView, ...],
+    views: Views,
     cloud: Cloud,
     state: TargetState,
     *,
@@ -145,7 +145,7 @@ def read_regions(inventory: Inventory, entities: Mapping[str, Entity]) -> dict[s
 
 
 def _look_at_fixed(
-    thing: ObjectModel, entities: Mapping[str, Entity], views: tuple[CameraView, ...], cloud: Cloud, time_s: float
+    thing: ObjectModel, entities: Mapping[str, Entity], views: Views, cloud: Cloud, time_s: float
 ) -> Entity | None:
     entity = entities.get(thing.name)
     if entity is not None and entity.looks >= FIXED_LOOKS:
@@ -222,9 +222,7 @@ def _shows_more(evidence: Collection[str], before: Collection[str]) -> bool:
     return now.keys() > then.keys() and areas[0] > SHOWS_MORE * areas[1]
 
 
-def _see(
-    thing: ObjectModel, entity: Entity | None, match: Match, cloud: Cloud, views: tuple[CameraView, ...], time_s: float
-) -> Entity:
+def _see(thing: ObjectModel, entity: Entity | None, match: Match, cloud: Cloud, views: Views, time_s: float) -> Entity:
     found = match.fit
     seen = cloud.take(match.points)
     evidence = tuple(_point_at(views[index], seen, index) for index in np.unique(seen.view_index).tolist())
@@ -248,7 +246,7 @@ def _point_at(view: CameraView, seen: Cloud, index: int) -> str:
     return format_pointer(view.camera, view.time_s, box)
 
 
-def _miss(thing: ObjectModel, entity: Entity, views: tuple[CameraView, ...]) -> Entity:
+def _miss(thing: ObjectModel, entity: Entity, views: Views) -> Entity:
     rotation = compute_rotation(entity.pose.quaternion_wxyz)
     sight = compute_sight(thing, rotation, np.array(entity.pose.position_m), views)
     shown = sight.confirmed + sight.contradicted

@@ -13,13 +13,13 @@ from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.world.environment import Contents, Entity, Status
 from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.solids import Array, measure_lengths
-from phyagentos.runtime.perception.views import CameraView, Cloud
+from phyagentos.runtime.perception.views import Cloud, Views
 
 DOUBT = 0.9  # times n ** -0.75, per ball of n pixels: 1.5 deviations of how many pixels lie in a disc
 
 
 def count_balls(
-    inventory: Inventory, entities: Mapping[str, Entity], cloud: Cloud, views: tuple[CameraView, ...], time_s: float
+    inventory: Inventory, entities: Mapping[str, Entity], cloud: Cloud, views: Views, time_s: float
 ) -> dict[str, Contents]:
     """By name, the contents of the entities with an interior that a look at `time_s` shows."""
     shares, least = _measure_shares(inventory, cloud, views), dict[str, int]()
@@ -35,7 +35,7 @@ def count_balls(
     return {name: Contents(count, count + max(left, 0), time_s) for name, count in least.items()}
 
 
-def _measure_shares(inventory: Inventory, cloud: Cloud, views: tuple[CameraView, ...]) -> Array:
+def _measure_shares(inventory: Inventory, cloud: Cloud, views: Views) -> Array:
     """(n,) which part of the disc of a ball the pixel of each point shows, across its line of sight; 0 for others."""
     shares = np.zeros(len(cloud.points_m))
     for color, (radius_m, _) in inventory.balls.items():

@@ -20,7 +20,7 @@ from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solid_distance import linearise
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
-from phyagentos.runtime.perception.views import CameraView, Cloud
+from phyagentos.runtime.perception.views import Cloud, Views
 from phyagentos.runtime.perception.visibility import Sight, compute_sight
 
 HUBER_M = 0.004  # residuals beyond this count linearly: mixed pixels at edges
@@ -89,7 +89,7 @@ class Patch:
     cameras: int = 1
 
     @classmethod
-    def of(cls, seen: Cloud, views: tuple[CameraView, ...], most: int = POINTS_MAX) -> "Patch":
+    def of(cls, seen: Cloud, views: Views, most: int = POINTS_MAX) -> "Patch":
         """At most so many points of a cloud, evenly taken."""
         if len(seen.points_m) > most:
             seen = seen.take(np.linspace(0, len(seen.points_m) - 1, most).astype(np.intp))
@@ -159,7 +159,7 @@ def measure_sunk(thing: ObjectModel, rotation: Array, position_m: Array, obstacl
 def fit(
     thing: ObjectModel,
     seen: Cloud,
-    views: tuple[CameraView, ...],
+    views: Views,
     prior: tuple[Array, Array] | None = None,
     obstacle: Solids | None = None,
 ) -> Fit | None:
@@ -198,11 +198,7 @@ def fit(
 
 
 def track(
-    thing: ObjectModel,
-    seen: Cloud,
-    views: tuple[CameraView, ...],
-    prior: tuple[Array, Array],
-    obstacle: Solids | None = None,
+    thing: ObjectModel, seen: Cloud, views: Views, prior: tuple[Array, Array], obstacle: Solids | None = None
 ) -> Fit | None:
     """The pose near a believed one; None when the points contradict it. The `obstacle` tells lookalikes apart."""
     patch = Patch.of(seen, views)
@@ -221,11 +217,7 @@ def track(
 
 
 def stay(
-    thing: ObjectModel,
-    patch: Patch,
-    views: tuple[CameraView, ...],
-    prior: tuple[Array, Array],
-    obstacle: Solids | None = None,
+    thing: ObjectModel, patch: Patch, views: Views, prior: tuple[Array, Array], obstacle: Solids | None = None
 ) -> Fit:
     """The believed pose itself, and how well the points confirm it."""
     cost_m, rms_m, sight, sunk_m = _weigh(thing, patch, views, *prior, obstacle)
@@ -244,7 +236,7 @@ def stay(
 
 
 def compare_lookalikes(
-    thing: ObjectModel, patch: Patch, views: tuple[CameraView, ...], found: Fit, obstacle: Solids | None, *, keep: bool
+    thing: ObjectModel, patch: Patch, views: Views, found: Fit, obstacle: Solids | None, *, keep: bool
 ) -> Fit:
     """The fit, or the least tilted one of those that are as good, with what these differ by; `keep` the given one."""
     best, tilts, alike_m = found, [_tilt(thing, found.rotation)], _compute_alike(found.rms_m, found.count)
@@ -277,12 +269,7 @@ def _tilt(thing: ObjectModel, rotation: Array) -> float:
 
 
 def _finish(
-    thing: ObjectModel,
-    patch: Patch,
-    views: tuple[CameraView, ...],
-    rotation: Array,
-    position_m: Array,
-    obstacle: Solids | None = None,
+    thing: ObjectModel, patch: Patch, views: Views, rotation: Array, position_m: Array, obstacle: Solids | None = None
 ) -> Fit:
     """Refine freely, and upright where it may stand: upright is concluded where the points do not contradict it."""
     standing = thing.form is not Form.BALL and thing.path is None and _is_standing(rotation)
@@ -318,12 +305,7 @@ def measure_doubt(
 
 
 def _weigh(
-    thing: ObjectModel,
-    patch: Patch,
-    views: tuple[CameraView, ...],
-    rotation: Array,
-    position_m: Array,
-    obstacle: Solids | None = None,
+    thing: ObjectModel, patch: Patch, views: Views, rotation: Array, position_m: Array, obstacle: Solids | None = None
 ) -> tuple[float, float, Sight, float]:
     """Cost, root mean square distance, visibility, and depth within the obstacle."""
     cost, rms = compute_cost(thing.solids, patch, rotation, position_m)

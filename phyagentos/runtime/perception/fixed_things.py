@@ -15,7 +15,7 @@ from phyagentos.runtime.perception import fitting
 from phyagentos.runtime.perception.clusters import find_clusters
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solids import Array, Solids
-from phyagentos.runtime.perception.views import CameraView, Cloud
+from phyagentos.runtime.perception.views import Cloud, Views
 from phyagentos.runtime.perception.visibility import compute_sight
 
 POINTS_MIN = 12  # fewer do not fix a place
@@ -28,9 +28,7 @@ GATE_M = 0.0065  # a search that leaves more than this has not found it
 Start = tuple[Array, Array]
 
 
-def measure_fixed(
-    thing: ObjectModel, believed: Mapping[str, Entity], views: tuple[CameraView, ...], cloud: Cloud
-) -> fitting.Fit | None:
+def measure_fixed(thing: ObjectModel, believed: Mapping[str, Entity], views: Views, cloud: Cloud) -> fitting.Fit | None:
     """Pose of a fixed body; None where it is not seen, or its frame is not known yet."""
     nominal, entity = _find_nominal(thing, believed), believed.get(thing.name)
     if nominal is None or thing.reach_m is None:
@@ -95,9 +93,7 @@ def _iter_starts(thing: ObjectModel, nominal: Start, points: Array) -> Iterator[
             yield rotation, position
 
 
-def _fit(
-    thing: ObjectModel, patch: fitting.Patch, views: tuple[CameraView, ...], start: Start, nominal: Start
-) -> fitting.Fit | None:
+def _fit(thing: ObjectModel, patch: fitting.Patch, views: Views, start: Start, nominal: Start) -> fitting.Fit | None:
     """The pose near a start, within the span of its place; its doubt is that of the free directions."""
     if len(patch.points_m) < POINTS_MIN or thing.reach_m is None:
         return None

@@ -12,7 +12,7 @@ import numpy as np
 from phyagentos.runtime.perception.fitting import Fit, Patch, fit, measure_sunk, stay
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solids import Array, Solids
-from phyagentos.runtime.perception.views import CameraView, Cloud
+from phyagentos.runtime.perception.views import Cloud, Views
 
 SUNK_M = 0.005  # depths and calibration err by less than this
 WITHIN = 0.7  # of half its least extent: with its middle so deep in another one, a thing is not where that is
@@ -22,7 +22,7 @@ def separate_overlaps(
     things: Mapping[str, ObjectModel],
     fits: Mapping[str, Fit],
     seen: Mapping[str, Cloud],
-    views: tuple[CameraView, ...],
+    views: Views,
     map_solids: Solids,
     priors: Mapping[str, tuple[Array, Array]],
 ) -> dict[str, Fit]:

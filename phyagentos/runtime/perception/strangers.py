@@ -20,7 +20,7 @@ from phyagentos.runtime.perception.clusters import find_clusters
 from phyagentos.runtime.perception.doubt import SIGMA
 from phyagentos.runtime.perception.forms import sample_surface
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
-from phyagentos.runtime.perception.views import CameraView, measure_points
+from phyagentos.runtime.perception.views import CameraView, Views, measure_points
 from phyagentos.runtime.perception.visibility import measure_sight
 from phyagentos.runtime.targets.wire import Frame
 
@@ -46,11 +46,7 @@ FORM_OFF = 0.75  # a form is surely another one where that is so much nearer to 
 
 
 def find_strangers(
-    frames: Sequence[Frame],
-    views: tuple[CameraView, ...],
-    robots: Sequence[Solids],
-    map_solids: Solids,
-    entities: Mapping[str, Entity],
+    frames: Sequence[Frame], views: Views, robots: Sequence[Solids], map_solids: Solids, entities: Mapping[str, Entity]
 ) -> dict[str, Entity]:
     """The unnamed entities after a look at everything; `entities` are the belief, with the strangers before it.
 
@@ -185,7 +181,7 @@ def _is_named(stranger: Entity, named: Sequence[Entity]) -> bool:
     return any(not _is_beyond(middle, Solids.place(each), THING_M).any() for each in known)
 
 
-def _miss(entity: Entity, views: tuple[CameraView, ...]) -> Entity | None:
+def _miss(entity: Entity, views: Views) -> Entity | None:
     """A stranger that a look did not show: hidden, or gone somewhere else; None where it was noise."""
     if entity.status is Status.GONE:
         return entity
@@ -196,7 +192,7 @@ def _miss(entity: Entity, views: tuple[CameraView, ...]) -> Entity | None:
     return msgspec.structs.replace(entity, status=Status.GONE, visible=False, shapes=()) if is_real else None
 
 
-def _is_empty(entity: Entity, views: tuple[CameraView, ...]) -> bool:
+def _is_empty(entity: Entity, views: Views) -> bool:
     """Whether cameras see through its place."""
     samples, normals = sample_surface(Solids.of(entity.shapes))
     rotation = compute_rotation(entity.pose.quaternion_wxyz)

@@ -45,6 +45,9 @@ class CameraView:
     origin_px: tuple[int, int] = (0, 0)
 
 
+Views = tuple[CameraView, ...]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cloud:
     """Unexplained points of the world.

@@ -11,7 +11,7 @@ import numpy as np
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solid_distance import project
 from phyagentos.runtime.perception.solids import Array
-from phyagentos.runtime.perception.views import CameraView
+from phyagentos.runtime.perception.views import Views
 
 DEPTH_M = 0.010  # depths this close are the same surface
 FACING = 0.2  # cosine of the steepest surface that a camera can be expected to see
@@ -31,14 +31,12 @@ class Sight:
         return self.contradicted / max(self.confirmed + self.contradicted, 1)
 
 
-def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, views: tuple[CameraView, ...]) -> Sight:
+def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, views: Views) -> Sight:
     """Visibility of a thing in a pose."""
     return measure_sight(thing.samples_m, thing.normals, rotation, position_m, views)
 
 
-def measure_sight(
-    samples_m: Array, normals: Array, rotation: Array, position_m: Array, views: tuple[CameraView, ...]
-) -> Sight:
+def measure_sight(samples_m: Array, normals: Array, rotation: Array, position_m: Array, views: Views) -> Sight:
     """Visibility of a posed surface, of which points (n, 3) and normals are in its own frame."""
     pose = np.ascontiguousarray(rotation), position_m
     confirmed = hidden = contradicted = 0

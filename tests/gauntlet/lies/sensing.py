@@ -363,7 +363,7 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.perception.doubt",
-                "fused: Array = np.maximum(np.sqrt(square), self.common)",
+                "fused: Array = np.maximum(np.sqrt(square), least)",
                 "fused: Array = before / 2.0",
             ),
         ),

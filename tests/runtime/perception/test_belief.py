@@ -11,7 +11,9 @@ from phyagentos.protocol.world.environment import Pose, Status
 from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception import association
+from phyagentos.runtime.perception import belief as believing
 from phyagentos.runtime.perception.fitting import track
+from phyagentos.runtime.perception.views import Cloud
 from tests.runtime.perception.conftest import redate
 
 pytestmark = pytest.mark.sim
@@ -102,7 +104,7 @@ def test_few_far_pixels_of_a_thing_near_its_place_leave_it_where_it_was(twins, m
     monkeypatch.setattr(association, "track", lambda *arguments: asked.append(arguments) or track(*arguments))
     twins.look()
     twins.look()
-    thing, seen, views, prior = next(each for each in asked if each[0].name == "can")
+    thing, seen, views, prior, _ = next(each for each in asked if each[0].name == "can")
     few = seen.take(np.linspace(0, len(seen.points_m) - 1, 8).astype(int))
 
     found = track(thing, replace(few, points_m=few.points_m + np.array((0.0, aside_m, aside_m))), views, prior)
@@ -173,6 +175,22 @@ def test_what_a_look_finds_between_the_fingers_is_held_although_nobody_saw_it_ta
     belief = twins.look(state=grip)
 
     assert (belief.entities["can"].status, belief.entities["can"].held_by) == (Status.HELD, "panda")
+
+
+@pytest.mark.parametrize(("is_like", "left"), [(True, 0), (False, 9)])
+def test_points_on_what_the_fingers_hold_are_no_other_thing_of_a_like_color(twins, is_like, left):
+    """A slab in the hand, a little of it beside its pose, was taken for a cube of nearly its colour."""
+    seen, inventory = twins.look(), twins.pipeline.inventory
+    can, cube = (inventory.things[name].colors[0] for name in ("can", "first"))
+    palette = inventory.palette.copy()
+    palette[can] = palette[cube] + (0.02, 0.0, 0.0) if is_like else palette[can]
+    beside = seen.entities["can"].pose.position_m + np.linspace((0.03, 0.0, -0.03), (0.03, 0.0, 0.03), 9)
+    pixels = np.zeros((9, 2), dtype=int)
+    cloud = Cloud(points_m=beside, colors=np.full(9, cube), view_index=pixels[:, 0], pixels=pixels)
+
+    rest = believing._leave_out(cloud, replace(inventory, palette=palette), seen.entities, ["can"])
+
+    assert len(rest.points_m) == left
 
 
 @pytest.mark.parametrize(("risen_m", "looks"), [(0.01, 0), (0.04, 1)])
