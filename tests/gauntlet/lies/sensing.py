@@ -41,11 +41,26 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.perception.association",
-                "Match(fit=fitted, points=pieces[index], alternatives=believed[name].alternatives)",
+                "Match(fit=fitted, points=pieces[index], alternatives=look.believed[name].alternatives)",
                 "Match(fit=fitted, points=pieces[index])",
             ),
         ),
         tests=(f"{NAMING_TESTS}::test_a_chance_name_follows_its_thing_and_does_not_become_known",),
+    ),
+    Sabotage(
+        name="held_by_one_color",
+        lie="What the fingers hold shows its own colour alone: pixels of a like colour are another thing.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.belief",
+                "if c in thing.colors or _is_like(inventory, c, thing)]",
+                "if c in thing.colors or (name not in held and _is_like(inventory, c, thing))]",
+            ),
+        ),
+        tests=(
+            "tests/runtime/perception/test_belief.py::"
+            "test_points_on_what_the_fingers_hold_are_no_other_thing_of_a_like_color[True-0]",
+        ),
     ),
     Sabotage(
         name="stray_pixels_are_a_thing",
