@@ -159,14 +159,18 @@ def shorten(rows_rad: Array, checker: Checker, rng: np.random.Generator) -> Arra
         low, high = fractions * along[-1]
         i, j, a, b = _cut(rows, along, low, high)
         if i < j < len(rows) and checker.edge_is_free(a, b):
-            rows = np.vstack((rows[:i], a, b, rows[j:]))
+            rows = np.concatenate((rows[:i], a[None], b[None], rows[j:]))
             along = _measure(rows)
     return rows
 
 
-def _measure(rows: Array) -> Array:
+@njit("f8[::1](f8[:,::1])", cache=True, nogil=True)
+def _measure(rows):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - compiled
     """(k,) length of a path up to each of its corners."""
-    return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1))))
+    along = np.zeros(len(rows))
+    for k in range(1, len(rows)):
+        along[k] = along[k - 1] + np.sqrt(((rows[k] - rows[k - 1]) ** 2).sum())
+    return along
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

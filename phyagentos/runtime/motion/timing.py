@@ -39,7 +39,7 @@ VELOCITY_SCALE = 0.9  # of the datasheet's limits; the rest is for the controlle
 ACCELERATION_SCALE = 0.7  # toppra exceeds its limit by some per cent between grid points
 FINITE_DIFFERENCE_SCALE = 0.98  # the guard differentiates too, and refuses at 1
 DUPLICATE_RAD = 1e-4
-GRID_MIN, GRID_MAX = 80, 300
+GRID_MIN, GRID_MAX = 48, 300
 _FASTEST = np.array((1e-9, -1.0))
 
 logging.getLogger("toppra").setLevel(logging.ERROR)
