@@ -116,15 +116,18 @@ class _Search:
                     for way in _ways_to(site, yaws, placing, self.tilt, release_m, fall_m)
                     if not {way.label, site.name} & set(request.avoid)
                 ]
-                found += find_approaches(
-                    ways,
-                    q_rad=request.q_rad,
-                    seeds=seeds,
-                    kinematics=self.kinematics,
-                    scene=self.scene,
-                    job=job,
-                    count=request.count - len(found),
-                )
+                for batch in ([way] for way in ways) if request.count == 1 else (ways,):
+                    found += find_approaches(
+                        batch,
+                        q_rad=request.q_rad,
+                        seeds=seeds,
+                        kinematics=self.kinematics,
+                        scene=self.scene,
+                        job=job,
+                        count=request.count - len(found),
+                    )
+                    if len(found) >= request.count:
+                        break
                 if len(found) >= request.count:
                     break
             if found or not any("|" in reason for reason in job.rejected):  # nothing in the way: it is out of reach

@@ -130,6 +130,7 @@ class FindPlacements(msgspec.Struct, frozen=True, tag=True):
         near: (3,) point; sites are at most `near_radius_m` from it.
         up: (3,) direction in the entity's frame that shall point up; as it is held if unset.
         may_fall: Whether it may be let go above the floor of a container whose walls keep it.
+        count: The most that are wanted, the nearest first; where it is one, the first that is found.
         coming: Entities for which room is left where there is enough, if need be where something `removable` is.
     """
 

@@ -52,6 +52,14 @@ def test_a_thing_falls_into_a_bin_that_is_too_deep_for_the_hand_and_no_further_t
     assert place_into(planner, deep(0.02), home, 0.03).approaches[0].fall_m == 0.0
 
 
+def test_one_placement_is_asked_for_by_who_wants_to_know_whether_there_is_any(planner, deep, home):
+    four, one = (place_into(planner, deep(0.02), home, 0.03, count=count) for count in (4, 1))
+    assert len(four.approaches) == 4
+    assert len(one.approaches) == 1
+    assert one.stages.screening.solved < four.stages.screening.solved
+    assert place_into(planner, deep(0.1, is_open=True), home, 0.03, count=1).code == "NO_IK"
+
+
 def test_nothing_falls_where_it_must_not_or_where_no_wall_keeps_it(planner, deep, home):
     assert place_into(planner, deep(0.1), home, 0.03, may_fall=False).code == "NO_IK"
     assert place_into(planner, deep(0.1, is_open=True), home, 0.03).code == "NO_IK"

@@ -118,6 +118,16 @@ def test_every_goal_posture_is_polished_by_mink_below_what_screening_reached(pla
             assert tip == pytest.approx(np.add(approach.tcp_end.position_m, (0.0, 0.0, 0.08)), abs=2e-7)
 
 
+def test_a_posture_of_a_line_takes_one_program_since_it_is_sought_where_the_line_goes_on(planner, build, home):
+    rows, programs = 0, 0
+    for seed in range(12):
+        found = planner.answer(FindGrasps(world=build.scene(seed), object="cube0", q_rad=home, seed=seed))
+        rows += sum(len(approach.line_rad) - 1 for approach in found.approaches)
+        programs += sum(goal.line.iterations for goal in found.stages.goals)
+
+    assert rows <= programs < 1.25 * rows
+
+
 def test_another_seed_may_go_another_way(planner, build, home):
     wall = build.fixed("wall", (0.5, 0.0, 0.35), build.box((0, 0, 0), (0.25, 0.01, 0.35)))
     goals = (home + np.array((0.9, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0)))[None]
