@@ -1,6 +1,7 @@
 """The watchdog's side of the journal: one ledger for all its parts, and the records that it adds."""
 
 from collections.abc import Callable
+from typing import ParamSpec
 
 import msgspec
 
@@ -10,6 +11,7 @@ from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.store.journal import Entry, Journal, Record
 from phyagentos.store.ledger import Ledger
 
+Given = ParamSpec("Given")
 TRIES = 5  # at a record that another writer makes out of date
 
 
@@ -64,7 +66,7 @@ class SupervisorJournal:
         except IllegalTransition:
             self.follow()
 
-    def insist(self, act: Callable[[], None]) -> None:
+    def insist(self, act: Callable[Given, None], *given: Given.args, **named: Given.kwargs) -> None:
         """Act again, as long as another writer changes the session between reading and recording.
 
         Raises:
@@ -72,7 +74,7 @@ class SupervisorJournal:
         """
         for number in range(1, TRIES + 1):
             try:
-                act()
+                act(*given, **named)
             except (IllegalTransition, Fenced):
                 self.follow()
                 if number == TRIES:

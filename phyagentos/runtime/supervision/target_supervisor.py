@@ -166,30 +166,27 @@ class TargetSupervisor:
 
     def hear(self, answer: FromWorker | None) -> None:
         """React to an answer of the worker; None when the worker ended."""
-        session = self.session
-        self._journal.insist(lambda: self._react(session, answer))
-
-    def _react(self, session: Session | None, answer: FromWorker | None) -> None:
+        session, insist = self.session, self._journal.insist
         if answer is None:
-            self._lose("the worker process ended")
+            insist(self._lose, "the worker process ended")
         elif isinstance(answer, Ready):
-            self._on_ready()
+            insist(self._on_ready)
         elif session is None or answer.session != session.id:
             return
         elif isinstance(answer, Finished):
-            self._on_finished(session, answer)
+            insist(self._on_finished, session, answer)
         elif self.phase is Phase.CHECKING:
-            self._on_checked(session, answer)
+            insist(self._on_checked, session, answer)
 
     def attend(self) -> None:
         """Take the measure that a limit of time requires; else renew the lease of the running session."""
         session, age_s = self.session, self._clock.now_s() - self._since_s
         state = self._journal.get_state(session.id) if session is not None else None
         if session is not None and state is SessionState.PENDING and age_s > CHECK_SHOWS_S:
-            self._journal.insist(lambda: self._show_check(session))
+            self._journal.insist(self._show_check, session)
         due = find_due(self._describe(state, age_s))
         if due is not None:
-            self._journal.insist(lambda: self._take_measure(due))
+            self._journal.insist(self._take_measure, due)
         elif self.phase is Phase.RUNNING and self._clock.now_s() >= self._renew_at_s:
             self.worker.send(Renew(until_s=self._grant_lease()))
 
