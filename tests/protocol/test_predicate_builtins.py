@@ -80,6 +80,27 @@ def test_on_needs_the_footprint_above_and_contact():
     assert truth("on(b, a)", world(below, cube("a", 0.3, 0.0, 0.06))) is Truth.FALSE
 
 
+@pytest.mark.parametrize("degrees", [0.0, 8.0, 15.0, 20.0])
+def test_on_a_slope_contact_is_measured_across_its_surface(degrees):
+    half = math.radians(degrees) / 2
+    turn = (math.cos(half), 0.0, math.sin(half), 0.0)
+    slope = cube(
+        "b", 0.3, 0.0, 0.1, pose=Pose((0.3, 0.0, 0.1), turn), shapes=(Shape(ShapeKind.BOX, (0.06, 0.06, 0.05)),)
+    )
+    plate = (Shape(ShapeKind.BOX, (0.035, 0.035, 0.01)),)
+
+    def lies(gap_m: float) -> Environment:
+        away = (0.06 + gap_m) * math.sin(2 * half), 0.0, (0.06 + gap_m) * math.cos(2 * half)
+        at = tuple(p + d for p, d in zip((0.3, 0.0, 0.1), away, strict=True))
+        return world(slope, cube("a", pose=Pose(at, turn), shapes=plate))
+
+    assert truth("on(a, b)", lies(0.0)) is Truth.TRUE
+    assert truth("above(a, b)", lies(0.0)) is Truth.TRUE
+    assert value("on(a, b)", lies(0.0)).measured["gap_m"] == pytest.approx(0.0, abs=1e-6)
+    assert truth("on(a, b)", lies(0.006)) is Truth.FALSE
+    assert truth("on(a, b)", lies(-0.006)) is Truth.FALSE
+
+
 COASTER = Shape(ShapeKind.CYLINDER, (0.05, 0.004))
 
 

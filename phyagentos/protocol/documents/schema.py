@@ -17,6 +17,7 @@ from phyagentos.errors import DefinitionError, Problem, find_nearest, format_hin
 
 Loader: type[yaml.SafeLoader] = type("Loader", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {})
 DEPTH_MAX = 200  # levels of lists and mappings
+TOO_DEEP = f"more than {DEPTH_MAX} levels, or an alias inside of what it stands for"
 SHORT = 10_000  # letters: too few to nest so deep that the stack of the C library overflows
 Address = tuple[str | int, ...]
 ModelT = TypeVar("ModelT", bound="Authored")
@@ -95,6 +96,8 @@ def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
         mark = getattr(error, "problem_mark", None)
         place = f"{source}:{mark.line + 1 + offset}:{mark.column + 1}" if mark else source
         detail = getattr(error, "problem", None) or str(error)
+        if isinstance(error, yaml.scanner.ScannerError) and mark and _count_open(text[: mark.index]) > DEPTH_MAX:
+            detail = TOO_DEEP  # the scanner looks ahead, and newer ones have a limit of their own
         raise DefinitionError.of("YAML_SYNTAX", place, str(detail)) from error
     if problems:
         raise DefinitionError(problems)
@@ -131,9 +134,13 @@ def _check_depth(text: str) -> None:
             raise _refuse_depth(event.start_mark)
 
 
+def _count_open(text: str) -> int:
+    """Brackets that a text leaves open."""
+    return sum(map(text.count, "[{")) - sum(map(text.count, "]}"))
+
+
 def _refuse_depth(mark: Any) -> yaml.YAMLError:
-    problem = f"more than {DEPTH_MAX} levels, or an alias inside of what it stands for"
-    return yaml.composer.ComposerError(None, None, problem, mark)
+    return yaml.composer.ComposerError(None, None, TOO_DEEP, mark)
 
 
 def _collect_marks(

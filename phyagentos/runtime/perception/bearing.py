@@ -9,7 +9,6 @@ from phyagentos.geometry import to_parent
 from phyagentos.protocol.world.environment import REST_M_S, Entity, Status
 from phyagentos.protocol.world.predicates.geometry import (
     compute_centroid,
-    compute_lowest,
     compute_reach,
     find_tops_below,
 )
@@ -33,9 +32,9 @@ def _is_borne(upper: Entity, lower: Entity, entities: Mapping[str, Entity]) -> b
     is_moving = upper.held_by or not upper.speed_m_s <= REST_M_S
     if not upper.movable or upper.status is not Status.SEEN or upper.is_unsure or is_moving:
         return False
-    (x_m, y_m, _), low_m = to_parent(upper.pose, compute_centroid(upper)), compute_lowest(upper)
+    x_m, y_m, _ = to_parent(upper.pose, compute_centroid(upper))
     reach_m = max(compute_reach(upper, (x, y, 0.0)) for x, y in SIDES)  # under any part of it another top would do
     near_m = NEAR_M + 2.0 * math.hypot(upper.position_std_m, lower.position_std_m)
     others = (each for each in entities.values() if each is not upper and each.status is not Status.GONE)
-    tops = ((e.name, top_m) for e in others for top_m in find_tops_below(e, x_m, y_m, reach_m * (e is not lower)))
-    return {name for name, top_m in tops if abs(low_m - top_m) <= near_m} == {lower.name}
+    tops = ((e.name, top) for e in others for top in find_tops_below(e, x_m, y_m, reach_m * (e is not lower)))
+    return {name for name, top in tops if abs(top.measure_gap(upper)) <= near_m} == {lower.name}

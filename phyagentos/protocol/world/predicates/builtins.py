@@ -11,6 +11,7 @@ from typing import Any
 from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child, to_parent
 from phyagentos.protocol.world.environment import CLOSED_M, FRESH_S, Entity, Status, TargetState
 from phyagentos.protocol.world.predicates.geometry import (
+    Top,
     compute_box_distance,
     compute_center,
     compute_centroid,
@@ -110,12 +111,13 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
         return held
     doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
     allowed_m = CONTACT_M + doubt_m
-    gap_m = _find_sure_gap(view, a, b, doubt_m, allowed_m + doubt_m)
-    if gap_m is None:
+    top = _find_sure_top(view, a, b, doubt_m, allowed_m + doubt_m)
+    if top is None:
         return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
+    gap_m = top.measure_gap(a)
     measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
     is_near = abs(gap_m) <= allowed_m + doubt_m
-    between = _find_between(view, a, b, compute_lowest(a) - gap_m, allowed_m) if is_near else None
+    between = _find_between(view, a, b, top.height_m, gap_m + allowed_m) if is_near else None
     if between is not None:
         if reason := view.now.explain_unseen(between):
             raise FactUnknown(f"{reason}; it may be between {a.name} and {b}")
@@ -130,34 +132,36 @@ def measure_above(view: View, a: Entity, b: str) -> Reading:
         return held
     doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
     allowed_m = CONTACT_M + doubt_m
-    gap_m = _find_sure_gap(view, a, b, doubt_m, math.inf)
-    if gap_m is None:
+    top = _find_sure_top(view, a, b, doubt_m, math.inf)
+    if top is None:
         return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
+    gap_m = top.measure_gap(a)
     because = f"the lowest point of {a.name} is {gap_m:+.4f} m from the top of {b}"
     measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
     return Reading((gap_m + allowed_m + doubt_m / 2) / allowed_m, measured, because, doubt_m / 2 / allowed_m)
 
 
-def _find_sure_gap(view: View, a: Entity, b: str, doubt_m: float, near_m: float) -> float | None:
-    """As `_find_gap`; unknown where the doubt decides whether a is over b, at less than `near_m` from its top."""
+def _find_sure_top(view: View, a: Entity, b: str, doubt_m: float, near_m: float) -> Top | None:
+    """As `_find_top`; unknown where the doubt decides whether a is over b, at less than `near_m` from its top."""
     if doubt_m:
-        sure = _find_gap(view, a, b, -doubt_m)
-        possible = _find_gap(view, a, b, FOOTPRINT_SLACK_M + doubt_m)
-        if (sure is None) != (possible is None) and min(abs(g) for g in (sure, possible) if g is not None) <= near_m:
+        sure = _find_top(view, a, b, -doubt_m)
+        possible = _find_top(view, a, b, FOOTPRINT_SLACK_M + doubt_m)
+        found = [abs(top.measure_gap(a)) for top in (sure, possible) if top is not None]
+        if len(found) == 1 and found[0] <= near_m:
             raise FactMarginal(f"whether {a.name} is above {b} is within what the measurement may be off")
-    return _find_gap(view, a, b, FOOTPRINT_SLACK_M)
+    return _find_top(view, a, b, FOOTPRINT_SLACK_M)
 
 
-def _find_between(view: View, a: Entity, b: str, top_m: float, allowed_m: float) -> Entity | None:
-    """A thing under the middle of a whose top is above that of b, and not above the lowest point of a."""
-    center, highest_m = to_parent(a.pose, compute_centroid(a)), compute_lowest(a) + allowed_m
+def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) -> Entity | None:
+    """A thing under the middle of a whose top is above that of b, and by no more than `most_m`."""
+    center, highest_m = to_parent(a.pose, compute_centroid(a)), top_m + most_m
     of = view.now.entities.get(b)
     for other in view.now.entities.values():
         is_part = of is not None and (other.part_of == b or of.part_of == other.name)
         if other.name in {a.name, b} or is_part or other.held_by or not (other.movable or of is not None):
             continue
         tops = find_tops_below(other, center[0], center[1], 0.0)
-        if other.status is not Status.GONE and any(top_m + CONTACT_M < top <= highest_m for top in tops):
+        if other.status is not Status.GONE and any(top_m + CONTACT_M < top.height_m <= highest_m for top in tops):
             return other
     return None
 
@@ -184,17 +188,17 @@ def _find_hold(view: View, a: Entity) -> Reading | None:
     return None
 
 
-def _find_gap(view: View, a: Entity, b: str, slack_m: float) -> float | None:
-    """Height [m] of a's lowest point above the nearest surface of b, None where the middle of a is not over b."""
-    center, low_m = to_parent(a.pose, compute_centroid(a)), compute_lowest(a)
+def _find_top(view: View, a: Entity, b: str, slack_m: float) -> Top | None:
+    """The surface of b under the middle of a that is nearest to a, None where the middle of a is not over b."""
+    center = to_parent(a.pose, compute_centroid(a))
     region = view.now.regions.get(b)
     if region is not None:
         x, y, _ = to_child(region.pose, center)
         over = abs(x) <= region.half_m[0] + slack_m and abs(y) <= region.half_m[1] + slack_m
-        tops = [region.pose.position_m[2] - region.half_m[2]] if over else []
+        tops = [Top((center[0], center[1], region.pose.position_m[2] - region.half_m[2]), UP)] if over else []
     else:
         tops = find_tops_below(get_entity(view, b), center[0], center[1], slack_m)
-    return min((low_m - top for top in tops), key=abs, default=None)
+    return min(tops, key=lambda top: abs(top.measure_gap(a)), default=None)
 
 
 def measure_holding(view: View, target: str, a: str) -> Reading:

@@ -7,6 +7,7 @@ chapter 4 (support points).
 import math
 from collections.abc import Sequence
 from itertools import product
+from typing import NamedTuple
 
 from phyagentos.geometry import UP, Pose, Vector, compute_turn, invert_rotation, multiply, rotate, to_child, to_parent
 from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
@@ -152,8 +153,24 @@ def compute_lowest(entity: Entity, world_up: Vector = UP) -> float:
     return dot(entity.pose.position_m, world_up) + compute_extent(entity, direction)[0]
 
 
-def find_tops_below(entity: Entity, x_m: float, y_m: float, slack_m: float) -> list[float]:
-    """Heights [m] at which the vertical line through (x, y) meets the tops of the entity's solids.
+class Top(NamedTuple):
+    """A point (3,) [m] of a surface that things may stand on, and the unit normal (3,) of that surface."""
+
+    point_m: Vector
+    normal: Vector
+
+    @property
+    def height_m(self) -> float:
+        """Of the point above the world's origin."""
+        return self.point_m[2]
+
+    def measure_gap(self, entity: Entity) -> float:
+        """Least distance [m] of the entity from the plane of the surface; negative below it."""
+        return compute_lowest(entity, self.normal) - dot(self.point_m, self.normal)
+
+
+def find_tops_below(entity: Entity, x_m: float, y_m: float, slack_m: float) -> list[Top]:
+    """Where the vertical line through (x, y) meets the tops of the entity's solids.
 
     The top of a box is the face that looks up, that of an upright cylinder a disk; both end `slack_m` past their edge.
     Balls, capsules, lying cylinders and what leans by more than `LEVEL_COS` have none.
@@ -173,7 +190,8 @@ def find_tops_below(entity: Entity, x_m: float, y_m: float, slack_m: float) -> l
         aside = [abs(at[i]) - half[i] for i in range(3) if i != axis]
         past_m = math.hypot(at[0], at[1]) - half[0] if shape.kind is ShapeKind.CYLINDER else max(aside)
         if past_m <= slack_m:
-            tops.append(height_m)
+            normal = tuple(math.copysign(i == axis, up[axis]) for i in range(3))
+            tops.append(Top((x_m, y_m, height_m), rotate(pose.quaternion_wxyz, normal)))
     return tops
 
 
