@@ -16,6 +16,7 @@ from phyagentos.protocol.sessions.evidence import HOLDS
 from phyagentos.protocol.sessions.looks import LookRole
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.exchanges import find_groups
 from phyagentos.protocol.world.predicates.predicate import (
     Evaluation,
     Predicate,
@@ -67,7 +68,8 @@ class HoldMonitor:
         self._felt = tuple(each for each in self._predicates if is_metric_only(each[1]))
         self._seen = tuple(each for each in self._predicates if each not in self._felt)
         self._initial = initial
-        names = frozenset(name for _, predicate in self._predicates for name in iter_entities(predicate))
+        named = frozenset(name for _, predicate in self._predicates for name in iter_entities(predicate))
+        names = named.union(*(group for group in find_groups(initial) if group & named))  # whichever of them it is
         self._named = self.need = Need(things=names) if names else WORLD
         self._looked_s = initial.time_s  # at everything, or so that all was decided
         self._peaks: dict[str, float] = {}

@@ -113,6 +113,21 @@ SABOTAGES = (
         tests=("tests/protocol/test_predicate_builtins.py::test_the_allowed_gap_is_the_stated_doubt",),
     ),
     Sabotage(
+        name="one_twin_is_watched",
+        lie="What must hold throughout is watched of the believed one of two equal things alone.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.execution.holds",
+                "named.union(*(group for group in find_groups(initial) if group & named))",
+                "named",
+            ),
+        ),
+        tests=(
+            "tests/runtime/execution/test_holds.py::"
+            "test_the_twin_of_what_is_named_is_looked_at_too_since_it_may_be_the_one_that_is_meant",
+        ),
+    ),
+    Sabotage(
         name="on_through_another",
         lie="What stands on a plate stands on whatever is below the plate.",
         edits=(

@@ -114,6 +114,18 @@ SABOTAGES = (
         tests=("tests/protocol/test_predicate_doubt.py::test_a_middle_near_an_edge_is_not_surely_over_it",),
     ),
     Sabotage(
+        name="slopes_are_level",
+        lie="What hovers over a slope touches it where its lowest point is as high as the slope below its middle.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.world.predicates.geometry",
+                "return compute_lowest(entity, self.normal) - dot(self.point_m, self.normal)",
+                "return compute_lowest(entity) - self.height_m",
+            ),
+        ),
+        tests=("tests/protocol/test_predicate_builtins.py::test_on_a_slope_contact_is_measured_across_its_surface",),
+    ),
+    Sabotage(
         name="a_doubtful_pose_shows_a_turn",
         lie="A thing has turned by what its pose differs from one of several that had fitted as well.",
         edits=(

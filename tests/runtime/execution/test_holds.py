@@ -46,6 +46,21 @@ def test_samples_are_due_as_often_as_asked_and_never_without_conditions():
     assert not HoldMonitor([], world, "panda").is_due(5)
 
 
+def test_the_twin_of_what_is_named_is_looked_at_too_since_it_may_be_the_one_that_is_meant():
+    world = build_world(0.0, 0.0)
+    cup = world.entities["cup"]
+    twins = {
+        name: msgspec.structs.replace(cup, name=name, alternatives=(other,))
+        for name, other in (("cup", "cup_b"), ("cup_b", "cup"))
+    }
+    other = msgspec.structs.replace(cup, name="jug")
+    told_apart = msgspec.structs.replace(world, entities={"cup": cup, "jug": other})
+    alike = msgspec.structs.replace(world, entities={**twins, "jug": other})
+
+    assert HoldMonitor([TEXT], told_apart, "panda").need.things == {"cup"}
+    assert HoldMonitor([TEXT], alike, "panda").need.things == {"cup", "cup_b"}
+
+
 def test_what_windows_measure_too_coarsely_is_looked_at_with_everything_every_half_second():
     monitor = HoldMonitor([TEXT], build_world(0.0, 0.0), "panda")
     wanted = []
