@@ -76,6 +76,7 @@ def _goes_same_way(case: Case, revision: Revision, earlier: Session) -> bool:
 def _find_lasting_cause(case: Case, status: SessionStatus, strategy: Strategy) -> str:
     """The cause of a miss that this strategy would bring about again in the present world; empty where unknown."""
     is_own, session, world = status.contract.id == case.session.id, status.contract, case.world
+    only_looks = not acts(case.catalogue.skills[session.skill].guarantees)
     decision = status.decision
     cause = case.cause if is_own else Cause(decision.cause) if decision is not None and decision.cause else None
     bundle = case.miss.bundle if is_own else case.recall(status)
@@ -85,7 +86,7 @@ def _find_lasting_cause(case: Case, status: SessionStatus, strategy: Strategy) -
         return ""
     if cause in _OF_PLANS:
         names = _find_planned_with(bundle, before, world)
-    elif bundle is not None and bundle.execution.ended is Ended.COMPLETED and _only_looks(case, session):
+    elif bundle is not None and bundle.execution.ended is Ended.COMPLETED and only_looks:
         names = {name for text in session.accept for name in find_things(text, world)}
     else:
         return ""
@@ -105,10 +106,6 @@ def _plans_alike(one: Strategy, other: Strategy, bundle: Bundle | None) -> bool:
     if failed is not None and failed.role is Role.PLAN_GRASP:
         return set(one.avoid_grasps) == set(other.avoid_grasps)
     return one == other
-
-
-def _only_looks(case: Case, session: Session) -> bool:
-    return not acts(case.catalogue.skills[session.skill].guarantees)
 
 
 def _find_planned_with(bundle: Bundle | None, before: Environment, now: Environment) -> set[str]:

@@ -96,8 +96,9 @@ def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
         mark = getattr(error, "problem_mark", None)
         place = f"{source}:{mark.line + 1 + offset}:{mark.column + 1}" if mark else source
         detail = getattr(error, "problem", None) or str(error)
-        if isinstance(error, yaml.scanner.ScannerError) and mark and _count_open(text[: mark.index]) > DEPTH_MAX:
-            detail = TOO_DEEP  # the scanner looks ahead, and newer ones have a limit of their own
+        if isinstance(error, yaml.scanner.ScannerError) and mark:  # it looks ahead, newer ones no deeper than they may
+            count = text[: mark.index].count
+            detail = TOO_DEEP if count("[") + count("{") - count("]") - count("}") > DEPTH_MAX else detail
         raise DefinitionError.of("YAML_SYNTAX", place, str(detail)) from error
     if problems:
         raise DefinitionError(problems)
@@ -132,11 +133,6 @@ def _check_depth(text: str) -> None:
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > DEPTH_MAX:
             raise _refuse_depth(event.start_mark)
-
-
-def _count_open(text: str) -> int:
-    """Brackets that a text leaves open."""
-    return sum(map(text.count, "[{")) - sum(map(text.count, "]}"))
 
 
 def _refuse_depth(mark: Any) -> yaml.YAMLError:

@@ -58,12 +58,8 @@ def _place_elsewhere(tried: Tried) -> Strategy:
     return tried.strategy.avoid(site=tried.site.partition(".")[0])
 
 
-def _avoid_nothing(tried: Tried) -> Strategy:
-    return tried.strategy.avoid_nothing()
-
-
 _Remedies = tuple[Callable[[Tried], Strategy], ...]
-_UNPLANNED: _Remedies = (_grasp_otherwise, _place_elsewhere, _avoid_nothing)
+_UNPLANNED: _Remedies = (_grasp_otherwise, _place_elsewhere, lambda tried: tried.strategy.avoid_nothing())
 _REMEDIES: Mapping[str, _Remedies] = {
     "GRASP_MISSED": (_grasp_otherwise,),
     "GRASP_LOST": (_go_slower, _grasp_otherwise),

@@ -54,23 +54,17 @@ class Kinematics:
         self._unbounded, self._inequalities = np.full(rows, -1e30), np.zeros(rows, dtype=np.int32)  # in daqp's words
 
     def solve(
-        self,
-        world_T_tcp: Array,
-        start_rad: Array,
-        tolerance: Tolerance = REACHED,
-        max_iterations: int = 60,
-        min_iterations: int = 0,
+        self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance = REACHED, *, least: int = 0, most: int = 60
     ) -> Solution | None:
-        """A posture near `start_rad` whose tool pose is within tolerance, or None."""
+        """A posture near `start_rad` whose tool pose is within tolerance, after `least` to `most` programs, or None."""
         self._tool.set_target(mink.SE3.from_matrix(world_T_tcp))
         self._posture.set_target(start_rad)
         configuration = self._configuration
         configuration.update(start_rad)
-        for iteration in range(max_iterations):
+        for iteration in range(most):
             error = self._tool.compute_error(configuration)
             off_m, off_rad = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
-            is_reached = off_m < tolerance.position_m and off_rad < tolerance.rotation_rad
-            if is_reached and iteration >= min_iterations:
+            if iteration >= least and off_m < tolerance.position_m and off_rad < tolerance.rotation_rad:
                 return Solution(np.array(configuration.q), Differential(iteration, _round(off_m), _round(off_rad)))
             program = mink.build_ik(configuration, [self._tool, self._posture], _DT_S, 1e-6, self._limits)
             step_rad, _, found, _ = daqp.solve(
@@ -89,19 +83,13 @@ class Kinematics:
         line, solved = [np.array(start_rad)], Differential(0, 0.0, 0.0)
         start = self.chain.compute_tcp(line[0])
         for pose in interpolate_poses(start, end, LINE_STEP_M, LINE_STEP_RAD)[1:]:
-            found = self.solve(pose, self._continue(line), max_iterations=25, min_iterations=1)
+            onward = 2.0 * line[-1] - line[-2] if len(line) > 1 else line[-1]  # at an even pace: saves a program
+            found = self.solve(pose, np.clip(onward, self.chain.q_min_rad, self.chain.q_max_rad), least=1, most=25)
             if found is None or np.abs(found.q_rad - line[-1]).max() > JUMP_MAX_RAD:
                 return None
             line.append(found.q_rad)
             solved = combine(solved, found.solved)
         return Solution(np.array(line), solved)
-
-    def _continue(self, line: list[Array]) -> Array:
-        """Where a line goes on at an even pace: one program fewer than from where it stands."""
-        if len(line) < 2:
-            return line[-1]
-        low, high = self.chain.q_min_rad, self.chain.q_max_rad
-        return np.minimum(np.maximum(2.0 * line[-1] - line[-2], low), high)
 
 
 def _round(error: float) -> float:

@@ -167,10 +167,7 @@ def shorten(rows_rad: Array, checker: Checker, rng: np.random.Generator) -> Arra
 @njit("f8[::1](f8[:,::1])", cache=True, nogil=True)
 def _measure(rows):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - compiled
     """(k,) length of a path up to each of its corners."""
-    along = np.zeros(len(rows))
-    for k in range(1, len(rows)):
-        along[k] = along[k - 1] + np.sqrt(((rows[k] - rows[k - 1]) ** 2).sum())
-    return along
+    return np.concatenate((np.zeros(1), np.cumsum(np.sqrt(((rows[1:] - rows[:-1]) ** 2).sum(axis=1)))))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

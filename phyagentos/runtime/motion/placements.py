@@ -9,6 +9,7 @@ falls.
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import msgspec
@@ -107,6 +108,9 @@ class _Search:
         """Approaches to the first sites that have any: without a fall, of an earlier group, with the fingers wide."""
         placing, request, job = self.placing, self.placing.request, self.job
         seeds = draw_seeds(self.kinematics, request.q_rad, self.scene.robot.home_rad, request.seed)
+        search = partial(
+            find_approaches, q_rad=request.q_rad, seeds=seeds, kinematics=self.kinematics, scene=self.scene, job=job
+        )
         found: list[Approach] = []
         for fall_m, sites, release_m in product(_list_falls(placing), groups, self.releases_m):
             for site in (each for each in sites if not (each.is_tight and fall_m)):
@@ -117,15 +121,7 @@ class _Search:
                     if not {way.label, site.name} & set(request.avoid)
                 ]
                 for batch in ([way] for way in ways) if request.count == 1 else (ways,):
-                    found += find_approaches(
-                        batch,
-                        q_rad=request.q_rad,
-                        seeds=seeds,
-                        kinematics=self.kinematics,
-                        scene=self.scene,
-                        job=job,
-                        count=request.count - len(found),
-                    )
+                    found += search(batch, count=request.count - len(found))
                     if len(found) >= request.count:
                         break
                 if len(found) >= request.count:

@@ -14,12 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from phyagentos.geometry import compute_matrix, compute_pose, to_parent
 from phyagentos.protocol.world.environment import Entity, Pose
-from phyagentos.protocol.world.predicates.geometry import (
-    compute_center,
-    compute_centroid,
-    compute_reach,
-    find_surface,
-)
+from phyagentos.protocol.world.predicates.geometry import compute_center, compute_centroid, compute_reach, find_surface
 from phyagentos.runtime.motion.approaches import SAME_POSTURE_RAD, draw_seeds
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import POLISHED, Kinematics

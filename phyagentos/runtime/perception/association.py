@@ -6,7 +6,7 @@ that was lost, or never known, each lists the names that it may have as well.
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -84,7 +84,8 @@ def associate(
     near, chains = find_near_colors(palette if palette is not None else np.zeros((0, 3)))
     look = _Look(believed, cloud, views, map_solids)
     matches: dict[str, Match] = {}
-    for group in _iter_groups(things, chains):
+    for chain in dict.fromkeys(int(chains[thing.colors[0]]) for thing in things.values()):  # of near colours
+        group = [thing for thing in things.values() if chains[thing.colors[0]] == chain]
         pieces = [
             piece
             for piece in find_pieces(group, believed, cloud, near)
@@ -121,12 +122,6 @@ def exchange_doubts(entities: Mapping[str, Entity], seen: Collection[str]) -> di
             named_at_s = max([entity.named_at_s, *(entities[other].named_at_s for other in told)])
             after[name] = msgspec.structs.replace(entity, alternatives=alternatives, named_at_s=named_at_s)
     return after
-
-
-def _iter_groups(things: Mapping[str, ObjectModel], chains: NDArray[np.int32]) -> Iterator[list[ObjectModel]]:
-    """Things whose colours are near to each other, in chains."""
-    for chain in dict.fromkeys(int(chains[thing.colors[0]]) for thing in things.values()):
-        yield [thing for thing in things.values() if chains[thing.colors[0]] == chain]
 
 
 def _is_behind_map(seen: Cloud, views: Views, map_solids: Solids | None) -> bool:

@@ -7,11 +7,7 @@ import msgspec
 
 from phyagentos.geometry import to_parent
 from phyagentos.protocol.world.environment import REST_M_S, Entity, Status
-from phyagentos.protocol.world.predicates.geometry import (
-    compute_centroid,
-    compute_reach,
-    find_tops_below,
-)
+from phyagentos.protocol.world.predicates.geometry import compute_centroid, compute_reach, find_tops_below
 
 SIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 NEAR_M = 0.002  # how far solids that touch may be apart, beside twice the stated doubt

@@ -104,9 +104,7 @@ def _measure_offset(frame: Frame, map_solids: Solids) -> float:
         return 0.0
     middles = [_find_median(each) for each in read]
     off_m = _find_median(np.abs(middles))
-    noise_m = _find_median(
-        np.array([_find_median(np.abs(each - middle)) for each, middle in zip(read, middles, strict=True)])
-    )
+    noise_m = _find_median(np.array([_find_median(np.abs(each - m)) for each, m in zip(read, middles, strict=True)]))
     return off_m if off_m > NOISE * noise_m else 0.0
 
 

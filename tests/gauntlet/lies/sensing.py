@@ -133,7 +133,7 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.protocol.world.predicates.builtins",
-                "_find_between(view, a, b, top.height_m, gap_m + allowed_m) if is_near else None",
+                "_find_between(view, a, b, top.point_m[2], gap_m + allowed_m) if is_near else None",
                 "None",
             ),
         ),

@@ -120,7 +120,7 @@ SABOTAGES = (
             Edit(
                 "phyagentos.protocol.world.predicates.geometry",
                 "return compute_lowest(entity, self.normal) - dot(self.point_m, self.normal)",
-                "return compute_lowest(entity) - self.height_m",
+                "return compute_lowest(entity) - self.point_m[2]",
             ),
         ),
         tests=("tests/protocol/test_predicate_builtins.py::test_on_a_slope_contact_is_measured_across_its_surface",),

@@ -117,7 +117,7 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
     gap_m = top.measure_gap(a)
     measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
     is_near = abs(gap_m) <= allowed_m + doubt_m
-    between = _find_between(view, a, b, top.height_m, gap_m + allowed_m) if is_near else None
+    between = _find_between(view, a, b, top.point_m[2], gap_m + allowed_m) if is_near else None
     if between is not None:
         if reason := view.now.explain_unseen(between):
             raise FactUnknown(f"{reason}; it may be between {a.name} and {b}")
@@ -161,7 +161,7 @@ def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) ->
         if other.name in {a.name, b} or is_part or other.held_by or not (other.movable or of is not None):
             continue
         tops = find_tops_below(other, center[0], center[1], 0.0)
-        if other.status is not Status.GONE and any(top_m + CONTACT_M < top.height_m <= highest_m for top in tops):
+        if other.status is not Status.GONE and any(top_m + CONTACT_M < top.point_m[2] <= highest_m for top in tops):
             return other
     return None
 

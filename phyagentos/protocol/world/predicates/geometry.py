@@ -159,11 +159,6 @@ class Top(NamedTuple):
     point_m: Vector
     normal: Vector
 
-    @property
-    def height_m(self) -> float:
-        """Of the point above the world's origin."""
-        return self.point_m[2]
-
     def measure_gap(self, entity: Entity) -> float:
         """Least distance [m] of the entity from the plane of the surface; negative below it."""
         return compute_lowest(entity, self.normal) - dot(self.point_m, self.normal)
