@@ -106,7 +106,7 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
 
 
 def measure_on(view: View, a: Entity, b: str) -> Reading:
-    """Let go of; middle over b's top, lowest point at its height, and no other thing between them."""
+    """Let go of; middle over b's top, lowest point on its surface, and no other thing between them."""
     if (held := _find_hold(view, a)) is not None:
         return held
     doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
