@@ -95,8 +95,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.perception.bearing",
-                "for name, top_m in tops if abs(low_m - top_m) <= near_m}",
-                "for name, top_m in tops if name == lower.name}",
+                "for name, top in tops if abs(top.measure_gap(upper)) <= near_m}",
+                "for name, top in tops if name == lower.name}",
             ),
         ),
         tests=("tests/runtime/perception/test_bearing.py::test_what_is_not_sure_to_rest_on_it_shows_nothing",),
