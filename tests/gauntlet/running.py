@@ -5,17 +5,15 @@ Upstream: `test_gauntlet` and the command `python -m tests.gauntlet`. Downstream
 The processes are forks of one that has imported pytest and the libraries, and nothing of our own.
 """
 
-import contextlib
 import json
 import multiprocessing
 import os
 import re
 import runpy
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -23,7 +21,7 @@ from xml.etree import ElementTree
 from tests.gauntlet.sabotage import ROOT, Sabotage
 
 BEND = Path(__file__).parent / "bend"
-TIMEOUT_S = 90.0  # generous: what runs here takes seconds
+TIMEOUT_S = 300.0  # generous: what runs here takes seconds
 ARGUMENTS = (
     "-q",
     "-p",
@@ -61,7 +59,6 @@ LIBRARIES = (
 )
 FORKS = multiprocessing.get_context("forkserver")
 FORKS.set_forkserver_preload([*LIBRARIES])
-Start = Callable[[Sequence[str], dict[str, str], Path], int | None]
 FRAME = re.compile(r"^(\S+\.py):\d+: in ", re.MULTILINE)  # of a short traceback
 
 
@@ -103,48 +100,31 @@ class Run:
 
 
 def run_tests(nodes: Iterable[str], sabotage: Sabotage | None = None) -> Run:
-    """Run tests in a fork; in a fresh interpreter where that left no report, having hung or died in its beginning.
+    """Run tests in a process of their own; once more where that left no report, having hung or died in its beginning.
 
     Args:
         nodes: Ids of the tests.
         sabotage: Planted in that process and in every one that it starts.
     """
-    run = _run_once(wanted := [*nodes], sabotage, _fork)
-    return run if run.outcomes else _run_once(wanted, sabotage, _start_afresh)
+    run = _run_once(wanted := [*nodes], sabotage)
+    return run if run.outcomes else _run_once(wanted, sabotage)
 
 
-def _run_once(nodes: Iterable[str], sabotage: Sabotage | None, start: Start) -> Run:
+def _run_once(nodes: Iterable[str], sabotage: Sabotage | None) -> Run:
     with tempfile.TemporaryDirectory(prefix="gauntlet-") as folder:
         report = Path(folder, "report.xml")
         environment = plant(sabotage, Path(folder))
         arguments = [*ARGUMENTS, f"--junitxml={report}", f"--basetemp={folder}/tmp", *nodes]
+        process = FORKS.Process(target=_run_pytest, args=(arguments, environment, printed := Path(folder, "printed")))
         begin_s = time.perf_counter()
-        code = start(arguments, environment, printed := Path(folder, "printed"))
+        process.start()
+        process.join(TIMEOUT_S)
         seconds = time.perf_counter() - begin_s
+        if process.is_alive():
+            process.kill()
         outcomes = tuple(_read_report(report)) if report.exists() else ()
         said = printed.read_text(encoding="utf-8", errors="replace") if printed.exists() else ""
-        return Run(outcomes, seconds, f"{said}(exit code {code} after {seconds:.0f} s)")
-
-
-def _fork(arguments: Sequence[str], environment: dict[str, str], printed: Path) -> int | None:
-    """Run pytest in a fork; its exit code, None when it had to be killed."""
-    process = FORKS.Process(target=_run_pytest, args=(arguments, environment, printed))
-    process.start()
-    process.join(TIMEOUT_S)
-    if process.is_alive():
-        process.kill()
-    return process.exitcode
-
-
-def _start_afresh(arguments: Sequence[str], environment: dict[str, str], printed: Path) -> int | None:
-    """The same in a new interpreter, which bends its modules by `sitecustomize` on its path."""
-    command = [sys.executable, "-m", "pytest", *arguments]
-    with printed.open("wb") as file, contextlib.suppress(subprocess.TimeoutExpired):
-        ended = subprocess.run(
-            command, cwd=ROOT, env=environment, stdout=file, stderr=file, timeout=TIMEOUT_S, check=False
-        )
-        return ended.returncode
-    return None
+        return Run(outcomes, seconds, f"{said}(exit code {process.exitcode} after {seconds:.0f} s)")
 
 
 def _run_pytest(arguments: Sequence[str], environment: dict[str, str], printed: Path) -> None:
