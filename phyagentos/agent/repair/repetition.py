@@ -76,7 +76,7 @@ def _goes_same_way(case: Case, revision: Revision, earlier: Session) -> bool:
 def _find_lasting_cause(case: Case, status: SessionStatus, strategy: Strategy) -> str:
     """The cause of a miss that this strategy would bring about again in the present world; empty where unknown."""
     is_own, session, world = status.contract.id == case.session.id, status.contract, case.world
-    only_looks = not acts(case.catalogue.skills[session.skill].guarantees)
+    skill = case.catalogue.skills.get(session.skill)
     decision = status.decision
     cause = case.cause if is_own else Cause(decision.cause) if decision is not None and decision.cause else None
     bundle = case.miss.bundle if is_own else case.recall(status)
@@ -86,7 +86,7 @@ def _find_lasting_cause(case: Case, status: SessionStatus, strategy: Strategy) -
         return ""
     if cause in _OF_PLANS:
         names = _find_planned_with(bundle, before, world)
-    elif bundle is not None and bundle.execution.ended is Ended.COMPLETED and only_looks:
+    elif bundle is not None and bundle.execution.ended is Ended.COMPLETED and skill and not acts(skill.guarantees):
         names = {name for text in session.accept for name in find_things(text, world)}
     else:
         return ""

@@ -96,7 +96,7 @@ def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
         mark = getattr(error, "problem_mark", None)
         place = f"{source}:{mark.line + 1 + offset}:{mark.column + 1}" if mark else source
         detail = getattr(error, "problem", None) or str(error)
-        if isinstance(error, yaml.scanner.ScannerError) and mark:  # it looks ahead, newer ones no deeper than they may
+        if isinstance(error, yaml.scanner.ScannerError) and mark:  # newer ones have a limit too, and words of their own
             count = text[: mark.index].count
             detail = TOO_DEEP if count("[") + count("{") - count("]") - count("}") > DEPTH_MAX else detail
         raise DefinitionError.of("YAML_SYNTAX", place, str(detail)) from error

@@ -98,8 +98,34 @@ class SessionLoop:
 
     def run(self) -> Outcome:
         """Until the skill ends, a limit is reached, a condition is violated or an end is requested."""
+        now_s, session = self.clock.now_s, self.context.session
+        limits = session.limits
+        deadline_s = self.context.time_s + session.execution_s - TIME_TOLERANCE_S
+        wall_deadline_s = now_s() + limits.wall_timeout_s
         try:
-            return self._run()
+            while True:
+                if request := self.cancel():
+                    return describe_request(request)
+                began_s = now_s()
+                result = self.skill.tick()
+                self.ms["tree"] += 1e3 * (now_s() - began_s)
+                for observer in self.observers:
+                    observer.on_turn(result, self.ticks, self.context.time_s)
+                if result.status is not SkillStatus.RUNNING:
+                    return _judge_end(self.skill.find_failure())
+                if result.set_points is not None:
+                    if violation := self._apply(result.set_points, result, deadline_s):
+                        return violation
+                elif result.thinking:
+                    began_s = now_s()
+                    self.skill.wait(WAIT_S)
+                    self.ms["think"] += 1e3 * (now_s() - began_s)
+                if self.context.time_s >= deadline_s:
+                    message = session.explain_time()
+                    return Outcome(ended=Ended.TIMED_OUT, code="TIMED_OUT", leaf=result.active, message=message)
+                if now_s() > wall_deadline_s:
+                    message = f"the contract allows {limits.wall_timeout_s} s by the wall clock"
+                    return Outcome(ended=Ended.TIMED_OUT, code="TIMED_OUT", leaf=result.active, message=message)
         except CommandRefused as refusal:
             request = self.cancel() if refusal.code == "ABORTED" else None
             return describe_request(request) if request else self._describe_refusal(refusal)
@@ -111,35 +137,6 @@ class SessionLoop:
             return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error))
         finally:
             self._account_for_rest()
-
-    def _run(self) -> Outcome:
-        now_s, session = self.clock.now_s, self.context.session
-        limits = session.limits
-        deadline_s = self.context.time_s + session.execution_s - TIME_TOLERANCE_S
-        wall_deadline_s = now_s() + limits.wall_timeout_s
-        while True:
-            if request := self.cancel():
-                return describe_request(request)
-            began_s = now_s()
-            result = self.skill.tick()
-            self.ms["tree"] += 1e3 * (now_s() - began_s)
-            for observer in self.observers:
-                observer.on_turn(result, self.ticks, self.context.time_s)
-            if result.status is not SkillStatus.RUNNING:
-                return _judge_end(self.skill.find_failure())
-            if result.set_points is not None:
-                if violation := self._apply(result.set_points, result, deadline_s):
-                    return violation
-            elif result.thinking:
-                began_s = now_s()
-                self.skill.wait(WAIT_S)
-                self.ms["think"] += 1e3 * (now_s() - began_s)
-            if self.context.time_s >= deadline_s:
-                message = session.explain_time()
-                return Outcome(ended=Ended.TIMED_OUT, code="TIMED_OUT", leaf=result.active, message=message)
-            if now_s() > wall_deadline_s:
-                message = f"the contract allows {limits.wall_timeout_s} s by the wall clock"
-                return Outcome(ended=Ended.TIMED_OUT, code="TIMED_OUT", leaf=result.active, message=message)
 
     def _apply(self, points: SetPoints, result: TickResult, deadline_s: float) -> Outcome | None:
         """Send one control period; an outcome when a reported one violates a hold condition."""

@@ -60,7 +60,7 @@ class PlanningScene:
         self._mocap = {each.name: int(self._model.body(each.name).mocapid[0]) for each in entities}
         self._payload_body = int(self._model.body(PAYLOAD).id) if payload_shapes else -1
         self._owner = [self._model.body(int(body)).name.partition(_COPY)[0] for body in self._model.geom_bodyid]
-        self._is_other = [name in self._mocap or is_wall(name) for name in self._owner]  # than the robot
+        self._is_obstacle = [name in self._mocap or is_wall(name) for name in self._owner]  # by geom
         self._fingers = [  # body, which opening it stands for, its place when open, its way for a metre
             (int(body.id), index, np.array(body.pos), way)
             for name, way in robot.fingers.items()
@@ -154,7 +154,7 @@ class PlanningScene:
         contacts = self._data.contact
         for first, second in contacts.geom[contacts.dist < -depth_m].tolist():
             a, b = self._owner[first], self._owner[second]
-            pairs.add((b, a) if self._is_other[first] else (a, b))
+            pairs.add((b, a) if self._is_obstacle[first] else (a, b))
         return sorted(pairs)
 
     def is_of_tool_pose(self, pair: Pair) -> bool:
