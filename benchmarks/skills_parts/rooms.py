@@ -360,6 +360,65 @@ def draw_pour(seed: int, rng: Rng) -> Instance:
     )
 
 
+def draw_block_or_can(rng: Rng, at: tuple[float, float], yaw: float) -> dict[str, Any]:
+    """What a hand takes, standing on the table."""
+    half, mass, color = rng.uniform(0.016, 0.03), rng.uniform(0.05, 0.25), str(rng.choice(["red", "green", "blue"]))
+    if rng.random() < 0.5:
+        tall = rng.uniform(0.025, 0.05)
+        can = {"kind": "cylinder", "size_m": [float(half), float(tall)]}
+        return loose("can", color, (*at, tall + 0.001), [can], yaw, mass)
+    shapes = [box((half, half * rng.uniform(0.8, 1.0), rng.uniform(0.02, 0.03)))]
+    return loose("block", color, (*at, shapes[0]["size_m"][2] + 0.001), shapes, yaw, mass)
+
+
+def draw_under(seed: int, rng: Rng) -> Instance:
+    """A thing under a board on two walls, too low for a hand from above, is put onto a pad."""
+    wide, deep, tall = rng.uniform(0.17, 0.22), rng.uniform(0.05, 0.08), rng.uniform(0.08, 0.1)
+    side, away, turn = float(rng.choice([1, -1])), rng.uniform(0.48, 0.58), rng.uniform(0.3, 0.7)
+    x, y, yaw = away * np.cos(turn), side * away * np.sin(turn), side * turn + rng.uniform(-0.15, 0.15)
+    board = [box((deep, wide, 0.006), (0, 0, 2 * tall + 0.006))]
+    board += [box((deep, 0.006, tall), (0, s * (wide - 0.006), tall)) for s in (1, -1)]
+    inside, beside = rng.uniform(0.0, 0.04) - deep + 0.02, rng.uniform(-1.0, 1.0) * (wide - 0.13)
+    at = (x + inside * np.cos(yaw) - beside * np.sin(yaw), y + inside * np.sin(yaw) + beside * np.cos(yaw))
+    pad_at = (rng.uniform(0.42, 0.5), -side * rng.uniform(0.12, 0.25), 0.004)
+    bodies = {
+        "shelf": fix("shelf", "slate", (x, y, 0.0), board, yaw),
+        "pad": fix("pad", "slate", pad_at, [box((0.06, 0.06, 0.004))]),
+        "thing": draw_block_or_can(rng, at, yaw + rng.uniform(-0.15, 0.15)),
+    }
+    return Instance(
+        skill="stack",
+        seed=seed,
+        bodies=bodies,
+        arguments={"object": "thing", "support": "pad"},
+        accept=("on(thing, pad)",),
+        truth=(("borne", "thing", "pad"),),
+    )
+
+
+def draw_edge(seed: int, rng: Rng) -> Instance:
+    """A plate or a board, wider than fingers open, goes from one post to another."""
+    bodies: dict[str, dict[str, Any]] = {}
+    half, thick, side = rng.uniform(0.06, 0.08), rng.uniform(0.004, 0.008), float(rng.choice([1, -1]))
+    out = rng.uniform(0.03, 0.04)  # of the plate, over what bears it
+    for name, sign in (("post", 1), ("other_post", -1)):
+        tall, at = rng.uniform(0.06, 0.1), (rng.uniform(0.45, 0.58), sign * side * rng.uniform(0.12, 0.25))
+        bodies[name] = fix("post", "slate", (*at, tall), [box((half - out, half - out, tall))])
+    *at, tall = bodies["post"]["place"]["position_m"]
+    is_round = rng.random() < 0.5
+    shapes = [{"kind": "cylinder", "size_m": [float(half), float(thick)]}] if is_round else [box((half, half, thick))]
+    place = (*at, 2 * tall + thick + 0.0005)
+    bodies["plate"] = loose("plate", "red", place, shapes, rng.uniform(-0.4, 0.4), rng.uniform(0.08, 0.25))
+    return Instance(
+        skill="stack",
+        seed=seed,
+        bodies=bodies,
+        arguments={"object": "plate", "support": "other_post"},
+        accept=("on(plate, other_post)",),
+        truth=(("borne", "plate", "other_post"),),
+    )
+
+
 DRAWERS: Mapping[str, Callable[[int, Rng], Instance]] = {
     "unstack": draw_unstack,
     "press": draw_press,
@@ -367,6 +426,8 @@ DRAWERS: Mapping[str, Callable[[int, Rng], Instance]] = {
     "pour": draw_pour,
     "stand_up": draw_stand_up,
     "wipe": draw_wipe,
+    "under": draw_under,
+    "edge": draw_edge,
     "open_hinged": lambda seed, rng: draw_hinged(seed, rng, opens=True),
     "close_hinged": lambda seed, rng: draw_hinged(seed, rng, opens=False),
 }

@@ -25,7 +25,9 @@ def build_driver_registry() -> DriverRegistry:
     """Shipped drivers and installed plug-ins."""
     registry = DriverRegistry()
     registry.register("debug", DriverSpec(open=_open_debug, kinds=("debug",), own_process=False))
-    registry.register("mujoco", DriverSpec(open=_open_mujoco, kinds=("simulation",)))
+    registry.register(
+        "mujoco", DriverSpec(open=lambda site: _open_robot(_open_world(site.workspace), site), kinds=("simulation",))
+    )
     everything = ("simulation", "real_robot", "debug")
     registry.register("remote", DriverSpec(open=_open_remote, kinds=everything, own_process=False))
     registry.load_plug_ins()
@@ -61,10 +63,6 @@ def open_shared_world(sites: Sequence[DriverSite], read_agreement: "ReadAgreemen
         raise DefinitionError(problems)
     world = _open_world(sites[0].workspace, read_agreement)
     return [_open_robot(world, site) for site in sites]
-
-
-def _open_mujoco(site: DriverSite) -> "TargetDriver":
-    return _open_robot(_open_world(site.workspace), site)
 
 
 def _open_robot(world: "SimulatedWorld", site: DriverSite) -> "MujocoDriver":

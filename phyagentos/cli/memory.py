@@ -37,7 +37,9 @@ def show(
         entries: list[MemoryEntry] = [*memory.experience.list_lessons(), *memory.experience.list_facts()]
         if words:
             found = {lesson.id for lesson in memory.search(" ".join(words))}
-            entries = [each for each in entries if each.id in found or _mentions(each, words)]
+            texts = {each.id: f"{each.id} {each.statement}".lower() for each in entries}
+            found |= {id for id, text in texts.items() if all(word.lower() in text for word in words)}
+            entries = [each for each in entries if each.id in found]
         shown = [each for each in entries if everything or each.state is Standing.ACTIVE]
         if as_json:
             print_json({"version": memory.version, "entries": shown})
@@ -148,8 +150,3 @@ def _format_episode(episode: "Episode") -> list[str]:
         f"              {episode.objective} {episode.strategy or 'the own way of the skill'}{advised}",
         f"              {episode.evidence}",
     ]
-
-
-def _mentions(entry: "MemoryEntry", words: list[str]) -> bool:
-    text = f"{entry.id} {entry.statement}".lower()
-    return all(word.lower() in text for word in words)

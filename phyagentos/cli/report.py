@@ -51,7 +51,8 @@ def build_report(fold: RunFold, *, workspace: Path, wall_s: float, exit_code: Ex
     """The whole run in one value."""
     goal = fold.goal
     sessions = [row.session.contract.id for row in fold.rows() if row.session is not None]
-    pictures = {id: find_pictures(workspace / "evidence" / id) for id in sessions}
+    pairs = {id: [workspace / "evidence" / id / name for name in (PICTURE_BEFORE, PICTURE_AFTER)] for id in sessions}
+    pictures = {id: tuple(str(path) for path in pair if path.is_file()) for id, pair in pairs.items()}
     return RunReport(
         exit_code=int(exit_code),
         workspace=str(workspace),
@@ -60,11 +61,6 @@ def build_report(fold: RunFold, *, workspace: Path, wall_s: float, exit_code: Ex
         goal=build_mission_report(goal, fold.ledger, round(wall_s, 3)) if goal is not None else None,
         unstruck_faults=find_unstruck(workspace),
     )
-
-
-def find_pictures(bundle: Path) -> tuple[str, ...]:
-    """The pictures of one evidence bundle."""
-    return tuple(str(bundle / name) for name in (PICTURE_BEFORE, PICTURE_AFTER) if (bundle / name).is_file())
 
 
 def print_report(report: RunReport, fold: RunFold, console: Console) -> None:

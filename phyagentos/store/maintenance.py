@@ -133,7 +133,9 @@ def archive_segments(
     moved: list[str] = []
     names = segments.list_segments(folder)
     for name, later in pairwise(names):  # never the last: it is being written
-        last_seq = _read_first_seq(folder / f"{later}.md") - 1
+        path = folder / f"{later}.md"
+        with path.open("rb") as file:
+            last_seq = segments.read_front(path, file.read(_FRONT_BYTES)).first_seq - 1
         if last_seq >= horizon_seq or last_seq > known_seq:
             break
         _move(folder / f"{name}.md", segments.locate_archived(folder, name), file_io, durable=durable)
@@ -151,8 +153,3 @@ def _move(source: Path, destination: Path, file_io: segments.SystemIO, *, durabl
     if durable:
         segments.sync_folder(place, file_io)
         segments.sync_folder(source.parent, file_io)
-
-
-def _read_first_seq(path: Path) -> int:
-    with path.open("rb") as file:
-        return segments.read_front(path, file.read(_FRONT_BYTES)).first_seq

@@ -234,7 +234,8 @@ def _find_last_whole(data: bytes, pieces: Sequence[Kept | Gap], head: int, seq: 
             for offset, record in piece.records:
                 reached, more = record.seq, record.more
                 if more == 0:
-                    end, seq = _end_of(data, offset), reached
+                    found = read_record(data, offset)
+                    end, seq = found[1] if found is not None else offset, reached
         elif piece.lost:
             reached, more = reached + piece.lost, max(more - piece.lost, 0)
             if more == 0:
@@ -258,11 +259,6 @@ def _cut(piece: Kept | Gap, end: int) -> Kept | Gap | None:
         records = [each for each in piece.records if each[0] < end]
         return Kept(piece.offset, piece.data[: end - piece.offset], records)
     return piece
-
-
-def _end_of(data: bytes, offset: int) -> int:
-    found = read_record(data, offset)
-    return found[1] if found is not None else offset
 
 
 def _count_headers(data: bytes, last_seq: int) -> int:

@@ -3,7 +3,7 @@
 Only the affected part of the graph is touched: finished work is kept unless the world undid it.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 
 import msgspec
@@ -142,7 +142,7 @@ class Recovery:
         missing = find_missing_evidence(criteria, now)
         finished = [(name, self.facts.find_own(name)) for name in self.facts.find_finished()]
         own = [(name, status) for name, status in finished if status is not None and status.execution is not None]
-        named = [(name, status) for name, status in own if set(missing) & set(_iter_things(status.contract))]
+        named = [each for each in own if set(missing) & set(map(str, each[1].contract.parameters.values()))]
         if not missing or not own:
             return []
         node, subject = (named or own)[-1]
@@ -298,10 +298,6 @@ class Recovery:
 def is_look(session: Session) -> bool:
     """Whether a session only looks, so that its subject is judged on its snapshot."""
     return session.purpose == looking.PURPOSE
-
-
-def _iter_things(session: Session) -> Iterator[str]:
-    return (value for value in session.parameters.values() if isinstance(value, str))
 
 
 def _find_unmet(refused: SessionStatus) -> frozenset[str]:

@@ -76,7 +76,6 @@ class Gripper(Authored):
         palm_height_m: How far the palm stands above the fingertips [m].
         fingertip_m: Least height of the tool centre point above a support that the fingertips must not touch [m].
         grasp_reach_m: How far from the tool centre point the fingers hold a thing, beyond its own size [m].
-        finger_half_m: Half thickness of the closed fingers across the closing axis [m].
     """
 
     joints: tuple[str, ...]
@@ -92,7 +91,6 @@ class Gripper(Authored):
     palm_depth_m: float = 0.02
     palm_height_m: float = 0.055
     fingertip_m: float = 0.016
-    finger_half_m: float = 0.009
     grasp_reach_m: float = 0.03
 
     @property

@@ -24,6 +24,7 @@ from phyagentos.runtime.perception.world_model import BELIEF, HAND
 from phyagentos.runtime.targets.wire import Step
 
 AnswerT = TypeVar("AnswerT", Approaches, Motion)
+PRESSED_MORE = 1.2  # of the force of a contact that is about to be left
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
 
 
@@ -188,13 +189,14 @@ class MovingLeaf(PlanningLeaf[Motion]):
 
     Authors write `compose` and, where wanted, `on_arrived`. Set `_held` to the name of an entity to fail with
     `GRASP_LOST` when it leaves the fingers on the way. Set `_stop_n` to a force [N] to fail with `CONTACT` when the
-    target feels more.
+    target feels more; where the motion begins with more, that may last until it lets go, but not grow.
     """
 
     EXPECTED = Motion
 
     _player: TrajectoryPlayer | None = None
     _stop_n: float | None = None
+    _pressed_n = 0.0  # allowed of the contact with which the motion began, as long as it lasts
     _held: str | None = None
     _lost_periods = 0
     _judged: Step | None = None  # the latest step for which it was asked whether the entity is held
@@ -208,6 +210,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
         """Store the motion; it is played from this tick on."""
         context = self.context
         self._motion, self._lost_periods, self._judged = answer, 0, context.step
+        self._pressed_n = PRESSED_MORE * (context.step.contact_force_n or 0.0)
         self._player = TrajectoryPlayer(answer.trajectory, context.commands, context.lag)
         return Status.RUNNING
 
@@ -226,9 +229,12 @@ class MovingLeaf(PlanningLeaf[Motion]):
                 self._player = None
                 return self.fail(FailureCode.GRASP_LOST, f"{self._held} left the fingers", object=self._held)
         felt_n = step.contact_force_n
-        if self._stop_n is not None and felt_n is not None and felt_n > self._stop_n:
-            self._player = None
-            return self.fail(FailureCode.CONTACT, f"a contact of {felt_n:.0f} N, allowed are {self._stop_n:g} N")
+        if self._stop_n is not None and felt_n is not None:
+            if felt_n <= self._stop_n:
+                self._pressed_n = 0.0
+            elif felt_n > self._pressed_n:
+                self._player = None
+                return self.fail(FailureCode.CONTACT, f"a contact of {felt_n:.0f} N, allowed are {self._stop_n:g} N")
         progress = player.tick(step)
         if progress is Progress.MOVING:
             return Status.RUNNING

@@ -74,13 +74,14 @@ def sample_collision_matrix(model: mujoco.MjModel, data: mujoco.MjData, addresse
     adjacent: list[Pair] = []
     always: list[Pair] = []
     never: list[Pair] = []
+    weld, parent = model.body_weldid, model.body_parentid
     for index, first in enumerate(bodies):
         for second in bodies[index + 1 :]:
-            if model.body_weldid[first] == model.body_weldid[second]:
+            if weld[first] == weld[second]:
                 continue
             a, b = sorted((model.body(first).name, model.body(second).name))
             fraction = counts[first, second] / SAMPLES
-            if _is_adjacent(model, first, second):
+            if weld[parent[weld[second]]] == weld[first] or weld[parent[weld[first]]] == weld[second]:
                 adjacent.append((a, b))
             elif fraction > ALWAYS:
                 always.append((a, b))
@@ -111,8 +112,3 @@ def _collides(model: mujoco.MjModel, body: int) -> bool:
     start = model.body_geomadr[body]
     geoms = slice(start, start + model.body_geomnum[body])
     return bool(np.any(model.geom_contype[geoms] | model.geom_conaffinity[geoms]))
-
-
-def _is_adjacent(model: mujoco.MjModel, first: int, second: int) -> bool:
-    weld, parent = model.body_weldid, model.body_parentid
-    return bool(weld[parent[weld[second]]] == weld[first] or weld[parent[weld[first]]] == weld[second])

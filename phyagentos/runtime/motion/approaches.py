@@ -14,7 +14,7 @@ from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import POLISHED, Kinematics
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
-from phyagentos.runtime.motion.poses import raise_pose
+from phyagentos.runtime.motion.poses import move_pose
 from phyagentos.runtime.motion.requests import Approach, Array, GoalPosture
 
 NEAR_HOME_SEEDS = 4
@@ -34,12 +34,13 @@ class Way:
 
     Attributes:
         end: (4, 4) `world_T_tcp`.
-        hover_m: Height above `end` at which the straight line begins [m].
+        hover_m: Distance from `end` at which the straight line begins [m].
         openings_m: Of the fingers when they hold, and when they do not.
         tolerate: Pairs whose contact is intended within `tolerate_m` [m] of the end.
         site: Pose of the held entity after a place.
         fall_m: How far it falls there when it is let go.
         is_clear: Whether the fingers keep off what is tolerated while they are open.
+        back: (3,) unit direction in the world from `end` to where the line begins.
     """
 
     label: str
@@ -51,6 +52,12 @@ class Way:
     site: Pose | None = None
     fall_m: float = 0.0
     is_clear: bool = False
+    back: tuple[float, ...] = (0.0, 0.0, 1.0)
+
+    @property
+    def start(self) -> Array:
+        """(4, 4) tool pose where the line begins."""
+        return move_pose(self.end, self.hover_m * np.array(self.back))
 
     def find_blocked(self, q_rad: Array, left_m: float, scene: PlanningScene) -> list[Pair]:
         """Pairs that must not touch in a posture (n_joints,) of the line, `left_m` before its end."""
@@ -117,13 +124,12 @@ def _find_hovers(
 ) -> list[_Hover]:
     """Postures above a way that are free and whose way down looks open at its end."""
     job.checkpoint()
-    target = raise_pose(way.end, way.hover_m)
     hovers: list[_Hover] = []
     reached = False
     for index, start in enumerate(seeds):
         if index >= 2 + NEAR_HOME_SEEDS and hovers:
             break
-        q = kinematics.chain.solve(target, start)
+        q = kinematics.chain.solve(way.start, start)
         job.screened += 1
         if q is None:
             continue
@@ -152,7 +158,7 @@ def _find_hovers(
 def _find_line(hover: _Hover, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Array | None:
     way = hover.way
     with job.stage("ik"):
-        start = kinematics.solve(raise_pose(way.end, way.hover_m), hover.q_rad, POLISHED)
+        start = kinematics.solve(way.start, hover.q_rad, POLISHED)
         found = None if start is None else kinematics.solve_line(start.q_rad, way.end)
     if start is None or found is None:
         job.rejected["line"] += 1

@@ -1,28 +1,30 @@
-"""Grasps of an entity from above with a parallel gripper.
+"""Grasps of an entity with a parallel gripper, from above wherever that is possible.
 
 A box offers four yaws, which close on its faces; a round entity eight. Labels count the yaw from the object, so they
 survive a nudge. Where something is beside the object, the fingers open only as wide as is needed. Where no upright
-grasp fits, the hand tilts about its closing axis; then it closes on opposite edges; last, on one solid of the entity
-alone, as on the wall of a bowl or on the handle of a mug. A thing of several solids is closed on where both pads meet
-it alike, near its weight; elsewhere only where nothing else is left.
+grasp fits, the hand tilts about its closing axis; then it closes on opposite edges; then on one solid of the entity
+alone, as on the wall of a bowl or on the handle of a mug; last, it lies and comes along its own axis, under a board or
+to an edge that juts out. A thing of several solids is closed on where both pads meet it alike, near its weight;
+elsewhere only where nothing else is left.
 """
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import chain, product
 
 import numpy as np
 
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, rotate
-from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import Gripper
 from phyagentos.protocol.world.environment import Entity, ShapeKind
-from phyagentos.protocol.world.predicates.geometry import compute_extent
+from phyagentos.protocol.world.predicates.geometry import compute_extent, compute_reach
 from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.pad_contacts import PadContact, find_pad_contact
 from phyagentos.runtime.motion.planning_scene import PlanningScene
-from phyagentos.runtime.motion.poses import point_tool_down, tilt_tool
+from phyagentos.runtime.motion.poses import UP, find_way_out, move_pose, point_tool_down, tilt_tool
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindGrasps, NoPlan, Payload
 from phyagentos.runtime.motion.shapes import compute_entity_box, compute_shape_boxes, is_round, settle
 
@@ -31,6 +33,9 @@ LEAST_CLEARANCE_M = 0.002  # of what is nearly as wide as the hand opens: it is 
 NARROW_M = (0.02, 0.012)  # further open than the object is wide, where there is no room for more
 TILTS_DEG = (20, -20, 40, -40)  # about the closing axis; the smaller ones first
 SIDE_DEG = (65, -65)  # from the side, where nothing else is free
+LYING_DEG = (80, -80, 65, -65)  # of a hand that comes along its own axis; it rises on the way back, with the thing
+HAND_HALF_M = 0.036  # of a lying hand, above what the thing stands on
+EDGE_DEPTH_M = 0.008  # of the tool centre point within an edge; the pads reach a centimetre further
 SHIFTS = (0.5, -0.5, 1.0, -1.0)  # along a thing, as shares of the longest way
 SHIFT_MAX_M = 0.025  # from the middle: its weight turns it between the pads
 DEAD_ENDS_MAX = 6  # groups of grasps after which the thing cannot be put down, until the first is taken
@@ -40,7 +45,6 @@ STRADDLE_M = 0.05  # over this last part of the way the fingers are beside the o
 RIM_DEPTH_M = 0.006  # of the tool centre point under the edge of a single solid; its pads reach a centimetre further
 SOLID_OPEN_M = 0.016  # further open than a single solid is wide: there is little room in a vessel
 LEANS = (1.0, 0.5, 0.0)  # of the hand with a leaning wall: as it leans, by half, upright
-UP_AXIS = np.array((0.0, 0.0, 1.0))
 SOLID_MAX_M = 0.03  # a thicker solid is no wall or handle
 TURNED_COS = 0.3  # least, of the way that the hand points with straight down once the thing is turned
 UP_COS = 0.966  # 15 degrees: the side that is up by that much need not be brought up
@@ -57,22 +61,21 @@ def find_grasps(
     place: Callable[[Approach], Approaches | NoPlan | None] = lambda _: None,
 ) -> Approaches | NoPlan:
     """Approaches to grasps of `entity`, the nearest first; if any, those from which `place` finds a way on."""
-    profile, fingers = scene.robot.profile, scene.robot.fingers
+    gripper = scene.robot.profile.gripper
     entity = settle(entity, request.world.entities)
+    touching = frozenset((finger, entity.name) for finger in scene.robot.fingers)
+    make_way = partial(Way, hover_m=request.hover_m, tolerate=touching, tolerate_m=STRADDLE_M)
     turns = request.then is not None and request.then.up is not None
     is_whole = turns or len(entity.shapes) == 1  # what is turned is held across its middle
-    ways, poor = compute_grasp_ways(entity, profile, fingers, request.hover_m, whole=is_whole)
+    ways, poor = _compute_ways(entity, gripper, make_way, whole=is_whole)
     corners: list[Way] = []
     if is_whole and not is_round(entity):
-        corners, _ = compute_grasp_ways(entity, profile, fingers, request.hover_m, whole=True, corners=True)
-    solids = list(_iter_solid_ways(entity, profile, fingers, request.hover_m))
-    if not ways and not solids and not poor:
-        opens = f"the gripper opens ({profile.gripper.max_width_m} m), less {1e3 * LEAST_CLEARANCE_M:.0f} mm of room"
-        return job.fail("TOO_WIDE", f"{entity.name} is wider than {opens}.")
+        corners, _ = _compute_ways(entity, gripper, make_way, whole=True, corners=True)
+    solids = list(_iter_solid_ways(entity, gripper, make_way))
+    edges = _iter_edge_ways(entity, gripper, make_way)
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
-    tried: set[str] = set()
-    dead, dead_ends = set[str](), list[list[Approach]]()
-    for batch in chain(_iter_batches(ways, corners, solids, entity), (poor,)):
+    tried, dead, dead_ends = set[str](), set[str](), list[list[Approach]]()
+    for batch in chain(_iter_batches(ways, corners, solids, edges, entity), (poor,)):
         wanted = [way for way in batch if way.label not in {*request.avoid, *dead} and _is_wanted(way, entity, request)]
         tried.update(way.label for way in wanted)
         found = find_approaches(
@@ -87,6 +90,9 @@ def find_grasps(
             dead.update(approach.label for approach in found)
     if dead_ends and not turns:
         return Approaches(approaches=tuple(dead_ends[0]), timing=job.timing, stages=job.stages)
+    if not ways and not solids and not poor:
+        opens = f"the gripper opens ({gripper.max_width_m} m), less {1e3 * LEAST_CLEARANCE_M:.0f} mm of room"
+        return job.fail("TOO_WIDE", f"{entity.name} is wider than {opens}, and no edge that juts out is in reach.")
     avoided = f"; {', '.join(request.avoid)} avoided" if request.avoid else ""
     return job.fail("NO_IK", f"None of {len(tried)} ways to grasp {entity.name} works{avoided}.")
 
@@ -121,7 +127,9 @@ def foresee_payload(entity: Entity, approach: Approach) -> Payload:
     return Payload(entity.name, compute_pose(in_hand), width_m)
 
 
-def _iter_batches(ways: list[Way], corners: list[Way], solids: list[Way], entity: Entity) -> Iterator[list[Way]]:
+def _iter_batches(
+    ways: list[Way], corners: list[Way], solids: list[Way], edges: Iterator[list[Way]], entity: Entity
+) -> Iterator[list[Way]]:
     """What is tried together, the better first."""
     yield from _iter_tilted(ways, TILTS_DEG)
     for share in SHIFTS:
@@ -130,6 +138,8 @@ def _iter_batches(ways: list[Way], corners: list[Way], solids: list[Way], entity
     for degrees in SIDE_DEG:
         yield _narrow(_tilt(ways, degrees), NARROW_M[0])
     yield solids
+    yield [way for degrees in LYING_DEG for way in _lay(ways, entity, degrees)]
+    yield from edges
 
 
 def _iter_tilted(ways: list[Way], tilts_deg: tuple[int, ...]) -> Iterator[list[Way]]:
@@ -149,6 +159,30 @@ def _tilt(ways: list[Way], degrees: int) -> list[Way]:
     ]
 
 
+def _lay(ways: list[Way], entity: Entity, degrees: int) -> Iterator[Way]:
+    """The same with a hand that lies and comes along its own axis: under what covers the thing."""
+    box = compute_entity_box(entity)
+    for way in ways:
+        end = tilt_tool(way.end, np.radians(degrees))
+        end[2, 3] = min(max(end[2, 3], box.bottom_m + HAND_HALF_M), box.top_m - RIM_DEPTH_M)
+        yield replace(way, label=f"{way.label}.lying{degrees:+03d}", end=end, back=tuple((-end[:3, 2]).tolist()))
+
+
+def _iter_edge_ways(entity: Entity, gripper: Gripper, make_way: Callable[..., Way]) -> Iterator[list[Way]]:
+    """Tool poses of a lying hand that closes from above and below, at each edge that may jut out over what bears it."""
+    box = compute_entity_box(entity)
+    vertical = int(np.argmax(np.abs(box.pose[2, :3])))
+    up, thick_m = box.pose[:3, vertical], 2.0 * float(box.half_m[vertical])
+    is_taken_so = entity.movable and abs(up[2]) > UP_COS and thick_m <= gripper.max_width_m - WIDTH_CLEARANCE_M
+    for label, contact in _iter_contacts(entity, gripper, whole=True, corners=False) if is_taken_so else ():
+        out = contact.end[:3, 0]
+        edge_m = np.array(entity.pose.position_m) @ out + compute_reach(entity, tuple(out.tolist()))
+        position = box.pose[:3, 3] + (edge_m - EDGE_DEPTH_M - box.pose[:3, 3] @ out) * out
+        ends = {"edge": _make_pose(up, -out, position), "turned": _make_pose(-up, -out, position)}
+        make = partial(make_way, openings_m=(thick_m, gripper.max_width_m))
+        yield [make(label=f"{k}.{label}", end=end, back=find_way_out(end)) for k, end in ends.items()]
+
+
 def _shift(way: Way, entity: Entity, share: float) -> Iterator[Way]:
     """The same beside the middle, by a share of the longest way along the thing; none where there is none."""
     box = compute_entity_box(entity)
@@ -159,9 +193,9 @@ def _shift(way: Way, entity: Entity, share: float) -> Iterator[Way]:
         and len(entity.shapes) == 1
         and entity.shapes[0].kind in (ShapeKind.BOX, ShapeKind.CAPSULE)
     ):
-        end = way.end.copy()
-        end[:3, 3] += by_m * end[:3, 0]
-        yield replace(way, label=f"{way.label}.by{round(1e3 * by_m):+03d}", end=end)
+        yield replace(
+            way, label=f"{way.label}.by{round(1e3 * by_m):+03d}", end=move_pose(way.end, by_m * way.end[:3, 0])
+        )
 
 
 def _narrow(ways: list[Way], further_m: float) -> list[Way]:
@@ -174,52 +208,37 @@ def _narrow(ways: list[Way], further_m: float) -> list[Way]:
     ]
 
 
-def compute_grasp_ways(
-    entity: Entity,
-    profile: TargetProfile,
-    fingers: Collection[str],
-    hover_m: float,
-    *,
-    whole: bool,
-    corners: bool = False,
+def _compute_ways(
+    entity: Entity, gripper: Gripper, make_way: Callable[..., Way], *, whole: bool, corners: bool = False
 ) -> tuple[list[Way], list[Way]]:
     """Every tool pose that grasps an entity from above with the opening of the gripper, the good and the poor ones.
 
     `whole` closes on the middle of the box around it, whatever is there; `corners` closes on opposite edges of a box
     instead of its faces: the last resort.
     """
-    widest_m = profile.gripper.max_width_m
-    contacts = dict(_iter_contacts(entity, profile, whole=whole, corners=corners))
+    widest_m = gripper.max_width_m
+    contacts = dict(_iter_contacts(entity, gripper, whole=whole, corners=corners))
     is_wide = not corners and min(each.width_m for each in contacts.values()) > widest_m - WIDTH_CLEARANCE_M
     opening_m = widest_m - (LEAST_CLEARANCE_M if is_wide else WIDTH_CLEARANCE_M)
     contacts = {label: each for label, each in contacts.items() if each.width_m <= opening_m}
     most_m = min((each.lever_m for each in contacts.values()), default=0.0) + LEVER_M
     ways: tuple[list[Way], list[Way]] = ([], [])
     for label, each in contacts.items():
-        way = Way(
-            label=label,
-            end=each.end,
-            hover_m=hover_m,
-            openings_m=(each.width_m, widest_m),
-            tolerate=frozenset((finger, entity.name) for finger in fingers),
-            tolerate_m=STRADDLE_M,
-            is_clear=not whole and np.isfinite(each.lever_m),
-        )
+        is_clear = not whole and np.isfinite(each.lever_m)
+        way = make_way(label=label, end=each.end, openings_m=(each.width_m, widest_m), is_clear=is_clear)
         ways[each.lever_m > most_m].append(way)
     return ways
 
 
-def _iter_contacts(
-    entity: Entity, profile: TargetProfile, *, whole: bool, corners: bool
-) -> Iterator[tuple[str, PadContact]]:
+def _iter_contacts(entity: Entity, gripper: Gripper, *, whole: bool, corners: bool) -> Iterator[tuple[str, PadContact]]:
     """Where the pads meet it, by the label of the way; far from its weight for all that is known where not alike."""
     box = compute_entity_box(entity)
     vertical = int(np.argmax(np.abs(box.pose[2, :3])))
     first, second = (vertical + 1) % 3, (vertical + 2) % 3
     upright_round = is_round(entity) and vertical == 2
     yaw_rad = float(np.arctan2(box.pose[1, first], box.pose[0, first]))
-    tips_m = -np.inf if entity.part_of else box.bottom_m + profile.gripper.fingertip_m  # a handle stands on nothing
-    height_m = max(box.pose[2, 3], box.top_m - profile.gripper.palm_depth_m, tips_m)
+    tips_m = -np.inf if entity.part_of else box.bottom_m + gripper.fingertip_m  # a handle stands on nothing
+    height_m = max(box.pose[2, 3], box.top_m - gripper.palm_depth_m, tips_m)
     position = np.array((box.pose[0, 3], box.pose[1, 3], height_m))
     solids = [] if whole else compute_shape_boxes(entity)
     found = find_pad_contact(solids, point_tool_down(yaw_rad, position)) if solids and upright_round else None
@@ -237,10 +256,10 @@ def _iter_contacts(
         yield f"yaw+{degrees:03d}", contact
 
 
-def _iter_solid_ways(entity: Entity, profile: TargetProfile, fingers: Collection[str], hover_m: float) -> Iterator[Way]:
+def _iter_solid_ways(entity: Entity, gripper: Gripper, make_way: Callable[..., Way]) -> Iterator[Way]:
     """Tool poses that close on one thin solid of several, along its own axes; the fingers touch nothing else of it."""
     boxes = compute_shape_boxes(entity) if len(entity.shapes) > 1 else []
-    low_m = min((box.bottom_m for box in boxes), default=0.0) + profile.gripper.fingertip_m
+    low_m = min((box.bottom_m for box in boxes), default=0.0) + gripper.fingertip_m
     for index, box in enumerate(boxes):
         for closing in range(3):
             width_m = 2.0 * float(box.half_m[closing])
@@ -255,13 +274,10 @@ def _iter_solid_ways(entity: Entity, profile: TargetProfile, fingers: Collection
                 position = box.pose[:3, 3] - up_m * z
                 position[2] = max(position[2], low_m)
                 for (turned, sign), lean in product(enumerate((1.0, -1.0)), LEANS):
-                    yield Way(
+                    yield make_way(
                         label=f"solid{index}.{'xyz'[closing]}+{180 * turned:03d}.lean{lean:g}",
-                        end=_make_pose(sign * y, lean * z - (1.0 - lean) * UP_AXIS, position),
-                        hover_m=hover_m,
+                        end=_make_pose(sign * y, lean * z - (1.0 - lean) * UP, position),
                         openings_m=(width_m, width_m + SOLID_OPEN_M),
-                        tolerate=frozenset((finger, entity.name) for finger in fingers),
-                        tolerate_m=STRADDLE_M,
                         is_clear=True,
                     )
 

@@ -23,7 +23,7 @@ from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.packing import find_joint_sites
 from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
-from phyagentos.runtime.motion.poses import DOWN, measure_tilt, point_tool_down, point_up
+from phyagentos.runtime.motion.poses import DOWN, find_way_out, measure_tilt, point_tool_down, point_up
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPlacements, NoPlan
 from phyagentos.runtime.motion.sites import Placing, Site, Sites, find_sites, find_space, measure_footprint
 from phyagentos.runtime.motion.standing import find_standing_sites, fit_tight
@@ -164,13 +164,15 @@ def _ways_to(
         entity[2, 3] = site.point_m[2] + compute_extent(held, tuple((-entity[2, :3]).tolist()))[1]
         site_pose = compute_pose(entity)
         entity[2, 3] += DROP_M + fall_m
+        end = entity @ entity_T_tcp
         yield Way(
             label=f"{site.name}.yaw+{degrees:03d}" + (f".fall+{round(1e3 * fall_m):03d}" if fall_m else ""),
-            end=entity @ entity_T_tcp,
+            end=end,
             hover_m=request.hover_m,
             openings_m=(min(request.payload.width_m, release_m), release_m),
             tolerate=tolerate if not fall_m else frozenset(),
             tolerate_m=TOUCH_DOWN_M,
             site=site_pose,
             fall_m=fall_m,
+            back=find_way_out(end),
         )

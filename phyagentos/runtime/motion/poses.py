@@ -1,4 +1,4 @@
-"""Tool poses as 4x4 matrices: downwards, tilted, raised, on a line."""
+"""Tool poses as 4x4 matrices: downwards, tilted, raised, on a line, and the way out."""
 
 import numpy as np
 
@@ -6,6 +6,9 @@ from phyagentos.geometry import compute_rotation_vector, turn
 from phyagentos.runtime.motion.requests import Array
 
 SLIGHT_RAD = 0.05  # less is the error of a posture
+UNDER_SINE = 0.7  # of the closing axis with the horizontal
+RISE = 0.2  # for each metre of a level way out, so that what is held leaves what it stands on
+UP = np.array((0.0, 0.0, 1.0))
 DOWN = np.diag((1.0, -1.0, -1.0))  # (3, 3) of a tool that points straight down, at yaw 0
 
 
@@ -44,11 +47,22 @@ def point_up(direction: Array) -> Array:
     return turn(np.arctan2(sine, cosine) * (axis / sine if sine > SLIGHT_RAD else np.array((1.0, 0.0, 0.0))))
 
 
+def find_way_out(T: Array) -> tuple[float, ...]:
+    """(3,) direction in which a hand (4, 4) leaves a thing: up, or along its own axis where a finger is underneath."""
+    back = UP if abs(T[2, 1]) < UNDER_SINE else RISE * UP - T[:3, 2]
+    return tuple((back / np.linalg.norm(back)).tolist())
+
+
+def move_pose(T: Array, by_m: Array) -> Array:
+    """The same pose, moved by (3,) in the world."""
+    moved = T.copy()
+    moved[:3, 3] += by_m
+    return moved
+
+
 def raise_pose(T: Array, height_m: float) -> Array:
     """The same pose, moved up along the world's z axis."""
-    raised = T.copy()
-    raised[2, 3] += height_m
-    return raised
+    return move_pose(T, height_m * UP)
 
 
 def interpolate_poses(start: Array, end: Array, step_m: float, step_rad: float) -> Array:

@@ -97,7 +97,7 @@ GRASPS = 4  # that a skill chooses from
 
 
 class FindGrasps(msgspec.Struct, frozen=True, tag=True):
-    """Grasps of an object from above. Answer: `Approaches`.
+    """Grasps of an object. Answer: `Approaches`.
 
     Attributes:
         q_rad: (n_joints,) present posture.

@@ -55,7 +55,8 @@ def find_standing_sites(placing: Placing, attitudes: Mapping[int, Array], job: J
             ranked = sorted((_rank(point, room, from_m, space), *point) for point in points)
             job.checkpoint()
             for rank, x, y in _spread(ranked, checker, start, space.rotation, job):
-                sites.append((rank, _make_site(np.array((x, y)), degrees, space)))
+                name = f"stand{round(1e3 * x):+04d}{round(1e3 * y):+04d}"
+                sites.append((rank, Site(name, space.center_m + space.rotation @ (x, y, 0.0), (degrees,))))
         if sites:
             return Sites(iter([site for _, site in sorted(sites, key=lambda each: each[0])]))
     return Sites(iter(()))
@@ -114,11 +115,6 @@ def _spread(ranked: list[Ranked], checker: "StandingRoom", start: Array, rotatio
             yield rank, x, y
         else:
             job.rejected["occupied"] += 1
-
-
-def _make_site(point: Array, degrees: int, space: Space) -> Site:
-    x_mm, y_mm = (round(1e3 * float(value)) for value in point)
-    return Site(f"stand{x_mm:+04d}{y_mm:+04d}", space.center_m + space.rotation @ np.append(point, 0.0), (degrees,))
 
 
 class StandingRoom:

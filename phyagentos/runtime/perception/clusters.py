@@ -78,7 +78,7 @@ def split(points: Array, diameter_m: float, most: int, seeds: Sequence[Array]) -
 
     The largest of these things has `diameter_m`; `seeds` are believed places within or near the cluster.
     """
-    size_m = _measure_diameter(points) if _measure_diagonal(points) > SPREAD * diameter_m else 0.0
+    size_m = _measure_diameter(points)
     count = min(most, max(1, round(size_m / diameter_m))) if size_m > SPREAD * diameter_m else 1
     count = max(count, min(len(seeds), most))
     if count < 2 or len(points) < 2 * POINTS_MIN:
@@ -92,11 +92,6 @@ def split(points: Array, diameter_m: float, most: int, seeds: Sequence[Array]) -
     except ClusterError:  # a start that no point is nearest to: fewer things than starts
         labels = np.argmin([np.linalg.norm(points - start, axis=1) for start in starts], axis=0)
     return [found for found in (np.flatnonzero(labels == index) for index in range(count)) if len(found) >= POINTS_MIN]
-
-
-def _measure_diagonal(points: Array) -> float:
-    low, high = np.percentile(points, (1, 99), axis=0)
-    return float(np.linalg.norm(high - low))
 
 
 def _measure_diameter(points: Array) -> float:

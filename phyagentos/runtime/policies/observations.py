@@ -48,7 +48,9 @@ class Observer:
                 another size; when a value of the target is not finite, or nothing measures a stream.
         """
         cameras = {
-            name: self._find_camera(name, each) for name, each in self.streams.items() if not _is_own(name, each)
+            name: self._find_camera(name, each)
+            for name, each in self.streams.items()
+            if each.modality != "proprioception" or name not in _OF_STATE  # the target measures those itself
         }
         frames = self.handle.capture(tuple(dict.fromkeys(cameras.values()))) if cameras else Frames(())
         now = self.handle.observe()  # after the frames: where time goes on by itself, they were taken before it
@@ -94,8 +96,3 @@ def _hold_to_form(name: str, picture: np.ndarray, stream: Stream) -> np.ndarray:
         found, declared = list(picture.shape), list(stream.shape)
         raise ExecutionError("OBSERVATION_UNAVAILABLE", f"{name!r} has the shape {found}, {declared} is declared")
     return picture
-
-
-def _is_own(name: str, stream: Stream) -> bool:
-    """Whether the target measures it itself."""
-    return stream.modality == "proprioception" and name in _OF_STATE

@@ -119,4 +119,27 @@ SABOTAGES = (
         ),
         tests=("tests/protocol/test_lifecycle.py::test_every_row_is_refused_to_every_side_that_it_does_not_name",),
     ),
+    Sabotage(
+        name="lifted_from_below",
+        lie="A hand with a finger under the plate that it has put down leaves upwards, and takes it along.",
+        edits=(
+            Edit("phyagentos.runtime.motion.poses", "UP if abs(T[2, 1]) < UNDER_SINE else RISE * UP - T[:3, 2]", "UP"),
+        ),
+        tests=("tests/runtime/motion/test_grasps.py::test_a_hand_with_a_finger_underneath_leaves_sideways",),
+    ),
+    Sabotage(
+        name="old_contact_excuses_new",
+        lie="A motion that began in contact may press as hard for as long as it lasts.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.execution.planning",
+                "                self._pressed_n = 0.0\n",
+                "                pass\n",
+            ),
+        ),
+        tests=(
+            "tests/runtime/execution/test_guarded_motion.py::"
+            "test_a_guarded_motion_stops_when_the_target_feels_more_than_allowed_and_than_where_it_began",
+        ),
+    ),
 )

@@ -19,13 +19,30 @@ TREE = [
 ]
 
 
-@pytest.mark.parametrize(("force_n", "code"), [(16.0, "CONTACT"), (14.0, ""), (None, "")])
-def test_a_guarded_motion_stops_when_the_target_feels_more_than_allowed(
-    build_bench, session, plant, doubles, profile, force_n, code
+@pytest.mark.parametrize(
+    ("forces_n", "code"),
+    [
+        ((0.0, 16.0, 16.0), "CONTACT"),
+        ((14.0, 14.0, 14.0), ""),
+        ((None, None, None), ""),
+        ((34.0, 33.0, 0.0), ""),  # a try that met the rim leaves it, pressed as it is
+        ((34.0, 45.0, 0.0), "CONTACT"),
+        ((34.0, 0.0, 16.0), "CONTACT"),
+    ],
+)
+def test_a_guarded_motion_stops_when_the_target_feels_more_than_allowed_and_than_where_it_began(
+    build_bench, session, plant, doubles, profile, forces_n, code
 ):
+    """Forces are those at the upper end of the line, on it, and at its lower end."""
     bench = build_bench(target := doubles.PerfectTarget(profile, [doubles.build_cube()]), library=plant(TREE))
     step = target._step
-    target._step = lambda: msgspec.structs.replace(step(), contact_force_n=force_n)
+
+    def feel():
+        felt = step()
+        part = np.searchsorted((0.22, 0.28), target.q[0] - profile.arm.home_rad[0])  # of the line, 0.2 to 0.3 rad
+        return msgspec.structs.replace(felt, contact_force_n=forces_n[part])
+
+    target._step = feel
 
     assert bench.run(session).code == code
 

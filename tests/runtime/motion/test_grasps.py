@@ -8,11 +8,20 @@ from phyagentos.clock import SystemClock
 from phyagentos.geometry import to_child
 from phyagentos.protocol.world.environment import Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_grasp_width
-from phyagentos.runtime.motion.grasps import find_grasps
+from phyagentos.runtime.motion.grasps import find_grasps, foresee_payload
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.process import _ANSWERS
-from phyagentos.runtime.motion.requests import Approaches, Destination, FindGrasps, FindPush, NoPlan, Timing, World
+from phyagentos.runtime.motion.requests import (
+    Approaches,
+    Destination,
+    FindGrasps,
+    FindPlacements,
+    FindPush,
+    NoPlan,
+    Timing,
+    World,
+)
 
 pytestmark = pytest.mark.motion
 
@@ -242,3 +251,81 @@ def test_a_push_is_refused_with_its_reason(planner, build, table, home):
     assert planner.answer(request).code == "TOO_SHORT"
     assert planner.answer(msgspec.structs.replace(request, object="cub0", to_m=(0.6, 0.0))).code == "UNKNOWN_ENTITY"
     assert planner.answer(msgspec.structs.replace(request, to_m=(1.6, 0.0))).code == "NO_IK"
+
+
+def cover(build, table, height_m):
+    """A cube under a board on two walls, which is open towards the arm."""
+    walls = [build.box((0, side * 0.19, height_m / 2), (0.06, 0.005, height_m / 2)) for side in (-1, 1)]
+    board = build.box((0, 0, height_m + 0.006), (0.06, 0.195, 0.006))
+    return World((table, build.fixed("shelf", (0.5, 0.0, 0.0), board, *walls), build.cube("cube0", 0.47, 0.0)))
+
+
+def test_under_a_board_the_hand_lies_and_comes_along_its_own_axis(planner, build, table, home):
+    answer = planner.answer(FindGrasps(world=cover(build, table, 0.16), object="cube0", q_rad=home, seed=1))
+
+    assert isinstance(answer, Approaches), answer
+    for approach in answer.approaches:
+        poses = [planner._chain.compute_tcp(q) for q in approach.line_rad[[0, -1]]]
+        way_m = poses[1][:3, 3] - poses[0][:3, 3]
+        np.testing.assert_allclose(way_m / np.linalg.norm(way_m), poses[1][:3, 2], atol=1e-3)
+        assert way_m[2] < 0.0  # and rises with the thing on the way back
+        touched = list_contacts(planner, cover(build, table, 0.16), approach.line_rad[-1], (0.04, approach.release_m))
+        assert {other for _, other in touched} <= {"cube0"}, approach.label
+
+
+def put_on_post(build, table, shape, half_post_m):
+    """Something 140 mm wide on a post, whose edges jut out on all sides."""
+    post = build.fixed("post", (0.5, 0.0, 0.0), build.box((0, 0, 0.08), (half_post_m, half_post_m, 0.08)))
+    plate = build.cube("plate", 0.5, 0.0, z=0.166)
+    return World((table, post, msgspec.structs.replace(plate, kind="plate", shapes=(shape,))))
+
+
+DISC = Shape(ShapeKind.CYLINDER, (0.07, 0.006))
+SLAB = Shape(ShapeKind.BOX, (0.07, 0.07, 0.006))
+
+
+@pytest.mark.parametrize("shape", [DISC, SLAB], ids=["disc", "slab"])
+def test_what_no_hand_spans_is_closed_on_from_above_and_below_at_an_edge_that_juts_out(
+    planner, build, table, home, shape
+):
+    answer = planner.answer(
+        FindGrasps(world=put_on_post(build, table, shape, 0.035), object="plate", q_rad=home, seed=1)
+    )
+
+    assert isinstance(answer, Approaches), answer
+    for approach in answer.approaches:
+        end = planner._chain.compute_tcp(approach.line_rad[-1])
+        assert abs(end[2, 1]) == pytest.approx(1.0, abs=1e-3)  # the closing axis is vertical
+        assert 0.058 < np.linalg.norm(end[:2, 3] - (0.5, 0.0)) < 0.066
+        assert planner._chain.compute_tcp(approach.line_rad[0])[2, 3] > end[2, 3]
+
+
+@pytest.mark.parametrize("shape", [DISC, SLAB], ids=["disc", "slab"])
+def test_where_no_edge_juts_out_far_enough_it_is_too_wide(planner, build, table, home, shape):
+    world = put_on_post(build, table, shape, 0.068)
+
+    answer = planner.answer(FindGrasps(world=world, object="plate", q_rad=home, seed=1))
+
+    assert getattr(answer, "code", "") == "TOO_WIDE", answer
+    assert "no edge that juts out is in reach" in answer.message
+
+
+def test_a_hand_with_a_finger_underneath_leaves_sideways(planner, build, table, home):
+    """It rose, took the plate along and threw it off the table."""
+    world = put_on_post(build, table, DISC, 0.035)
+    (approach, *_) = planner.answer(FindGrasps(world=world, object="plate", q_rad=home, seed=1)).approaches
+    held = foresee_payload(world.entities[-1], approach)
+    other = build.fixed("other", (0.48, 0.3, 0.0), build.box((0, 0, 0.08), (0.035, 0.035, 0.08)))
+    world = World((*world.entities, other))
+
+    answer = planner.answer(
+        FindPlacements(
+            world=world, payload=held, destination="other", relation="on", q_rad=approach.line_rad[0], seed=1
+        )
+    )
+
+    assert isinstance(answer, Approaches), answer
+    for placed in answer.approaches:
+        start, end = (planner._chain.compute_tcp(q) for q in placed.line_rad[[0, -1]])
+        back_m = start[:3, 3] - end[:3, 3]
+        assert np.linalg.norm(back_m[:2]) > 4 * back_m[2] > 0.0

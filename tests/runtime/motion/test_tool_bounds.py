@@ -76,4 +76,4 @@ def test_what_can_only_be_grasped_beyond_the_bounds_is_refused_for_that(profile_
     answer = narrow.answer(FindGrasps(world=make_world(build, 0.4, 0.4), object="far", q_rad=home, seed=0))
 
     assert isinstance(answer, NoPlan)
-    assert set(answer.rejected) == {"hand|workspace_box"}
+    assert max(answer.rejected, key=lambda reason: answer.rejected[reason]) == "hand|workspace_box"

@@ -121,7 +121,9 @@ class MetricJudge:
             return []
         metrics = read_metrics(bundle, {name for _, text in asked for name in iter_metrics(text)})
         return [
-            evaluate_criterion(text, kind, bundle, metrics, evidence=_find_source(iter_metrics(text)))
+            evaluate_criterion(
+                text, kind, bundle, metrics, TRAJECTORY if TRAJECTORY_METRICS.keys() & iter_metrics(text) else EXECUTION
+            )
             for kind, text in asked
         ]
 
@@ -133,7 +135,3 @@ def read_metrics(bundle: Bundle, wanted: set[str]) -> Mapping[str, float]:
     if wanted & TRAJECTORY_METRICS.keys():
         found |= read_course(bundle.folder, wanted)
     return {name: value for name, value in found.items() if name in wanted}
-
-
-def _find_source(names: Iterator[str]) -> str:
-    return TRAJECTORY if any(name in TRAJECTORY_METRICS for name in names) else EXECUTION
