@@ -9,6 +9,7 @@ from pathlib import Path
 from types import FrameType
 
 from phyagentos.assembly.drivers import choose_driver
+from phyagentos.assembly.evidence_keeper import EvidenceKeeper
 from phyagentos.assembly.paths import FAULTS, make_socket_folder, open_project
 from phyagentos.assembly.process_tuning import ask_for_prompt_wakeups, collect_rarely
 from phyagentos.assembly.processes import make_command, reads_truth
@@ -99,6 +100,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     signals = RuntimeSignal(workspace, clock, edits=signal_edits)
     known = read_target_registry(workspace.target_registry)
     shared = open_shared_time(known, workspace, sockets, clock)
+    keeper = EvidenceKeeper(workspace)
     worlds: dict[str, WorldProcess | None] = {}
 
     def hire(target: str) -> Worker | None:
@@ -111,12 +113,14 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
 
     def on_record(record: Record) -> None:
         views.take_in(record)
+        keeper.take_in(record)
         if shared is not None:
             shared.take_in(record)
 
     def publish() -> None:
         views.refresh()
         signals.refresh()
+        keeper.refresh()
         goals = views.ledger.goals.values()
         if once_idle and goals and all(goal.verdict or goal.is_cancelled for goal in goals):
             watchdog.stop()
@@ -148,6 +152,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     if shared is not None:
         shared.close()
     views.close()
+    keeper.close()
     seal_rest(workspace, views.ledger)
     edits.close()
     signals.close()

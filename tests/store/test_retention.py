@@ -4,11 +4,14 @@ import hashlib
 import json
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from filelock import FileLock
 
+from phyagentos.assembly.evidence_keeper import EvidenceKeeper
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import (
     MANIFEST,
@@ -49,6 +52,25 @@ def test_a_succeeded_session_is_thinned_and_its_manifest_says_so(store):
     assert after.outcome.attempts[0].criteria[0].measured == {"margin_m": 0.05}
     assert [(each.session, set(each.files)) for each in report.thinned] == [("g.a", HEAVY)]
     assert store.check() == []
+
+
+def test_the_running_plane_thins_after_so_many_sessions_that_ended(store):
+    shipped = (find_shipped_root() / "protocol" / "runtime_contract.yaml").read_text()
+    store.workspace.runtime_contract.write_text(shipped.replace("keep_last: 200", "keep_last: 0"))
+    folder = store.run("g.a")
+    whole = names_in(folder)
+    keeper = EvidenceKeeper(store.workspace, every=2)
+    for to in ("running", "succeeded"):
+        keeper.take_in(SimpleNamespace(to=to))
+        keeper.refresh()
+    assert not (store.workspace.logs / "prune.log").exists()
+
+    keeper.take_in(SimpleNamespace(to="failed"))
+    keeper.refresh()
+    keeper._process.wait(60.0)
+
+    assert names_in(folder) == whole - HEAVY, (store.workspace.logs / "prune.log").read_text()
+    keeper.close()
 
 
 def test_failed_and_replanned_sessions_stay_whole(store):
