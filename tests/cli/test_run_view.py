@@ -22,7 +22,10 @@ from phyagentos.cli.report import build_report, compute_exit_code, print_report
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.stop_signals import take_signals
+from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.ledger import Ledger
 
 GOAL = "tidy-7"
@@ -105,6 +108,24 @@ def test_the_final_table_names_nodes_verdicts_times_and_pictures(replanned):
     assert "6.5 s" in text.getvalue()
     assert "1 of 1 criteria hold" in text.getvalue()
     assert str(picture) in text.getvalue()
+
+
+def test_a_success_whose_execution_was_lost_is_never_shown_as_plain_success(run, monkeypatch):
+    stream, text = io.StringIO(), io.StringIO()
+    monkeypatch.setattr(console_module.sys, "stderr", stream)
+    run.begin()
+    id = run.submit("red")
+    run.execute(id, Ended.RUNNER_LOST)
+    run.judge(id, Verdict.SUCCESS, Truth.TRUE)
+    run.end("success")
+    with RunConsole("tidy") as console:
+        console.show(run.fold)
+    report = build_report(run.fold, workspace=run.workspace.root, wall_s=2.0, exit_code=ExitCode.GOAL_MET)
+    print_report(report, run.fold, Console(file=text, width=200))
+    for shown in (stream.getvalue(), text.getvalue()):
+        assert "but the execution failed: runner_lost GRASP_LOST" in shown
+    assert "success (execution failed)" in text.getvalue()
+    assert "1 of 1 criteria hold, but" in text.getvalue()
 
 
 @pytest.mark.parametrize(

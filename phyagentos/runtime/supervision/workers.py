@@ -18,6 +18,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.runtime.supervision.world_process import WorldProcess, read_lines, start_child
 from phyagentos.runtime.targets.handshake import make_key, mint
 from phyagentos.runtime.worker.orders import OBSERVERS, FromWorker, Reconcile, Run, ToWorker, encode, receive_answer
@@ -42,9 +43,20 @@ def end_with_parent(on_line: Callable[[bytes], None] = lambda _line: None) -> No
 
 def explain_failure(logs: Path, target: str, failures: int) -> str:
     """Why a target is given up after `failures` workers in a row, by the last lines of its logs, and the remedy."""
-    ends = [f"logs/{log.name} ends with {words!r}" for log in _find_logs(logs, target) if (words := _read_end(log))]
+    ends = [shown for log in _find_logs(logs, target) if (shown := _show_end(log))]
     shown = "; ".join(ends) or f"logs/*-{target}.log are empty"
     return f"{failures} workers in a row did not start; {shown}. Mend that, then start `paos watch` again"
+
+
+def explain_loss(logs: Path, target: str, loss: str) -> str:
+    """A worker's loss, and what its log says of it."""
+    log = logs / f"worker-{target}.log"
+    return f"{loss}; {_show_end(log) or f'logs/{log.name} says nothing'}"
+
+
+def _show_end(log: Path) -> str:
+    words = clean(_read_end(log))
+    return f"logs/{log.name} ends with {words!r}" if words else ""
 
 
 def _find_logs(logs: Path, target: str) -> list[Path]:
