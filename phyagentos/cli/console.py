@@ -68,11 +68,11 @@ class RunConsole:
         """One line above the table."""
         self._console.print(Text(text, style=style))
 
-    def print_once(self, text: str, style: str = "") -> None:
+    def print_once(self, text: str, style: str = "", *, even_quiet: bool = False) -> None:
         """The same, unless it was printed before."""
         if text not in self._notes:
             self._notes.add(text)
-            self.print_line(text, style)
+            (Console(stderr=True, soft_wrap=True) if even_quiet else self._console).print(Text(text, style=style))
 
     def _print_change(self, row: Row) -> None:
         """Print what changed about a row since the last call."""
@@ -145,6 +145,8 @@ def describe(row: Row) -> str:
     if attempt is not None:
         return " ".join(part for part in (attempt.cause, attempt.reason) if part) + tell_failure(row)
     execution = row.session.execution
+    if row.session.problems:  # the goal's reason, or the report, has the sentences
+        return ", ".join(dict.fromkeys(problem.code for problem in row.session.problems))
     return row.session.reason or (f"{execution.ended.value} {execution.code}".strip() if execution is not None else "")
 
 

@@ -84,6 +84,9 @@ def print_report(report: RunReport, fold: RunFold, console: Console) -> None:
         console.print(Text.assemble(f"goal {goal.goal}: ", (word, style), f"  {goal.reason}"))
         for criterion in goal.criteria:
             console.print(build_criterion_line(criterion))
+        refused = [row.session.reason for row in fold.rows() if row.session is not None and row.session.problems]
+        for reason in (each for each in refused if each not in goal.reason):
+            console.print(reason, soft_wrap=True)
     for fault in report.unstruck_faults:
         console.print(f"fault {fault} never struck", style="yellow", soft_wrap=True)
     for pictures in report.pictures.values():

@@ -58,11 +58,10 @@ class FailureCode(StrEnum):
 class LeafError(PhyAgentOSError):
     """A leaf raised: a defect of its code, or a service it needs is gone; `place` is `file:line` in that code."""
 
-    def __init__(self, path: str, cause: BaseException, place: str = "") -> None:
+    def __init__(self, path: str, cause: BaseException, place: str) -> None:
         self.path = path
         self.cause = cause
-        at = f" ({place})" if place else ""
-        super().__init__(f"leaf {path}: {type(cause).__name__}: {cause}{at}")
+        super().__init__(f"leaf {path}: {type(cause).__name__}: {cause} ({place})")
 
 
 class Leaf(Behaviour):

@@ -43,20 +43,9 @@ def end_with_parent(on_line: Callable[[bytes], None] = lambda _line: None) -> No
 
 def explain_failure(logs: Path, target: str, failures: int) -> str:
     """Why a target is given up after `failures` workers in a row, by the last lines of its logs, and the remedy."""
-    ends = [shown for log in _find_logs(logs, target) if (shown := _show_end(log))]
+    ends = [f"logs/{log.name} ends with {words!r}" for log in _find_logs(logs, target) if (words := read_end(log))]
     shown = "; ".join(ends) or f"logs/*-{target}.log are empty"
     return f"{failures} workers in a row did not start; {shown}. Mend that, then start `paos watch` again"
-
-
-def explain_loss(logs: Path, target: str, loss: str) -> str:
-    """A worker's loss, and what its log says of it."""
-    log = logs / f"worker-{target}.log"
-    return f"{loss}; {_show_end(log) or f'logs/{log.name} says nothing'}"
-
-
-def _show_end(log: Path) -> str:
-    words = clean(_read_end(log))
-    return f"logs/{log.name} ends with {words!r}" if words else ""
 
 
 def _find_logs(logs: Path, target: str) -> list[Path]:
@@ -65,7 +54,7 @@ def _find_logs(logs: Path, target: str) -> list[Path]:
     return [*([own] if own.exists() else sorted(logs.glob("world-*.log"))), logs / f"worker-{target}.log"]
 
 
-def _read_end(log: Path) -> str:
+def read_end(log: Path) -> str:
     """The last line of a log, empty when there is none."""
     try:
         with log.open("rb") as file:
@@ -73,7 +62,7 @@ def _read_end(log: Path) -> str:
             lines = file.read().decode(errors="replace").split("\n")
     except OSError:
         return ""
-    return next((line.strip() for line in reversed(lines) if line.strip()), "")
+    return next((clean(line.strip()) for line in reversed(lines) if line.strip()), "")
 
 
 class ChildProcess:
