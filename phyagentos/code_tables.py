@@ -51,6 +51,7 @@ UNKNOWN_BLOCK        A document holds a block that it should not.
 UNKNOWN_KEY          No key of this name in the format.
 UNKNOWN_KIND         No authored file is recognised by this name and content.
 UNKNOWN_LEAF         No leaf of this name.
+UNKNOWN_NAME         Nothing of this kind has such a name.
 UNKNOWN_NOISE_LEVEL  No noise level of this name in sensors.yaml.
 UNKNOWN_NODE         No node of this name in the goal graph.
 UNKNOWN_OUTPUT       The skill has no output of this name.

@@ -3,6 +3,10 @@
 Commands import their planes when they run, so that `paos --help` loads no solver and `paos agent` no simulator.
 """
 
+import contextlib
+import functools
+import inspect
+import io
 import os
 import sys
 from collections.abc import Callable
@@ -11,12 +15,14 @@ import typer
 
 from phyagentos.cli import (
     authoring,
+    describing,
     doctor,
     editing,
     error_codes,
     evidence,
     explaining,
     memory,
+    observing,
     preflight,
     running,
     scaffolding,
@@ -25,13 +31,13 @@ from phyagentos.cli import (
     store,
     verification,
 )
-from phyagentos.cli.outcome import ExitCode, is_debugging, report_exception
+from phyagentos.cli.arguments import AsJson
+from phyagentos.cli.outcome import ExitCode, is_debugging, print_json, report_exception
 
 app = typer.Typer(
     name="paos",
     help="Robots run on sessions that are verified, not merely finished.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -60,10 +66,14 @@ COMMANDS: dict[str, Callable[..., object]] = {
     "run": running.run,
     "agent": running.agent,
     "watch": running.watch,
+    "status": observing.status,
+    "runs": observing.runs,
+    "logs": observing.logs,
     "preflight": preflight.preflight,
     "lint": authoring.lint,
     "compile": authoring.compile_graph,
     "init": scaffolding.init,
+    "describe": describing.describe,
     "list": showing.list_names,
     "schema": showing.show_schema,
     "lifecycle": showing.show_lifecycle,
@@ -90,12 +100,34 @@ GROUPS: dict[str, tuple[str, tuple[tuple[str, Callable[..., object]], ...]]] = {
     "memory": ("What verdicts taught.", (("show", memory.show), ("why", memory.why), ("forget", memory.forget))),
 }
 
+
+def with_json(command: Callable[..., object]) -> Callable[..., object]:
+    """The command with `--json`: where it has no such option, the lines that it prints become a list."""
+    signature = inspect.signature(command)
+    if "as_json" in signature.parameters:
+        return command
+
+    @functools.wraps(command)
+    def call(*, as_json: bool, **arguments: object) -> object:
+        if not as_json:
+            return command(**arguments)
+        with contextlib.redirect_stdout(io.StringIO()) as text:
+            code = command(**arguments)
+        print_json({"exit_code": code or 0, "result": text.getvalue().splitlines()})
+        return code
+
+    own = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=AsJson)
+    call.__dict__["__signature__"] = signature.replace(parameters=[*signature.parameters.values(), own])
+    call.__annotations__ = command.__annotations__ | {"as_json": AsJson}
+    return call
+
+
 for name, command in COMMANDS.items():
-    app.command(name)(command)
+    app.command(name)(with_json(command))
 for name, (help_text, commands) in GROUPS.items():
     group = typer.Typer(help=help_text, no_args_is_help=True, rich_markup_mode=None)
     for each, command in commands:
-        group.command(each)(command)
+        group.command(each)(with_json(command))
     app.add_typer(group, name=name)
 
 
@@ -106,6 +138,8 @@ def main() -> None:
         code = outcome if isinstance(outcome, int) else ExitCode.GOAL_MET
     except BaseException as error:
         code = _to_exit_code(error)
+        if "--json" in sys.argv and not isinstance(error, SystemExit):
+            print_json({"exit_code": code, "error": str(error), "problems": getattr(error, "problems", ())})
     sys.exit(int(code))
 
 

@@ -1,22 +1,26 @@
-"""What arguments mean: files and names in the library that a command uses, and `--set` for roles of `targets`.
+"""What arguments mean: files and names in the library that a command uses, workspaces, `--set` for roles of `targets`.
 
 A project is a folder with any of goal_graphs/, trees/, skills/, scenes/, robots/, faults/. The folder of the given file
 comes first, then the working directory, then installed libraries and what ships.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from phyagentos.cli.outcome import Exit, ExitCode
+from phyagentos.cli.outcome import Exit, ExitCode, print_note
 from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
+from phyagentos.protocol.workspace.workspace import MARKER
 
 Overrides = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Bind a role: targets.arm=NAME. Repeatable.")
 ]
+AsJson = Annotated[bool, typer.Option("--json", help="As JSON on stdout.")]
 PREFIX = "targets."
 FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol")
 
@@ -58,3 +62,29 @@ def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
     if wrong:
         raise Exit(ExitCode.INVALID_INPUT, f"--set {wrong[0]}: expected {PREFIX}ROLE=NAME")
     return {key: value for key, _, value in pairs}
+
+
+def find_workspaces() -> list[Path]:
+    """The working directory where it is a workspace, and those in `workspaces/`; what was written last comes first."""
+    markers = [path for path in (Path(MARKER), *Path("workspaces").glob(f"*/{MARKER}")) if path.is_file()]
+    written = {marker.parent: [marker, *marker.parent.glob("sessions/*/*.md")] for marker in markers}
+    return sorted(written, key=lambda root: max(path.stat().st_mtime for path in written[root]), reverse=True)
+
+
+def choose_newest() -> Path:
+    """The workspace that a reading command means without `--workspace`; says which. Raises `NOT_A_WORKSPACE`."""
+    found = find_workspaces()
+    if not found:
+        wanted = "a workspace that `paos run` has made there"
+        raise DefinitionError.of("NOT_A_WORKSPACE", "workspaces", "none", wanted, "Name one with --workspace.")
+    print_note(f"workspace {found[0]} (the newest of {len(found)})")
+    return found[0]
+
+
+def find_running() -> list[Path]:
+    """Every workspace on this machine that a runtime of this user supervises, wherever it is."""
+    roots = set()
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        with suppress(OSError):  # the process of another user, or one that ended
+            roots.add(Path(str(link.readlink()).removesuffix(f"/{WATCHDOG_LOCK}")))
+    return sorted(root for root in roots if (root / MARKER).is_file() and is_held(root / WATCHDOG_LOCK))

@@ -5,18 +5,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from phyagentos.cli.arguments import Overrides, get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import AsJson, Overrides, get_file, open_library, parse_overrides
 from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_problems, print_result
 
 if TYPE_CHECKING:
     from phyagentos.agent.goals.graph import GoalGraph
 
 
-def lint(paths: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Files, or folders to walk.")]) -> int:
+def lint(
+    paths: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Files, or folders to walk.")],
+    as_json: AsJson = False,
+) -> int:
     """Check authored files and report every problem with file, line and column."""
     from phyagentos.cli.lint import find_warnings, lint_paths
 
     checked, problems = lint_paths(paths)
+    if as_json:
+        print_json({"checked": [str(path) for path in checked], "problems": problems})
     count = print_problems(problems)
     for warning in (each for path in checked for each in find_warnings(path)):
         print_note(f"warning: {warning}")
@@ -27,7 +32,7 @@ def lint(paths: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Fi
     if count:
         print_note(f"{files} checked, {count} problem{'s' if count != 1 else ''}")
         return int(ExitCode.INVALID_INPUT)
-    print_result(f"{files} checked, no problem")
+    (print_note if as_json else print_result)(f"{files} checked, no problem")
     return int(ExitCode.GOAL_MET)
 
 

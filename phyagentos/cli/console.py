@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from phyagentos.cli.progress import Row, RunFold
+from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.world.truth import Truth
 
@@ -67,11 +68,11 @@ class RunConsole:
         """One line above the table."""
         self._console.print(Text(text, style=style))
 
-    def print_once(self, text: str, style: str = "") -> None:
+    def print_once(self, text: str, style: str = "", *, even_quiet: bool = False) -> None:
         """The same, unless it was printed before."""
         if text not in self._notes:
             self._notes.add(text)
-            self.print_line(text, style)
+            (Console(stderr=True, soft_wrap=True) if even_quiet else self._console).print(Text(text, style=style))
 
     def _print_change(self, row: Row) -> None:
         """Print what changed about a row since the last call."""
@@ -83,7 +84,7 @@ class RunConsole:
                 self.print_line(f"{row.name}: {row.state}")
             return
         self._console.print(
-            Text.assemble(f"{row.name}: ", (row.state, STYLES.get(row.state, "")), f"  {describe(row)}")
+            Text.assemble(f"{row.name}: ", (row.state, choose_style(row, row.state)), f"  {describe(row)}")
         )
         for criterion in row.session.decision.criteria if row.session.decision is not None else ():
             self._console.print(build_criterion_line(criterion))
@@ -103,7 +104,7 @@ def build_progress_table(title: str, rows: list[Row]) -> Table:
         doing = f"{beat.phase} {beat.leaf}" if beat is not None else summarise(row)
         time_s = beat.sim_time_s if beat is not None else row.sim_time_s
         time = f"{time_s:.1f} s" if time_s else ""
-        table.add_row(f"{indent}{row.name}", Text(row.state, STYLES.get(row.state, "")), doing, time)
+        table.add_row(f"{indent}{row.name}", Text(row.state, choose_style(row, row.state)), doing, time)
     return table
 
 
@@ -115,10 +116,25 @@ def summarise(row: Row) -> str:
     attempt = session.decision
     if attempt is None:
         return describe(row)
+    execution = session.execution
     if attempt.verdict is not Verdict.SUCCESS:
-        return f"{attempt.cause} {session.execution.leaf if session.execution else ''}".rstrip()
+        facts = (attempt.cause, execution.code, execution.leaf) if execution is not None else (attempt.cause,)
+        return " ".join(dict.fromkeys(filter(None, facts)))
     held = sum(criterion.truth is Truth.TRUE for criterion in attempt.criteria)
-    return f"{held} of {len(attempt.criteria)} criteria hold"
+    return f"{held} of {len(attempt.criteria)} criteria hold{tell_failure(row)}"
+
+
+def tell_failure(row: Row) -> str:
+    """How the execution of a session that is judged a success failed; empty where it did not."""
+    execution = row.session.execution if row.session is not None else None
+    if row.verdict != Verdict.SUCCESS or execution is None or execution.ended is Ended.COMPLETED:
+        return ""
+    return f", but the execution failed: {' '.join(filter(None, (execution.ended, execution.code, execution.message)))}"
+
+
+def choose_style(row: Row, word: str) -> str:
+    """The style of its state or verdict: a success that the execution does not share is no plain one."""
+    return "yellow" if tell_failure(row) else STYLES.get(word, "")
 
 
 def describe(row: Row) -> str:
@@ -127,8 +143,10 @@ def describe(row: Row) -> str:
         return ""
     attempt = row.session.decision
     if attempt is not None:
-        return " ".join(part for part in (attempt.cause, attempt.reason) if part)
+        return " ".join(part for part in (attempt.cause, attempt.reason) if part) + tell_failure(row)
     execution = row.session.execution
+    if row.session.problems:  # the goal's reason, or the report, has the sentences
+        return ", ".join(dict.fromkeys(problem.code for problem in row.session.problems))
     return row.session.reason or (f"{execution.ended.value} {execution.code}".strip() if execution is not None else "")
 
 

@@ -7,6 +7,7 @@ import msgspec
 import typer
 from msgspec.structs import asdict
 
+from phyagentos.cli.arguments import AsJson
 from phyagentos.cli.explaining import Space
 from phyagentos.cli.outcome import ExitCode, print_json, print_problems, print_result
 from phyagentos.clock import SystemClock
@@ -18,8 +19,6 @@ from phyagentos.protocol.world.environment import Environment
 
 if TYPE_CHECKING:
     from phyagentos.store.retention import RetentionReport
-
-AsJson = Annotated[bool, typer.Option("--json", help="The report as JSON on stdout.")]
 
 
 def verify(workspace: Space, as_json: AsJson = False) -> int:

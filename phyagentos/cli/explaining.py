@@ -6,23 +6,50 @@ from typing import Annotated
 
 import typer
 
+from phyagentos.cli.arguments import AsJson, choose_newest
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
 from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.sessions.session import GoalId, SessionId
 from phyagentos.protocol.sessions.tasks import GoalStatus, Relation, iter_edges, iter_steps
 from phyagentos.protocol.workspace.workspace import Workspace
 
-Id = Annotated[str, typer.Argument(metavar="SESSION", help="A session id; the part after the goal is enough.")]
-Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
+_SHORT = "The part after the goal is enough."
+Id = Annotated[str, typer.Argument(metavar="SESSION", help=f"A session id. {_SHORT}")]
+_IN = typer.Option("--workspace", "-w", default_factory=choose_newest, show_default="the newest", help="Its folder.")
+Space = Annotated[Path, _IN]
+Subject = Annotated[str, typer.Argument(metavar="SESSION|NODE|GOAL", help=f"The latest goal without. {_SHORT}")]
 
 
-def why(session: Id, workspace: Space) -> None:
-    """Explain a verdict: the layer, the leaf and the number that decided it."""
+def why(workspace: Space, subject: Subject = "", as_json: AsJson = False) -> None:
+    """Explain a verdict: the layer, the leaf and the number that decided it; of a goal or node, the first cause."""
     from phyagentos.cli.history import read_ledger
-    from phyagentos.cli.why import explain_session
+    from phyagentos.cli.why import explain_goal, explain_node, explain_session
 
-    ledger = read_ledger(workspace, session)
-    print_result(explain_session(Workspace.open(workspace), ledger, get_session(session, ledger.sessions)))
+    ledger, place = read_ledger(workspace, subject), Workspace.open(workspace)
+    latest = dict(list(ledger.goals.items())[-1:])
+    goal = ledger.goals.get(GoalId(subject)) if subject else _get_goal("", workspace, latest)
+    holder, name = find_node(subject, ledger.goals)
+    found: object
+    if goal is not None:
+        found, lines = goal, explain_goal(place, ledger, goal)
+    elif holder is not None and not holder.nodes[name].sessions:
+        found, lines = holder.nodes[name], explain_node(place, ledger, holder, name)
+    else:
+        id = get_session(subject, ledger.sessions)
+        found, lines = ledger.sessions[id], explain_session(place, ledger, id)
+    if as_json:
+        print_json({"found": found, "explanation": lines.splitlines()})
+    else:
+        print_result(lines)
+
+
+def find_node(text: str, goals: Mapping[GoalId, GoalStatus]) -> tuple[GoalStatus | None, str]:
+    """The latest goal with a node that is called so, `blue` or `tidy-7.blue`, and its name there."""
+    for goal in reversed(list(goals.values())):
+        name = text.removeprefix(f"{goal.id}.")
+        if name in goal.nodes:
+            return goal, name
+    return None, text
 
 
 def show_graph(

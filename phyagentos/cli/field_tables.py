@@ -22,19 +22,19 @@ def render_fields(kind: str) -> str:
     schema = build_schema(kind)
     definitions = schema.get("$defs", {})
     tables = []
-    for title, structure in _iter_structures(schema, definitions):
-        needed = structure.get("required", ())
-        rows = (
-            (
-                f"`{name}`",
-                _describe_type(each, definitions),
-                _describe_default(each, is_needed=name in needed),
-                _describe(each),
-            )
-            for name, each in structure["properties"].items()
-        )
+    for title, structure in iter_structures(schema, definitions):
+        rows = ((f"`{name}`", *row) for name, row in list_fields(structure, definitions).items())
         tables.append(f"**{title}**\n\n{render_table(('field', 'is', 'default', 'meaning'), rows)}")
     return "\n".join(tables)
+
+
+def list_fields(structure: dict[str, Any], definitions: dict[str, Any]) -> dict[str, tuple[str, str, str]]:
+    """The fields of one structure: name -> what it is, default, meaning."""
+    needed = structure.get("required", ())
+    return {
+        name: (_describe_type(each, definitions), _describe_default(each, is_needed=name in needed), _describe(each))
+        for name, each in structure["properties"].items()
+    }
 
 
 def renew_pages(folder: Path) -> list[Path]:
@@ -47,7 +47,7 @@ def renew_pages(folder: Path) -> list[Path]:
     return pages
 
 
-def _iter_structures(schema: dict[str, Any], definitions: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+def iter_structures(schema: dict[str, Any], definitions: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     """The schema itself and every structure that it refers to, in the order of mention."""
     yield schema.get("title", ""), schema
     seen: list[str] = []

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from phyagentos.cli.arguments import AsJson
+from phyagentos.cli.explaining import Space
 from phyagentos.cli.outcome import print_json, print_note, print_result
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, format_hint, format_names
@@ -19,9 +21,7 @@ if TYPE_CHECKING:
     from phyagentos.agent.memory.memory import Memory
     from phyagentos.protocol.sessions.memory_entries import MemoryEntry
 
-Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run, or of `paos run --memory`.")]
 Entry = Annotated[str, typer.Argument(help="Id of a lesson or fact, as LESSONS.md and KNOWLEDGE.md give it.")]
-AsJson = Annotated[bool, typer.Option("--json", help="As JSON on stdout.")]
 
 
 def show(

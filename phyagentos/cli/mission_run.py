@@ -42,6 +42,7 @@ from phyagentos.store.watch import Watch
 
 VIEW_PERIOD_S = 0.1  # ten pictures a second are enough for people
 FULL_BYTES = 1 << 20  # with less room than that no plane can keep its records
+WARM_UP_S = 5.0  # a machine that has compiled its kernels moves before
 CANCEL_PATIENCE_S = 20.0  # then the planes are ended without waiting for their records
 
 
@@ -141,6 +142,7 @@ def run_planes(
     fold.apply(journal.read_new())
     fold.forget_finished_goals()
     with RunConsole(f"{graph.stem}, seed {order.seed}", quiet=order.quiet) as console:
+        print_stop(workspace, console)
         planes = start_planes(order, graph, faults, workspace)
         try:
             follow_run(fold, journal, workspace, planes, interrupts, console, clock)
@@ -216,6 +218,7 @@ def follow_run(
 ) -> None:
     """Show the run until it is over: verdict, cancelled, or a plane that failed."""
     asked_at_s: float | None = None
+    warm_by_s = clock.now_s() + WARM_UP_S
     with Watch([journal.folder, workspace.heartbeats]) as watch:
         while True:
             watch.wait(VIEW_PERIOD_S)
@@ -225,6 +228,9 @@ def follow_run(
             fold.apply(journal.read_new())
             console.show(fold)
             print_stop(workspace, console)
+            has_moved = any(row.sim_time_s or (row.beat is not None and row.beat.tick) for row in fold.rows())
+            if clock.now_s() > warm_by_s and not has_moved:
+                console.print_once("warming up: the first run on a machine compiles its kernels, up to a minute, once")
             if interrupts.count and asked_at_s is None:
                 asked_at_s = clock.now_s()
                 console.print_line("cancelling: the robot is being halted. Ctrl-C again ends at once.", "yellow")
@@ -250,7 +256,9 @@ def print_stop(workspace: Workspace, console: RunConsole) -> None:
     latch = read_latch(workspace.signals.parent)
     if latch is not None:
         why = f"emergency stop latched by {latch.by or '?'} ({latch.reason or 'no reason given'})"
-        console.print_once(f"{why}; paos estop -w {workspace.root} --reset --reason ... lets it go on.", "red")
+        console.print_once(
+            f"{why}; paos estop -w {workspace.root} --reset --reason ... lets it go on.", "red", even_quiet=True
+        )
 
 
 def ask_for_end(fold: RunFold, journal: Journal, workspace: Workspace, clock: Clock) -> None:

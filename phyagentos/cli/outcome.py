@@ -83,6 +83,9 @@ def report_exception(error: BaseException, *, debug: bool) -> ExitCode:
         count = print_problems(error.problems)
         print_note(f"{count} problem{'s' if count != 1 else ''}")
         return ExitCode.INVALID_INPUT
+    if isinstance(error, OSError) and error.filename is not None:
+        print_note(f"{error.filename}: {error.strerror}; name a place that can be read and written")
+        return ExitCode.INVALID_INPUT
     name = "" if isinstance(error, PhyAgentOSError) else f"{type(error).__name__}: "
     hint = "" if debug else " Add --debug for the traceback."
     print_note(f"paos: {name}{str(error).rstrip('.')}.{hint}")

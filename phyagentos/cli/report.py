@@ -10,7 +10,7 @@ from rich.text import Text
 
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.mission.report import build_report as build_mission_report
-from phyagentos.cli.console import STYLES, build_criterion_line, summarise
+from phyagentos.cli.console import build_criterion_line, choose_style, summarise, tell_failure
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.planted_faults import find_unstruck
 from phyagentos.cli.progress import Row, RunFold
@@ -84,6 +84,9 @@ def print_report(report: RunReport, fold: RunFold, console: Console) -> None:
         console.print(Text.assemble(f"goal {goal.goal}: ", (word, style), f"  {goal.reason}"))
         for criterion in goal.criteria:
             console.print(build_criterion_line(criterion))
+        refused = [row.session.reason for row in fold.rows() if row.session is not None and row.session.problems]
+        for reason in (each for each in refused if each not in goal.reason):
+            console.print(reason, soft_wrap=True)
     for fault in report.unstruck_faults:
         console.print(f"fault {fault} never struck", style="yellow", soft_wrap=True)
     for pictures in report.pictures.values():
@@ -97,8 +100,8 @@ def _build_cells(row: Row) -> list[Any]:
     return [
         row.node,
         session.contract.id if session is not None else "",
-        Text(row.state, STYLES.get(row.state, "")),
-        Text(row.verdict, STYLES.get(row.verdict, "")),
+        Text(row.state, choose_style(row, row.state)),
+        Text(row.verdict + (" (execution failed)" if tell_failure(row) else ""), choose_style(row, row.verdict)),
         summarise(row),
         f"{row.sim_time_s:.1f} s" if row.sim_time_s else "",
         f"{row.wall_s:.1f} s" if session is not None else "",

@@ -10,13 +10,14 @@ from typing import Annotated
 
 import typer
 
-from phyagentos.cli.arguments import Overrides, get_file, parse_overrides
-from phyagentos.cli.outcome import Exit, ExitCode, print_result
+from phyagentos.cli.arguments import Overrides, get_file, open_library, parse_overrides
+from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 from phyagentos.protocol.settings.perception import Prior, Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 
-Graph = Annotated[Path, typer.Argument(help="A goal graph: a file, or a name of `paos list graphs`.")]
+_GRAPH = "A goal graph: a file, or a name of `paos list graphs`."
+Graph = Annotated[Path, typer.Argument(help=_GRAPH, autocompletion=lambda: open_library().names_of_goal_graphs())]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run; created when missing.")]
 Seed = Annotated[int, typer.Option(help="Root of every random choice.", min=0, max=2**63 - 1)]
 NoPictures = Annotated[bool, typer.Option("--no-pictures", help="Render nothing.")]
@@ -88,7 +89,9 @@ def agent(
     """Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict."""
     from phyagentos.assembly.agent_plane import run_agent
 
-    _prepare(with_parent)
+    _prepare(
+        with_parent, f"agent of {workspace}: submits, judges; `paos watch -w {workspace}` carries out; Ctrl-C ends"
+    )
     file, overrides = get_file(graph, "goal_graphs"), parse_overrides(set_)
     report = run_agent(workspace, file, seed, overrides=overrides, goal=goal, verify=verify, memory=memory)
     print_result(f"goal {report.goal}: {report.verdict}  {report.reason}")
@@ -107,7 +110,7 @@ def watch(
     """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
     from phyagentos.assembly.runtime_plane import run_watch
 
-    _prepare(with_parent)
+    _prepare(with_parent, f"runtime of {workspace}: claims, checks and runs what an agent submits; Ctrl-C ends")
     run_watch(
         workspace,
         faults=get_file(faults, "faults") if faults is not None else None,
@@ -119,8 +122,10 @@ def watch(
     )
 
 
-def _prepare(parent: int | None) -> None:
-    """Let `terminate` be a Ctrl-C, so that both end the same way; and, when asked, end with the parent."""
+def _prepare(parent: int | None, about: str) -> None:
+    """Let `terminate` be a Ctrl-C, so that both end the same way; end with the parent; without, say what begins."""
+    if parent is None:
+        print_note(about)
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt

@@ -1,5 +1,6 @@
 """Commands that show what there is: `list`, `schema`, `lifecycle`, `tree show`."""
 
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -91,21 +92,16 @@ def show_tree(
 
 def _find_names(kind: Listing) -> list[str]:
     library = Library.open(Path.cwd())
-    match kind:
-        case Listing.GRAPHS:
-            return library.names_of_goal_graphs()
-        case Listing.LEAVES:
-            from phyagentos.runtime.execution.leaf_registry import build_registry
+    if kind is Listing.LEAVES:
+        from phyagentos.runtime.execution.leaf_registry import build_registry
 
-            return build_registry(library).names()
-        case Listing.PREDICATES:
-            known = get_predicate_library()
-            return [definition.signature for name in known.names() if (definition := known.find(name))]
-        case Listing.SCENES:
-            return library.names_of_scenes()
-        case Listing.SKILLS:
-            return library.names_of_skills()
-        case Listing.TARGETS:
-            return library.names_of_targets()
-        case Listing.TREES:
-            return library.names_of_trees()
+        return build_registry(library).names()
+    listed: dict[Listing, Callable[[], list[str]]] = {
+        Listing.GRAPHS: library.names_of_goal_graphs,
+        Listing.PREDICATES: lambda: [definition.signature for definition in get_predicate_library()],
+        Listing.SCENES: library.names_of_scenes,
+        Listing.SKILLS: library.names_of_skills,
+        Listing.TARGETS: library.names_of_targets,
+        Listing.TREES: library.names_of_trees,
+    }
+    return listed[kind]()

@@ -4,12 +4,14 @@ Only the end of a goal is a record: every agent that continues the goal must rea
 """
 
 import contextlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from phyagentos.cli.explaining import Space, get_session
+from phyagentos.cli.arguments import find_running
+from phyagentos.cli.explaining import get_session
 from phyagentos.cli.outcome import Exit, ExitCode, print_result
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError, format_names
@@ -28,10 +30,17 @@ Which = Annotated[str, typer.Argument(metavar="SESSION|all")]
 Reason = Annotated[str, typer.Option(help="Why; it is recorded.", callback=clean)]
 
 
+Space = Annotated[Path | None, typer.Option("--workspace", "-w", help="Its folder; every one that runs by default.")]
+
+
 def cancel(
-    session: Annotated[str, typer.Argument(metavar="SESSION|GOAL|all")], workspace: Space, reason: Reason = ""
+    session: Annotated[str, typer.Argument(metavar="SESSION|GOAL|all")], workspace: Space = None, reason: Reason = ""
 ) -> None:
     """Ask for an end: the robot is halted, then the session is cancelled; of a goal, every session of it."""
+    _reach(workspace, lambda each: _cancel(session, each, reason))
+
+
+def _cancel(session: str, workspace: Path, reason: str) -> None:
     from phyagentos.cli.history import read_ledger
 
     ledger = Ledger() if session == "all" else read_ledger(workspace)  # a damaged journal must not hold up a stop
@@ -41,37 +50,59 @@ def cancel(
             if status.contract.goal == goal.id:
                 _drop(Signal(kind="cancel", session=status.contract.id, by="paos cancel", reason=reason), workspace)
         return
-    _drop(Signal(kind="cancel", session=_find(session, workspace), by="paos cancel", reason=reason), workspace)
+    _request("cancel", session, workspace, reason)
 
 
-def pause(session: Which, workspace: Space, reason: Reason = "") -> None:
+def pause(session: Which, workspace: Space = None, reason: Reason = "") -> None:
     """Let a running session rest at the end of its present motion, until `resume`; its time limits go on."""
-    _drop(Signal(kind="pause", session=_find(session, workspace), by="paos pause", reason=reason), workspace)
+    _reach(workspace, lambda each: _request("pause", session, each, reason))
 
 
-def resume(session: Which, workspace: Space) -> None:
+def resume(session: Which, workspace: Space = None) -> None:
     """Let a paused session go on."""
-    _drop(Signal(kind="resume", session=_find(session, workspace), by="paos resume"), workspace)
+    _reach(workspace, lambda each: _request("resume", session, each))
 
 
 def estop(
-    workspace: Space,
+    workspace: Space = None,
     reason: Reason = "",
     reset: Annotated[bool, typer.Option("--reset", help="Let targets move again; needs --reason.")] = False,
 ) -> None:
-    """Stop every target of a workspace at once; it stays latched, over restarts, until `--reset`."""
-    place, clock = Workspace.open(workspace), SystemClock()
-    signals = place.signals.parent
-    if reset:
-        print_result(f"reset; the former latch is kept in {latches.reset(signals, reason, clock)}")
-        return
+    """Stop every target at once; it stays latched, over restarts, until `--reset`, which needs --workspace."""
+    if not reset:
+        _reach(workspace, lambda each: _latch(Workspace.open(each).signals.parent, reason))
+    elif workspace is None:
+        raise Exit(ExitCode.INVALID_INPUT, "paos estop --reset: name the workspace that may move again: --workspace")
+    else:
+        kept = latches.reset(Workspace.open(workspace).signals.parent, reason, SystemClock())
+        print_result(f"reset; the former latch is kept in {kept}")
+
+
+def _latch(signals: Path, reason: str) -> None:
     try:
-        latches.latch(signals, latches.Latch(by="paos estop", reason=reason, at=clock.wall_iso()))
+        latches.latch(signals, latches.Latch(by="paos estop", reason=reason, at=SystemClock().wall_iso()))
     except OSError as error:
         if not latches.is_latched(signals):
             raise ExecutionError("LATCH_UNWRITABLE", f"{signals}: {error}; use the stop of the robot itself") from error
         print_result(f"latched, but the disk did not confirm it ({error}): a restart of the machine may forget it")
-    print_result(f"latched: {signals / latches.LATCH}; `paos estop --reset --reason …` lets targets move again")
+    again = f"`paos estop --reset --reason … -w {signals.parent}` lets targets move again"
+    print_result(f"latched: {signals / latches.LATCH}; {again}")
+
+
+def _reach(workspace: Path | None, act: Callable[[Path], None]) -> None:
+    """Act on the given workspace; without, on every one that runs, where at least one must know the session."""
+    places = [workspace] if workspace is not None else find_running()
+    failed: list[Exit | ExecutionError] = []
+    for each in places:
+        try:
+            act(each)
+        except (Exit, ExecutionError) as error:  # the others are to stop all the same
+            failed.append(error)
+    if not places:
+        raise Exit(ExitCode.INVALID_INPUT, "no workspace is running; name one: --workspace")
+    for each_error in failed:
+        if isinstance(each_error, ExecutionError) or len(failed) == len(places):
+            raise each_error
 
 
 def _cancel_goal(goal: GoalStatus, workspace: Path, reason: str) -> None:
@@ -99,6 +130,10 @@ def _find(session: str, workspace: Path) -> str:
         possible = f"live sessions are {format_names(live)}" if live else "no session is live"
         raise Exit(ExitCode.INVALID_INPUT, f"{id}: its state {state!r} is final; {possible}")
     return id
+
+
+def _request(kind: Literal["cancel", "pause", "resume"], session: str, workspace: Path, reason: str = "") -> None:
+    _drop(Signal(kind=kind, session=_find(session, workspace), by=f"paos {kind}", reason=reason), workspace)
 
 
 def _drop(signal: Signal, workspace: Path) -> None:

@@ -13,6 +13,7 @@ from phyagentos.cli.planted_faults import find_unstruck
 from phyagentos.protocol.sessions.evidence import Bundle, read_bundle
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
 from phyagentos.protocol.sessions.session import Execution, SessionId, SessionStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.idealisations import format_idealisations
@@ -42,6 +43,30 @@ def explain_session(workspace: Workspace, ledger: Ledger, id: SessionId) -> str:
         if child.contract.parent == id
     ]
     return "\n".join(lines)
+
+
+def explain_goal(workspace: Workspace, ledger: Ledger, goal: GoalStatus) -> str:
+    """Why a goal stands where it does: its verdict, its nodes, and the first cause of a miss."""
+    lines = [f"{goal.id}: {goal.verdict or 'no verdict yet'}", f"  objective   {goal.objective}"]
+    lines += [f"  because     {goal.reason}"] if goal.reason else []
+    lines += [
+        f"    {MARKS[each.truth][0]} {each.text}: {each.because or _show(each.measured)}" for each in goal.criteria
+    ]
+    lines += [f"  node        {name}: {node.state}" for name, node in goal.nodes.items()]
+    bad = next((name for name, node in goal.nodes.items() if node.state is NodeState.BLOCKED), None)
+    return "\n".join([*lines, *([explain_node(workspace, ledger, goal, bad)] if bad is not None else [])])
+
+
+def explain_node(workspace: Workspace, ledger: Ledger, goal: GoalStatus, name: str) -> str:
+    """Why a node stands where it does: along the nodes that it waits for, to the session where it began."""
+    node = goal.nodes[name]
+    before = {each: goal.nodes[each] for each in node.after if each in goal.nodes}
+    lines = [f"{goal.id}.{name}: {node.state} {node.reason}".rstrip()]
+    lines += [f"  waits for   {each}: {found.state}" for each, found in before.items()]
+    if node.sessions:
+        return "\n".join([*lines, explain_session(workspace, ledger, node.sessions[-1])])
+    held = next((each for each, found in before.items() if found.state is not NodeState.DONE), None)
+    return "\n".join([*lines, *([explain_node(workspace, ledger, goal, held)] if held is not None else [])])
 
 
 def _explain_execution(status: SessionStatus) -> Iterator[str]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import msgspec
 import pytest
 
+from phyagentos.cli import stopping
 from phyagentos.cli.app import main
 from phyagentos.cli.progress import RunFold
 from phyagentos.protocol.capabilities.library import Library
@@ -28,6 +29,8 @@ class Result:
 
 @pytest.fixture
 def paos(monkeypatch, capsys):
+    monkeypatch.setattr(stopping, "find_running", list)  # a test reaches no run of this machine but its own
+
     def call(*arguments: object) -> Result:
         monkeypatch.setenv("PAOS_DEBUG", "0")  # and forget what --debug sets
         monkeypatch.setattr(sys, "argv", ["paos", *map(str, arguments)])

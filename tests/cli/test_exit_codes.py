@@ -1,9 +1,15 @@
 """Every way a command can end has its own code, and no traceback unless asked for."""
 
+import json
+import os
+import subprocess
+import sys
+
 import pytest
 
 from phyagentos.assembly.planes import Plane
 from phyagentos.cli import showing
+from phyagentos.cli.app import COMMANDS, GROUPS
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.clock import SystemClock
 
@@ -100,3 +106,51 @@ def test_every_command_explains_itself(paos, word):
     result = paos(word, "--help")
     assert result.code == ExitCode.GOAL_MET
     assert "Usage:" in result.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("why", "red", "-w", "nowhere"), "NOT_A_WORKSPACE"),
+        (("run", "tidy_tabel"), "UNKNOWN_FILE"),
+        (("fly",), "No such command 'fly'"),
+        (("compile", "tidy_table", "--set", "arm=panda"), "expected targets.ROLE=NAME"),
+    ],
+)
+def test_errors_are_json_where_json_is_asked_for(paos, arguments, said):
+    result = paos(*arguments, "--json")
+    found = json.loads(result.out)
+    assert found["exit_code"] == result.code == ExitCode.INVALID_INPUT
+    assert said in found["error"]
+    assert said in result.err
+
+
+def test_every_command_has_json(paos):
+    commands = [(name,) for name in COMMANDS] + [(group, each) for group, (_, of) in GROUPS.items() for each, _ in of]
+    for words in commands:
+        assert "--json" in paos(*words, "--help").out, words
+    assert json.loads(paos("list", "scenes", "--json").out)["result"] == paos("list", "scenes").out.splitlines()
+
+
+def test_problems_of_lint_are_json(paos, tmp_path):
+    (tmp_path / "a.yaml").write_text("goal: a\n")
+    result = paos("lint", tmp_path / "a.yaml", "--json")
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "MISSING_KEY" in {problem["code"] for problem in json.loads(result.out)["problems"]}
+
+
+@pytest.mark.parametrize("command", [("init",), ("run", "tidy_table", "-w"), ("watch", "-w"), ("describe", "--write")])
+def test_a_place_that_cannot_be_written_is_a_user_error(paos, tmp_path, command):
+    (tmp_path / "file").write_text("")
+    result = paos(*command, tmp_path / "file" / "below")
+    assert result.code == ExitCode.INVALID_INPUT
+    assert f"{tmp_path / 'file' / 'below'}" in result.err
+    assert "name a place that can be read and written" in result.err
+
+
+def test_ctrl_c_while_the_program_is_imported_leaves_no_traceback(tmp_path):
+    (tmp_path / "typer.py").write_text("raise KeyboardInterrupt\n")  # as if it came just then
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    command = [sys.executable, "-m", "phyagentos", "list", "leaves"]
+    done = subprocess.run(command, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (ExitCode.INTERRUPTED, "")

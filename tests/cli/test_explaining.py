@@ -12,7 +12,9 @@ from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, TRACE, encode_l
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.stop_signals import take_signals
 from phyagentos.protocol.sessions.trace import TraceEvent
+from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.views.tasks import render_tasks
 
 
@@ -208,3 +210,33 @@ def test_a_session_whose_target_was_removed_is_not_repeated(replanned, paos):
     assert refused.code == ExitCode.INVALID_INPUT
     assert f"{workspace.target_registry}: TARGET_UNKNOWN: found 'panda'" in refused.err
     assert not (workspace.root / "reruns").exists()
+
+
+def test_why_of_a_goal_tells_its_nodes_and_the_first_cause(run, paos):
+    run.begin()
+    id = run.submit("red")
+    run.execute(id)
+    leave_evidence(run, id)
+    run.judge(id, Verdict.FAILURE, Truth.FALSE)
+    run.write(Side.AGENT, "node:tidy-7/red", "node_blocked", reason="the budget is spent")
+    run.write(Side.AGENT, "node:tidy-7/blue", "node_blocked", reason="it waits for red, which is blocked")
+    run.end("failure")
+    place = ("-w", run.workspace.root)
+    shown = paos("why", *place).out.splitlines()
+    assert shown[0] == "tidy-7: failure"
+    assert {"  because     because", "  node        red: blocked", "  node        blue: blocked"} <= set(shown)
+    assert "tidy-7.red: blocked the budget is spent" in shown
+    assert paos("why", "tidy-7", *place).out.splitlines() == shown
+
+    blocked = paos("why", "blue", *place).out.splitlines()
+    assert blocked[:2] == ["tidy-7.blue: blocked it waits for red, which is blocked", "  waits for   red: blocked"]
+    assert "  execution   skill_failed GRASP_LOST: 6.50 s simulated, 0 commands, 0 safety interventions" in blocked
+    assert paos("why", "tidy-7.blue", *place).out.splitlines() == blocked
+    found = json.loads(paos("why", "red", *place, "--json").out)
+    assert (found["found"]["state"], found["explanation"][0]) == ("failed", "tidy-7.red: failed")
+
+
+def test_why_where_nothing_ran_yet_says_so(run, paos):
+    result = paos("why", "-w", run.workspace.root)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "found 0 goals; expected a goal that was submitted there" in result.err

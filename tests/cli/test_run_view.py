@@ -15,14 +15,27 @@ from rich.console import Console
 from phyagentos.cli import console as console_module
 from phyagentos.cli import mission_run
 from phyagentos.cli.console import RunConsole, build_progress_table
-from phyagentos.cli.mission_run import Interrupts, ask_for_end, choose_workspace, follow_run, mute_if_gone, raise_for
+from phyagentos.cli.mission_run import (
+    Interrupts,
+    Order,
+    ask_for_end,
+    choose_workspace,
+    follow_run,
+    mute_if_gone,
+    raise_for,
+    run_planes,
+)
 from phyagentos.cli.outcome import Exit, ExitCode
 from phyagentos.cli.progress import compute_depth
 from phyagentos.cli.report import build_report, compute_exit_code, print_report
+from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.stop_signals import take_signals
+from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.ledger import Ledger
 
 GOAL = "tidy-7"
@@ -105,6 +118,24 @@ def test_the_final_table_names_nodes_verdicts_times_and_pictures(replanned):
     assert "6.5 s" in text.getvalue()
     assert "1 of 1 criteria hold" in text.getvalue()
     assert str(picture) in text.getvalue()
+
+
+def test_a_success_whose_execution_was_lost_is_never_shown_as_plain_success(run, monkeypatch):
+    stream, text = io.StringIO(), io.StringIO()
+    monkeypatch.setattr(console_module.sys, "stderr", stream)
+    run.begin()
+    id = run.submit("red")
+    run.execute(id, Ended.RUNNER_LOST)
+    run.judge(id, Verdict.SUCCESS, Truth.TRUE)
+    run.end("success")
+    with RunConsole("tidy") as console:
+        console.show(run.fold)
+    report = build_report(run.fold, workspace=run.workspace.root, wall_s=2.0, exit_code=ExitCode.GOAL_MET)
+    print_report(report, run.fold, Console(file=text, width=200))
+    for shown in (stream.getvalue(), text.getvalue()):
+        assert "but the execution failed: runner_lost GRASP_LOST" in shown
+    assert "success (execution failed)" in text.getvalue()
+    assert "1 of 1 criteria hold, but" in text.getvalue()
 
 
 @pytest.mark.parametrize(
@@ -292,3 +323,56 @@ def test_whoever_has_read_of_the_workspace_can_interrupt_at_once(tmp_path, monke
         mission_run.run_mission(mission_run.Order(graph=Path("tidy_table"), workspace=tmp_path / "w"))
 
     assert counted == [2]
+
+
+def reject(run, *codes: str) -> str:
+    run.begin()
+    id = run.submit("red")
+    problems = [Problem(code, "red", "too far") for code in codes]
+    run.write(Side.RUNTIME, id, "claim")
+    run.write(Side.RUNTIME, id, "check", 1)
+    reason = "; ".join(map(str, problems))
+    run.write(Side.RUNTIME, id, "reject", 1, reason=reason, problems=msgspec.to_builtins(problems))
+    return reason
+
+
+@pytest.mark.parametrize("is_in_goal", [True, False])
+def test_the_sentences_of_a_rejection_are_printed_once(run, monkeypatch, is_in_goal):
+    stream = io.StringIO()
+    monkeypatch.setattr(console_module.sys, "stderr", stream)
+    reason = reject(run, "OUT_OF_REACH", "NO_FREE_SITE")
+    why = f"red cannot be done: {reason}" if is_in_goal else "because"
+    run.write(Side.AGENT, f"goal:{GOAL}", "goal_verdict", verdict="failure", criteria=[], reason=why)
+    with RunConsole("tidy") as console:
+        console.show(run.fold)
+    report = build_report(run.fold, workspace=run.workspace.root, wall_s=2.0, exit_code=ExitCode.REJECTED)
+    print_report(report, run.fold, Console(file=stream, width=300))
+    assert stream.getvalue().count("red: OUT_OF_REACH: found too far") == 1
+    assert "red: rejected  OUT_OF_REACH, NO_FREE_SITE\n" in stream.getvalue()
+
+
+@pytest.mark.parametrize(("waited_s", "tick", "is_told"), [(1.0, 0, False), (9.0, 0, True), (9.0, 1, False)])
+def test_a_run_that_does_not_move_yet_says_that_it_warms_up(run, monkeypatch, tmp_path, waited_s, tick, is_told):
+    run.begin()
+    id = run.submit("red")
+    write_heartbeat(run.workspace.heartbeats, Heartbeat(target="panda", pid=1, session=id, tick=tick))
+    beginning = iter([run.clock.now_s()])
+    monkeypatch.setattr(run.clock, "now_s", lambda now=run.clock.now_s: next(beginning, now() + waited_s))
+    with pytest.raises(Exit):
+        follow(run, monkeypatch, tmp_path)
+    assert ("warming up" in console_module.sys.stderr.getvalue()) is is_told
+
+
+def test_a_latched_stop_is_told_before_anything_starts_and_even_when_quiet(run, monkeypatch, tmp_path):
+    stream = io.StringIO()
+    monkeypatch.setattr(console_module.sys, "stderr", stream)
+    latch(run.workspace.signals.parent, Latch(by="ana", reason="a hand"))
+
+    def start(*_: object) -> list[object]:
+        assert "emergency stop latched by ana (a hand)" in stream.getvalue()
+        raise Exit(ExitCode.INTERNAL_ERROR)
+
+    monkeypatch.setattr(mission_run, "start_planes", start)
+    order = Order(graph=tmp_path / "g.yaml", quiet=True)
+    with pytest.raises(Exit):
+        run_planes(order, order.graph, None, run.workspace, Interrupts(), run.clock)

@@ -270,6 +270,7 @@ def test_a_leaf_that_raises_ends_the_session_with_its_path_and_the_target_halted
     assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "LEAF_ERROR")
     assert execution.leaf == "planted/crash"
     assert "ZeroDivisionError: by zero" in execution.message
+    assert f"{__file__}:{Crash.on_running.__code__.co_firstlineno + 1}" in execution.message
     assert was_halted(bench.target)
 
 

@@ -197,16 +197,19 @@ def test_a_worker_that_dies_is_replaced_and_its_session_observed_not_repeated(st
     assert stand.events("g.a") == ["submit", "claim", "check", "start", "lose", "reconcile"]
     assert [type(order) for order in worker.orders] == [Check, Run, Reconcile]
     assert worker.orders[-1].epoch > worker.orders[0].epoch
+    assert worker.orders[-1].reason == "the worker process ended; logs/worker-panda.log ends with ''"
     assert stand.ledger.sessions["g.a"].execution.ended is Ended.RUNNER_LOST
 
 
 def test_a_worker_that_stays_silent_is_lost(stand):
+    (stand.workspace.logs / "worker-panda.log").write_text("Fatal Python error: Segmentation fault\n")
     stand.watch(worker := ScriptedWorker(on_run=lambda order: None))
     stand.submit(make_session(heartbeat_s=0.1))
 
     stand.wait_for("g.a", "awaiting_verification")
 
     assert "lose" in stand.events("g.a")
+    assert "logs/worker-panda.log ends with 'Fatal Python error: Segmentation fault'" in worker.orders[-1].reason
     assert worker.restarts == 1
 
 

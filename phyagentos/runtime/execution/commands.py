@@ -56,11 +56,14 @@ class CommandBuffer:
 
     def set_arm(self, q_rad: Array, qd_rad_s: Array, *, goes_on: bool = False) -> None:
         """Set this tick's arm rows, each (n_steps, n_joints); `goes_on` where the next rows are fixed already."""
-        self._arm, self._ends = (q_rad, qd_rad_s), self._ends or not goes_on
+        shape = (self.n_steps, self._q.size)
+        self._arm = check_rows("q_rad", q_rad, shape), check_rows("qd_rad_s", qd_rad_s, shape)
+        self._ends = self._ends or not goes_on
 
     def set_gripper(self, width_m: Array, *, goes_on: bool = False) -> None:
         """Set this tick's gripper rows, (n_steps,); `goes_on` where the next rows are fixed already."""
-        self._gripper, self._ends = width_m, self._ends or not goes_on
+        self._gripper = check_rows("width_m", width_m, (self.n_steps,))
+        self._ends = self._ends or not goes_on
 
     def hold(self) -> None:
         """Command the present set-points once more where the arm rests and none are set."""
@@ -90,3 +93,12 @@ class CommandBuffer:
         q = self._q + self._qd * (t - t * t / (2.0 * duration_s))
         qd = self._qd * (1.0 - t / duration_s)
         return q, qd
+
+
+def check_rows(name: str, rows: Array, shape: tuple[int, ...]) -> Array:
+    """The rows as an array of finite numbers of this shape; raises ValueError with what was found."""
+    found = np.asarray(rows, dtype=np.float64)
+    if found.shape != shape or not np.isfinite(found).all():
+        strange = "" if found.shape != shape else f" with {found[~np.isfinite(found)][0]}"
+        raise ValueError(f"{name}: expected finite numbers of shape {shape}, found shape {found.shape}{strange}")
+    return found

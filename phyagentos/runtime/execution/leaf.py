@@ -6,6 +6,8 @@ stay with the tree, not on the blackboard of the process.
 """
 
 import copy
+import inspect
+import traceback
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any, ClassVar, final
@@ -54,12 +56,12 @@ class FailureCode(StrEnum):
 
 
 class LeafError(PhyAgentOSError):
-    """A leaf raised: a defect of its code, or a service it needs is gone."""
+    """A leaf raised: a defect of its code, or a service it needs is gone; `place` is `file:line` in that code."""
 
-    def __init__(self, path: str, cause: BaseException) -> None:
+    def __init__(self, path: str, cause: BaseException, place: str) -> None:
         self.path = path
         self.cause = cause
-        super().__init__(f"leaf {path}: {type(cause).__name__}: {cause}")
+        super().__init__(f"leaf {path}: {type(cause).__name__}: {cause} ({place})")
 
 
 class Leaf(Behaviour):
@@ -129,11 +131,13 @@ class Leaf(Behaviour):
         """Dispatch one tick; sealed."""
         try:
             status = self.on_running() if self._active else self.on_start()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             self._active = False
-            raise LeafError(self.path, error) from error
+            raise LeafError(self.path, error, _find_place(self, error)) from error
         if status not in (Status.SUCCESS, Status.FAILURE, Status.RUNNING):
-            raise LeafError(self.path, TypeError(f"answered {status!r}; expected SUCCESS, FAILURE or RUNNING"))
+            code = (self.on_running if self._active else self.on_start).__code__
+            wrong = TypeError(f"{code.co_name} answered {status!r}; expected SUCCESS, FAILURE or RUNNING")
+            raise LeafError(self.path, wrong, f"{code.co_filename}:{code.co_firstlineno}")
         self._active = status is Status.RUNNING
         return status
 
@@ -144,8 +148,8 @@ class Leaf(Behaviour):
             self._active = False
             try:
                 self.on_halted()
-            except Exception as error:
-                raise LeafError(self.path, error) from error
+            except (Exception, SystemExit) as error:
+                raise LeafError(self.path, error, _find_place(self, error)) from error
 
     def succeed(self, message: str = "", **numbers: Any) -> Status:
         """SUCCESS, with measurements and decisions."""
@@ -184,6 +188,14 @@ class Leaf(Behaviour):
         _check(port, value, declared)
         if port in self._keys:
             self._values[self._keys[port]] = value
+
+
+def _find_place(leaf: Leaf, error: BaseException) -> str:
+    """`file:line` of the deepest call in the file of the leaf's own class, or of all, where none is in it."""
+    own = {each.__code__.co_filename for each in vars(type(leaf)).values() if inspect.isfunction(each)}
+    calls = traceback.extract_tb(error.__traceback__)
+    inner = next((call for call in reversed(calls) if call.filename in own), calls[-1])
+    return f"{inner.filename}:{inner.lineno}"
 
 
 def _check(port: str, value: Any, declared: PortInformation) -> Any:

@@ -33,7 +33,7 @@ from phyagentos.runtime.supervision.liveness import HeartbeatMonitor
 from phyagentos.runtime.supervision.queues import Queues
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry, make_rejection
 from phyagentos.runtime.supervision.target_phase import Phase, PhaseLog, fire_phase
-from phyagentos.runtime.supervision.workers import Worker, explain_failure
+from phyagentos.runtime.supervision.workers import Worker, explain_failure, read_end
 from phyagentos.runtime.worker.orders import Check, Checked, Finished, FromWorker, Ready, Reconcile, Renew, Run, Stop
 from phyagentos.store.journal import Entry
 from phyagentos.store.ledger import Ledger
@@ -288,7 +288,8 @@ class TargetSupervisor:
 
     def _lose(self, reason: str, ended: Ended = Ended.RUNNER_LOST, code: str = "") -> None:
         """The worker is gone or silent: record it, replace it, observe the world before anything else."""
-        session = self.session
+        session, log = self.session, self._shared.logs / f"worker-{self.target}.log"
+        reason += f"; logs/{log.name} ends with {read_end(log)!r}" if ended is Ended.RUNNER_LOST else ""
         self.worker.kill()  # before it is recorded: a worker that is only slow must not go on afterwards
         if session is not None and (state := self._journal.get_state(session.id)) not in FINAL_STATES:
             if state is not SessionState.OUTCOME_UNKNOWN:

@@ -18,6 +18,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.runtime.supervision.world_process import WorldProcess, read_lines, start_child
 from phyagentos.runtime.targets.handshake import make_key, mint
 from phyagentos.runtime.worker.orders import OBSERVERS, FromWorker, Reconcile, Run, ToWorker, encode, receive_answer
@@ -42,7 +43,7 @@ def end_with_parent(on_line: Callable[[bytes], None] = lambda _line: None) -> No
 
 def explain_failure(logs: Path, target: str, failures: int) -> str:
     """Why a target is given up after `failures` workers in a row, by the last lines of its logs, and the remedy."""
-    ends = [f"logs/{log.name} ends with {words!r}" for log in _find_logs(logs, target) if (words := _read_end(log))]
+    ends = [f"logs/{log.name} ends with {words!r}" for log in _find_logs(logs, target) if (words := read_end(log))]
     shown = "; ".join(ends) or f"logs/*-{target}.log are empty"
     return f"{failures} workers in a row did not start; {shown}. Mend that, then start `paos watch` again"
 
@@ -53,7 +54,7 @@ def _find_logs(logs: Path, target: str) -> list[Path]:
     return [*([own] if own.exists() else sorted(logs.glob("world-*.log"))), logs / f"worker-{target}.log"]
 
 
-def _read_end(log: Path) -> str:
+def read_end(log: Path) -> str:
     """The last line of a log, empty when there is none."""
     try:
         with log.open("rb") as file:
@@ -61,7 +62,7 @@ def _read_end(log: Path) -> str:
             lines = file.read().decode(errors="replace").split("\n")
     except OSError:
         return ""
-    return next((line.strip() for line in reversed(lines) if line.strip()), "")
+    return next((clean(line.strip()) for line in reversed(lines) if line.strip()), "")
 
 
 class ChildProcess:

@@ -60,3 +60,21 @@ def test_hold_does_not_freeze_a_moving_arm(buffer):
     buffer.hold()
 
     assert buffer.take().qd_rad_s[0, 0] == pytest.approx(1.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("rows", "found"),
+    [
+        (np.zeros((N, 3)), r"q_rad: expected finite numbers of shape \(10, 2\), found shape \(10, 3\)"),
+        ([0.0, 0.0], r"found shape \(2,\)"),
+        (np.full((N, 2), np.nan), r"found shape \(10, 2\) with nan"),
+        ("open", "could not convert string to float: 'open'"),
+        (None, r"q_rad: expected .*, found shape \(\)"),
+    ],
+)
+def test_rows_that_are_no_command_are_refused_where_they_are_given(buffer, rows, found):
+    with pytest.raises(ValueError, match=found):
+        buffer.set_arm(rows, np.zeros((N, 2)))
+    with pytest.raises(ValueError, match=r"width_m: expected|could not convert"):
+        buffer.set_gripper(rows)
+    assert buffer.take() is None

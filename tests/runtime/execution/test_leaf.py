@@ -37,7 +37,7 @@ class Returns(Leaf):
     answer = None
 
     def on_start(self):
-        if isinstance(self.answer, Exception):
+        if isinstance(self.answer, BaseException):
             raise self.answer
         return self.answer
 
@@ -123,7 +123,9 @@ def test_an_answer_that_is_no_status_is_an_error_with_the_path(answer):
     leaf = Returns("returns", None, "root/returns")
     leaf.answer = answer
 
-    with pytest.raises(LeafError, match=r"leaf root/returns: TypeError: answered .*; expected SUCCESS, FAILURE"):
+    with pytest.raises(
+        LeafError, match=r"root/returns: TypeError: on_start answered .*; expected SUCCESS.*test_leaf\.py:"
+    ):
         leaf.tick_once()
 
 
@@ -185,3 +187,23 @@ def test_a_broken_behaviours_file_is_named_with_the_reason(tmp_path, text, reaso
 
     with pytest.raises(DefinitionError, match=rf"behaviours.py: BROKEN_BEHAVIOURS: found {reason}"):
         register_file(LeafRegistry(), path)
+
+
+class Digs(Leaf):
+    """Fails in a function of its own file, called by a library."""
+
+    ROLE = Role.WAIT
+
+    def on_start(self):
+        return min([{}], key=lambda found: found["missing"])
+
+
+@pytest.mark.parametrize("error", [ValueError("no"), SystemExit(3)])
+def test_a_leaf_that_raises_names_the_line_in_its_own_file(error):
+    leaf = Returns("returns", context=None)
+    leaf.answer, line = error, Returns.on_start.__code__.co_firstlineno + 2
+    with pytest.raises(LeafError, match=rf"{type(error).__name__}: .*test_leaf\.py:{line}\)$"):
+        leaf.tick_once()
+    line = Digs.on_start.__code__.co_firstlineno + 1
+    with pytest.raises(LeafError, match=rf"KeyError: 'missing' \(.*test_leaf\.py:{line}\)$"):
+        Digs("digs", context=None).tick_once()

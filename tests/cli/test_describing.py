@@ -1,0 +1,47 @@
+"""`paos describe`, and the pages of docs/reference/ that say the same."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from phyagentos.cli.describing import KINDS, render_pages
+from phyagentos.cli.outcome import ExitCode
+
+PAGES = Path(__file__).resolve().parents[2] / "docs" / "reference"
+
+
+@pytest.mark.parametrize("page", [f"{kind}.md" for kind in KINDS])
+def test_the_reference_is_what_the_code_declares(page):
+    assert (PAGES / page).read_text(encoding="utf-8") == render_pages()[page], "run `make schemas`"
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "row"),
+    [
+        ("leaf", "wait", ("input", "seconds", "number", "required", "How long, simulated [s].")),
+        ("skill", "pick", ("guarantees", "holding(target, ${object})", "", "", "")),
+        ("predicate", "near", ("argument", "distance_m", "number", "0.1", "")),
+        ("fault", "slip", ("field", "duration_s", "number", "`0.5`", "above 0.0")),
+        ("setting", "perception", ("field", "version", "`1`", "`1`", "Of this format")),
+    ],
+)
+def test_each_kind_is_described_by_its_declaration(paos, kind, name, row):
+    (found,) = json.loads(paos("describe", kind, name, "--json").out)
+    rows = [
+        tuple(each.get(key, "") for key in ("part", "name", "takes", "default", "meaning")) for each in found["rows"]
+    ]
+    assert row in rows
+    text = paos("describe", kind, name).out
+    assert all(word in text for word in (name, *row))
+    assert name in paos("describe", kind).out
+
+
+def test_a_setting_is_found_by_its_name_alone(paos):
+    assert paos("describe", "setting", "sensing").out.startswith("perception: perception.yaml")
+
+
+def test_slips_name_the_nearest(paos):
+    assert "Did you mean 'wait'?" in paos("describe", "leaf", "wiat").err
+    result = paos("describe", "leafs")
+    assert (result.code, "Did you mean 'leaf'?" in result.err) == (ExitCode.INVALID_INPUT, True)
