@@ -24,6 +24,7 @@ from phyagentos.store.admission import GOAL_PREFIX, Entry, GoalEvent
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
 
+_READ, _WRITTEN = ("sessions",), "signals"  # parts of a workspace: what lies in others holds up no stop
 Which = Annotated[str, typer.Argument(metavar="SESSION|all")]
 Reason = Annotated[str, typer.Option(help="Why; it is recorded.", callback=clean)]
 
@@ -34,7 +35,9 @@ def cancel(
     """Ask for an end: the robot is halted, then the session is cancelled; of a goal, every session of it."""
     from phyagentos.cli.history import read_ledger
 
-    ledger = Ledger() if session == "all" else read_ledger(workspace)  # a damaged journal must not hold up a stop
+    ledger = (
+        Ledger() if session == "all" else read_ledger(workspace, parts=_READ)
+    )  # a damaged journal must not hold up a stop
     if (goal := ledger.goals.get(GoalId(session))) is not None:
         _cancel_goal(goal, workspace, reason)
         for status in ledger.live_sessions():
@@ -60,7 +63,7 @@ def estop(
     reset: Annotated[bool, typer.Option("--reset", help="Let targets move again; needs --reason.")] = False,
 ) -> None:
     """Stop every target of a workspace at once; it stays latched, over restarts, until `--reset`."""
-    place, clock = Workspace.open(workspace), SystemClock()
+    place, clock = Workspace.open(workspace, _WRITTEN), SystemClock()
     signals = place.signals.parent
     if reset:
         print_result(f"reset; the former latch is kept in {latches.reset(signals, reason, clock)}")
@@ -91,7 +94,7 @@ def _find(session: str, workspace: Path) -> str:
 
     if session == "all":
         return EVERY_SESSION
-    ledger = read_ledger(workspace)
+    ledger = read_ledger(workspace, parts=_READ)
     id = get_session(session, ledger.sessions)
     state = ledger.sessions[id].state
     if state in FINAL_STATES:
@@ -102,5 +105,5 @@ def _find(session: str, workspace: Path) -> str:
 
 
 def _drop(signal: Signal, workspace: Path) -> None:
-    path = drop_signal(Workspace.open(workspace).signals, signal, SystemClock())
+    path = drop_signal(Workspace.open(workspace, _WRITTEN).signals, signal, SystemClock())
     print_result(f"asked to {signal.kind} {signal.session}: {path}")
