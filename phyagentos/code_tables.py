@@ -98,6 +98,7 @@ UNKNOWN_FOLDER    No folder of this name.
 UNKNOWN_GOAL      The workspace knows no goal of this name.
 UNKNOWN_REQUEST   No request of this kind can be dropped into the inbox.
 UNKNOWN_SCHEMA    No schema of this name.
+UNTRUSTED_PYTHON  A workspace holds Python that is not known from here.
 WATCHED_ALREADY   Another watchdog supervises the workspace.
 WOULD_OVERWRITE   A file stands where one was to be written.
 """

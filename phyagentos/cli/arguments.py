@@ -17,6 +17,12 @@ from phyagentos.protocol.capabilities.library import Library
 Overrides = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Bind a role: targets.arm=NAME. Repeatable.")
 ]
+RunPython = Annotated[
+    bool, typer.Option("--run-python", help="Execute the behaviours.py of skills, which is not done unasked.")
+]
+TrustPython = Annotated[
+    bool, typer.Option("--trust-python", help="Let skills of the workspace run Python that is not known from here.")
+]
 PREFIX = "targets."
 FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol")
 

@@ -5,18 +5,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from phyagentos.cli.arguments import Overrides, get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import Overrides, RunPython, get_file, open_library, parse_overrides
 from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_problems, print_result
 
 if TYPE_CHECKING:
     from phyagentos.agent.goals.graph import GoalGraph
 
 
-def lint(paths: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Files, or folders to walk.")]) -> int:
+def lint(
+    paths: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Files, or folders to walk.")],
+    run_python: RunPython = False,
+) -> int:
     """Check authored files and report every problem with file, line and column."""
     from phyagentos.cli.lint import find_warnings, lint_paths
 
-    checked, problems = lint_paths(paths)
+    checked, problems = lint_paths(paths, runs_python=run_python)
     count = print_problems(problems)
     for warning in (each for path in checked for each in find_warnings(path)):
         print_note(f"warning: {warning}")
