@@ -94,7 +94,7 @@ class Planes:
         self._clock = clock
         place = ["--workspace", str(root)]
         self._commands = {
-            "watchdog": ["watch", *place, "--no-pictures", "--world-mode", mode],
+            "watchdog": ["watch", *place, "--no-pictures", "--trust-python", "--world-mode", mode],
             "agent": ["agent", str(graph), *place, "--seed", str(seed), "--goal", self.goal],
         }
         self._patience = ["nice", "-n", "10"] if mode == "lockstep" else []  # beside worlds that keep real time

@@ -19,6 +19,7 @@ INVALID_NAME         A name holds signs that names may not have, or too many.
 INVALID_OVERRIDE     `--set` names a place that is not in the file.
 INVALID_PARAMETER    An argument is of the wrong type or out of range.
 INVALID_VALUE        A value is of the wrong type or out of range.
+LEADS_OUT            A workspace, or the model of a target, names a file outside.
 LIMITS_MISSING       safety.yaml lacks the target, or one of its limits.
 MISSING_KEY          A key that the format needs is missing.
 MISSING_PARAMETER    An argument that the skill needs is missing.
@@ -98,6 +99,7 @@ UNKNOWN_FOLDER    No folder of this name.
 UNKNOWN_GOAL      The workspace knows no goal of this name.
 UNKNOWN_REQUEST   No request of this kind can be dropped into the inbox.
 UNKNOWN_SCHEMA    No schema of this name.
+UNTRUSTED_PYTHON  A workspace holds Python that is not known from here.
 WATCHED_ALREADY   Another watchdog supervises the workspace.
 WOULD_OVERWRITE   A file stands where one was to be written.
 """

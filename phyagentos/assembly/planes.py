@@ -75,8 +75,11 @@ class Plane:
 def start_watch(
     workspace: Workspace, *, faults: Path | None = None, pictures: bool = True, sense: Sensing | None = None
 ) -> Plane:
-    """The runtime plane of a workspace that no other process supervises; `faults` and `sense` as of `run_watch`."""
-    arguments = ["--workspace", str(workspace.root)]
+    """The runtime plane of a workspace that no other process supervises; `faults` and `sense` as of `run_watch`.
+
+    The Python of its skills is run: look at it before, where the workspace may come from elsewhere.
+    """
+    arguments = ["--workspace", str(workspace.root), "--trust-python"]
     arguments += ["--faults", str(faults)] if faults is not None else []
     arguments += ["--sense", sense] if sense is not None else []
     arguments += [] if pictures else ["--no-pictures"]

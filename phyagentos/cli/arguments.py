@@ -21,6 +21,12 @@ Overrides = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Bind a role: targets.arm=NAME. Repeatable.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="As JSON on stdout.")]
+RunPython = Annotated[
+    bool, typer.Option("--run-python", help="Execute the behaviours.py of skills, which is not done unasked.")
+]
+TrustPython = Annotated[
+    bool, typer.Option("--trust-python", help="Let skills of the workspace run Python that is not known from here.")
+]
 PREFIX = "targets."
 FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol")
 

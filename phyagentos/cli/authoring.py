@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from phyagentos.cli.arguments import AsJson, Overrides, get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import AsJson, Overrides, RunPython, get_file, open_library, parse_overrides
 from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_problems, print_result
 
 if TYPE_CHECKING:
@@ -14,12 +14,13 @@ if TYPE_CHECKING:
 
 def lint(
     paths: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Files, or folders to walk.")],
+    run_python: RunPython = False,
     as_json: AsJson = False,
 ) -> int:
     """Check authored files and report every problem with file, line and column."""
     from phyagentos.cli.lint import find_warnings, lint_paths
 
-    checked, problems = lint_paths(paths)
+    checked, problems = lint_paths(paths, runs_python=run_python)
     if as_json:
         print_json({"checked": [str(path) for path in checked], "problems": problems})
     count = print_problems(problems)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from phyagentos.cli.arguments import AsJson, choose_newest
+from phyagentos.cli.arguments import AsJson, TrustPython, choose_newest
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
 from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.sessions.session import GoalId, SessionId
@@ -93,12 +93,14 @@ def _get_goal(text: str, workspace: Path, known: Mapping[GoalId, GoalStatus]) ->
     raise DefinitionError.of("UNKNOWN_GOAL", str(workspace), found, expected, format_hint(text, known))
 
 
-def rerun(session: Id, workspace: Space) -> int:
+def rerun(session: Id, workspace: Space, trust_python: TrustPython = False) -> int:
     """Run a session once more from its own documents and compare the bits of the terminal state."""
     from phyagentos.assembly.rerun import rerun_session
     from phyagentos.cli.history import read_ledger
+    from phyagentos.cli.trusting import admit_python
 
     id = get_session(session, read_ledger(workspace, session).sessions)
+    admit_python(workspace, is_trusted=trust_python)
     repetition = rerun_session(workspace, id)
     if repetition.differences:
         print_result("\n".join([f"{id} came out differently:", *repetition.differences]))

@@ -1,5 +1,6 @@
 """Reading what happened in a workspace, without changing anything but its cache."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from phyagentos.errors import ExecutionError
@@ -11,14 +12,16 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.segments import list_all_segments
 
 
-def read_ledger(root: Path, about: str = "") -> Ledger:
+def read_ledger(root: Path, about: str = "", parts: Sequence[str] = ()) -> Ledger:
     """The state of every session and goal; for `about`, a whole session id, only of it and what belongs to it.
+
+    `parts` are those of `Workspace.open`.
 
     Raises:
         DefinitionError: When the folder is no workspace.
         ExecutionError: `JOURNAL_DAMAGED`.
     """
-    workspace = Workspace.open(root)
+    workspace = Workspace.open(root, *parts)
     folder = workspace.sessions / choose_partition(workspace.sessions)
     if about and folder.is_dir() and len(list_all_segments(folder)) > 1:
         try:

@@ -1,6 +1,7 @@
 """`paos lint`: find out what kind of file it is, check it with the reader that will read it, report every problem.
 
-There is no second parser: each kind is checked by the module that owns it, so that lint and run cannot disagree.
+There is no second parser: each kind is checked by the module that owns it, so that lint and run cannot disagree. What
+is checked may come from elsewhere: the Python of its skills is executed only when asked for.
 """
 
 from collections.abc import Iterator, Sequence
@@ -48,8 +49,11 @@ _FOLDERS = {
 }
 
 
-def lint_paths(paths: list[Path]) -> tuple[list[Path], list[Problem]]:
-    """Check files and, recursively, folders: the files checked, and every problem, in the order of `paths`."""
+def lint_paths(paths: list[Path], *, runs_python: bool = False) -> tuple[list[Path], list[Problem]]:
+    """Check files and, recursively, folders: the files checked, and every problem, in the order of `paths`.
+
+    With `runs_python`, the leaves of skills are executed, so that their ports are checked as well.
+    """
     checked: list[Path] = []
     problems: list[Problem] = []
     for path in paths:
@@ -57,7 +61,7 @@ def lint_paths(paths: list[Path]) -> tuple[list[Path], list[Problem]]:
         for file in files:
             if file not in checked:
                 checked.append(file)
-                problems += lint_file(file)
+                problems += lint_file(file, runs_python=runs_python)
     return checked, problems
 
 
@@ -81,13 +85,13 @@ def find_warnings(path: Path) -> list[Problem]:
         return []
 
 
-def lint_file(path: Path) -> list[Problem]:
+def lint_file(path: Path, *, runs_python: bool = False) -> list[Problem]:
     """Every problem of one file; an unknown kind is one."""
     try:
         kind = find_kind(path)
         if kind is None:
             return [_unknown_kind(path)]
-        _check(kind, path, open_library(path))
+        _check(kind, path, open_library(path), runs_python=runs_python)
     except DefinitionError as error:
         return list(error.problems)
     return []
@@ -126,7 +130,7 @@ def _unknown_kind(path: Path) -> Problem:
     return Problem("UNKNOWN_KIND", f"{path}:1:1", found, expected, hint)
 
 
-def _check(kind: FileKind, path: Path, library: Library) -> None:
+def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -> None:
     """Check a file as its reader does; raises DefinitionError with every problem."""
     problems: Sequence[Problem] = ()
     match kind:
@@ -147,11 +151,12 @@ def _check(kind: FileKind, path: Path, library: Library) -> None:
             check_skill(path, library)
         case FileKind.TREE:
             from phyagentos.protocol.capabilities.trees import load_tree
-            from phyagentos.runtime.execution.leaf_registry import build_registry
+            from phyagentos.runtime.execution.leaf_registry import build_registry, read_registry
             from phyagentos.runtime.execution.tree_check import check_loaded_tree
 
             tree, problems = load_tree(path)
-            found = check_loaded_tree(tree, library, build_registry(library)) if tree is not None else ()
+            registry = build_registry(library) if runs_python else read_registry(library)
+            found = check_loaded_tree(tree, library, registry) if tree is not None else ()
             problems = [*problems, *found]
         case FileKind.SCENE:
             from phyagentos.protocol.world.scenes import read_scene

@@ -26,6 +26,7 @@ from phyagentos.cli.lint import lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note
 from phyagentos.cli.progress import RunFold
 from phyagentos.cli.report import build_report, compute_exit_code, print_report
+from phyagentos.cli.trusting import admit_python
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.schema import Address, read_yaml
@@ -63,6 +64,7 @@ class Order:
     sense: Sensing | None = None
     prior: Prior | None = None
     memory: Path | None = None
+    trusts_python: bool = False
 
 
 class Interrupts:
@@ -117,6 +119,7 @@ def run_mission(order: Order, clock: Clock | None = None) -> int:
     if problems:
         raise DefinitionError(problems)
     root = order.workspace or choose_workspace(graph.stem, order.seed)
+    admit_python(root, graph, is_trusted=order.trusts_python)
     workspace = Workspace.create(root, open_library(graph))
     if order.world_mode is not None:
         declare_world_mode(workspace.runtime_contract, order.world_mode)

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 import typer
 
-from phyagentos.cli.arguments import Overrides, get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import Overrides, TrustPython, get_file, open_library, parse_overrides
 from phyagentos.cli.explaining import get_session
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
+from phyagentos.cli.trusting import admit_python
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import GoalId, Session
@@ -37,11 +38,14 @@ def preflight(
     seed: Annotated[int, typer.Option(help="Of the scene.", min=0, max=2**63 - 1)] = 0,
     set_: Overrides = None,
     as_json: Annotated[bool, typer.Option("--json", help="Everything as JSON.")] = False,
+    trust_python: TrustPython = False,
 ) -> int:
     """Check every session against its live target, without moving anything: plan and tools, or every problem."""
     from phyagentos.assembly.examination import Examination
 
     order = _find_session(subject, workspace) or _read_graph(Path(subject), workspace, seed, parse_overrides(set_))
+    if workspace is not None:
+        admit_python(workspace, is_trusted=trust_python)
     with Examination.open(order.library, order.source) as examination:
         found = examination.examine([_settle(each) for each in order.sessions])
     reports = [_report(session, found[session.id], order) for session in order.sessions]

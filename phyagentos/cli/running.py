@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from phyagentos.cli.arguments import Overrides, get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import Overrides, TrustPython, get_file, open_library, parse_overrides
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 from phyagentos.protocol.settings.perception import Prior, Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
@@ -48,6 +48,7 @@ def run(
     sense: Sense = None,
     prior: Known = None,
     memory: SharedMemory = None,
+    trust_python: TrustPython = False,
 ) -> int:
     """Run a goal graph to its verdict: both planes, live progress, a final table."""
     from phyagentos.cli.mission_run import Order, run_mission
@@ -67,6 +68,7 @@ def run(
             sense=sense,
             prior=prior,
             memory=memory,
+            trusts_python=trust_python,
         )
     )
 
@@ -106,11 +108,14 @@ def watch(
     with_parent: WithParent = None,
     world_mode: Mode = None,
     sense: Sense = None,
+    trust_python: TrustPython = False,
 ) -> None:
     """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
     from phyagentos.assembly.runtime_plane import run_watch
+    from phyagentos.cli.trusting import admit_python
 
     _prepare(with_parent, f"runtime of {workspace}: claims, checks and runs what an agent submits; Ctrl-C ends")
+    admit_python(workspace, is_trusted=trust_python)
     run_watch(
         workspace,
         faults=get_file(faults, "faults") if faults is not None else None,

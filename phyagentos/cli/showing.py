@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from phyagentos.cli.arguments import RunPython
 from phyagentos.cli.outcome import print_note, print_result
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS, render_mermaid
@@ -25,9 +26,9 @@ class Listing(StrEnum):
     TREES = "trees"
 
 
-def list_names(kind: Listing) -> None:
+def list_names(kind: Listing, run_python: RunPython = False) -> None:
     """Print the names that can be used here, one a line."""
-    for name in _find_names(kind):
+    for name in _find_names(kind, runs_python=run_python):
         print_result(name)
 
 
@@ -90,12 +91,12 @@ def show_tree(
         tree_drawing.print_tree(root)
 
 
-def _find_names(kind: Listing) -> list[str]:
+def _find_names(kind: Listing, *, runs_python: bool) -> list[str]:
     library = Library.open(Path.cwd())
     if kind is Listing.LEAVES:
-        from phyagentos.runtime.execution.leaf_registry import build_registry
+        from phyagentos.runtime.execution.leaf_registry import build_registry, read_registry
 
-        return build_registry(library).names()
+        return (build_registry(library) if runs_python else read_registry(library)).names()
     listed: dict[Listing, Callable[[], list[str]]] = {
         Listing.GRAPHS: library.names_of_goal_graphs,
         Listing.PREDICATES: lambda: [definition.signature for definition in get_predicate_library()],

@@ -26,6 +26,7 @@ from phyagentos.store.admission import GOAL_PREFIX, Entry, GoalEvent
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
 
+_READ, _WRITTEN = ("sessions",), "signals"  # parts of a workspace: what lies in others holds up no stop
 Which = Annotated[str, typer.Argument(metavar="SESSION|all")]
 Reason = Annotated[str, typer.Option(help="Why; it is recorded.", callback=clean)]
 
@@ -43,7 +44,9 @@ def cancel(
 def _cancel(session: str, workspace: Path, reason: str) -> None:
     from phyagentos.cli.history import read_ledger
 
-    ledger = Ledger() if session == "all" else read_ledger(workspace)  # a damaged journal must not hold up a stop
+    ledger = (
+        Ledger() if session == "all" else read_ledger(workspace, parts=_READ)
+    )  # a damaged journal must not hold up a stop
     if (goal := ledger.goals.get(GoalId(session))) is not None:
         _cancel_goal(goal, workspace, reason)
         for status in ledger.live_sessions():
@@ -70,11 +73,11 @@ def estop(
 ) -> None:
     """Stop every target at once; it stays latched, over restarts, until `--reset`, which needs --workspace."""
     if not reset:
-        _reach(workspace, lambda each: _latch(Workspace.open(each).signals.parent, reason))
+        _reach(workspace, lambda each: _latch(Workspace.open(each, _WRITTEN).signals.parent, reason))
     elif workspace is None:
         raise Exit(ExitCode.INVALID_INPUT, "paos estop --reset: name the workspace that may move again: --workspace")
     else:
-        kept = latches.reset(Workspace.open(workspace).signals.parent, reason, SystemClock())
+        kept = latches.reset(Workspace.open(workspace, _WRITTEN).signals.parent, reason, SystemClock())
         print_result(f"reset; the former latch is kept in {kept}")
 
 
@@ -122,7 +125,7 @@ def _find(session: str, workspace: Path) -> str:
 
     if session == "all":
         return EVERY_SESSION
-    ledger = read_ledger(workspace)
+    ledger = read_ledger(workspace, parts=_READ)
     id = get_session(session, ledger.sessions)
     state = ledger.sessions[id].state
     if state in FINAL_STATES:
@@ -137,5 +140,5 @@ def _request(kind: Literal["cancel", "pause", "resume"], session: str, workspace
 
 
 def _drop(signal: Signal, workspace: Path) -> None:
-    path = drop_signal(Workspace.open(workspace).signals, signal, SystemClock())
+    path = drop_signal(Workspace.open(workspace, _WRITTEN).signals, signal, SystemClock())
     print_result(f"asked to {signal.kind} {signal.session}: {path}")

@@ -125,6 +125,8 @@ def locate(folder: Path, name: str) -> Path:
 
 def open_segment(folder: Path, name: str) -> int:
     """A descriptor to read a segment with, in the partition or the archive; raises FileNotFoundError."""
+    if _NAME.fullmatch(f"{name}.md") is None:  # a checkpoint or an index from elsewhere may name any path
+        raise FileNotFoundError(f"{name!r} is no name of a segment")
     try:
         return os.open(folder / f"{name}.md", os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:

@@ -58,7 +58,7 @@ def test_a_seed_that_no_record_can_hold_is_invalid_input(paos, command, tmp_path
     assert not (tmp_path / "w").exists()
 
 
-def fail(_kind: object) -> None:
+def fail(*_: object, **__: object) -> None:
     raise ZeroDivisionError("planted")
 
 
@@ -78,7 +78,7 @@ def test_debug_shows_the_traceback(paos, monkeypatch):
 
 
 def test_ctrl_c_is_130(paos, monkeypatch):
-    def interrupt(_kind: object) -> None:
+    def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(showing, "_find_names", interrupt)

@@ -98,7 +98,7 @@ def test_a_second_interrupt_ends_at_once(begin, tmp_path):
 def test_an_agent_that_is_asked_to_end_waits_only_for_a_watch_that_holds_its_lock(begin, tmp_path, lost, asked, code):
     project, root = copy_endless_counter(tmp_path / "library"), tmp_path / "w"
     place = ("--workspace", Workspace.create(root, Library.open(project)).root)
-    watch, agent = begin("watch", *place, "--no-pictures"), begin("agent", COUNT, *place)
+    watch, agent = begin("watch", *place, "--no-pictures", "--trust-python"), begin("agent", COUNT, *place)
     wait_until(lambda: [each.state for each in read_ledger(root).sessions.values()] == ["running"], "a running session")
     watch.send_signal(lost)
     agent.send_signal(signal.SIGTERM)

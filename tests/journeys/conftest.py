@@ -48,7 +48,7 @@ class Plane:
     def __init__(self, root: Path, faults: Path | None = None) -> None:
         self.workspace = Workspace.create(root, Library.open(HERE / "library"))
         command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(root), "--no-pictures"]
-        command += ["--faults", str(faults)] if faults else []
+        command += ["--trust-python", *(["--faults", str(faults)] if faults else [])]
         with (self.workspace.logs / "watch.log").open("wb") as log:
             self.process = subprocess.Popen(command, stdout=log, stderr=log)
         self._agent = open_agent(

@@ -38,7 +38,7 @@ class Planes:
         self.workspace = Workspace.create(root, Library.open(project))
         self.graph = graph
         command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(root), "--no-pictures"]
-        command += ["--faults", str(faults)] if faults else []
+        command += ["--trust-python", *(["--faults", str(faults)] if faults else [])]
         self._log = (self.workspace.logs / "planes.log").open("wb")
         self._watch = subprocess.Popen(command, stdout=self._log, stderr=self._log)
         while not list(self.workspace.sessions.iterdir()):

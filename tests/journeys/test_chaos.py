@@ -105,7 +105,7 @@ def test_a_killed_world_is_replaced_and_its_session_attributed(planes):
 
 def test_a_second_watchdog_is_refused_and_a_world_that_nobody_supervises_is_ended_by_the_next(planes):
     tend_until(planes, planes.is_watched)
-    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(planes.root)]
+    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(planes.root), "--trust-python"]
     second = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
 
     assert second.returncode not in {0, None}

@@ -13,7 +13,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.settings.runtime_contract import WorldMode
-from phyagentos.protocol.workspace.process_lock import become_sole, find_sole, is_held
+from phyagentos.protocol.workspace.process_lock import become_sole, find_sole, is_held, is_held_by
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision.world_process import get_lock
 from tests.clocks import ManualClock
@@ -119,3 +119,19 @@ def test_a_world_that_was_started_otherwise_is_ended_before_it_is_adopted(adopte
 
     assert (world.poll() is None) == lives
     assert (find_sole(get_lock(workspace.root, "panda")) is not None) == lives
+
+
+@pytest.mark.parametrize("text", ["{pid}\n", "{pid}.1\n", "{pid:>10}\n", "-1\n", "99999999999999999999.1\n", "../1\n"])
+def test_no_lock_file_names_a_process_that_did_not_write_itself_down(holder, text):
+    lock, process = holder
+    lock.write_text(text.format(pid=process.pid))
+
+    assert find_sole(lock) is None
+    assert not is_held_by(lock, process.pid)
+
+
+def test_the_holder_is_known_by_its_number_and_its_start(holder):
+    lock, process = holder
+
+    assert is_held_by(lock, process.pid)
+    assert not is_held_by(lock, os.getpid())

@@ -1,6 +1,7 @@
 """Checkpoints: the same ledger sooner, and never a wrong one."""
 
 import shutil
+import zlib
 
 import msgspec
 import pytest
@@ -337,3 +338,17 @@ def test_where_no_cache_can_be_written_no_id_is_used_twice_either(tmp_path, open
         late.commit([submit(f"s{number}", goal="")])
     with pytest.raises(IllegalTransition, match="'submit' in state 'cancelled'"):
         late.commit([submit("s3", goal="")])
+
+
+def test_a_checkpoint_that_names_a_journal_elsewhere_is_not_used(tmp_path, submit):
+    here, there = Story(tmp_path / "one", submit), Story(tmp_path / "other", submit)
+    for story in (here, there):
+        story.tell([("session", ""), ("session", "")])
+        write_checkpoint(story.folder)
+    path = here.folder / NAME
+    head, _, _ = path.read_bytes().rpartition(b"<!-- crc32 ")
+    outside = head.replace(b"segment: ", b"segment: ../../../other/sessions/here/", 1)
+    path.write_bytes(outside + b"<!-- crc32 %08x -->\n" % zlib.crc32(outside))
+
+    assert find_checkpoint_seq(here.folder) > 0
+    assert find_checkpoint(here.folder) is None

@@ -180,3 +180,18 @@ def test_what_is_hidden_or_a_folder_is_left_alone(stand):
     stand.settle(5)
 
     assert names(stand, "new") == [".hidden", "folder"]
+
+
+def test_a_link_is_refused_and_no_word_of_what_it_leads_to_is_told(stand, tmp_path):
+    secret = tmp_path / "secret"
+    secret.write_text("password: [hunter2\n")
+    refused = stand.workspace.inbox / "refused"
+    refused.mkdir()
+    (refused / "link.yaml.reason.md").symlink_to(secret)
+    (stand.workspace.inbox / "new" / "link.yaml").symlink_to(secret)
+    for _ in range(4):
+        stand.settle()
+
+    assert "hunter2" not in (refused / "link.yaml.reason.md").read_text()
+    assert secret.read_text() == "password: [hunter2\n"
+    assert names(stand, "new") == []

@@ -249,3 +249,19 @@ def test_on_a_full_disk_a_stop_is_told_at_once_and_everything_else_waits(tmp_pat
 
     assert [signal.kind for signal in take_signals(tmp_path)] == ["estop", "cancel"]
     assert not list((tmp_path / "new").iterdir())
+
+
+def test_a_link_is_put_aside_and_no_word_of_what_it_leads_to_is_told(tmp_path):
+    secret = tmp_path / "secret"
+    secret.write_text("password: [hunter2\n")
+    make_old(secret)
+    path = tmp_path / "new" / "link.yaml"
+    path.parent.mkdir()
+    path.symlink_to(secret)
+    (tmp_path / "rejected").mkdir()
+    (tmp_path / "rejected" / "link.yaml.reason.txt").symlink_to(secret)
+    os.utime(path, ns=(0, 0), follow_symlinks=False)
+
+    assert take_signals(tmp_path) == []
+    assert "hunter2" not in (tmp_path / "rejected" / "link.yaml.reason.txt").read_text()
+    assert secret.read_text() == "password: [hunter2\n"

@@ -73,6 +73,28 @@ def test_the_running_plane_thins_after_so_many_sessions_that_ended(store):
     keeper.close()
 
 
+@pytest.mark.parametrize("key", ["files", "thinned"])
+def test_a_manifest_names_no_file_outside_of_its_bundle(store, tmp_path, key):
+    victim = tmp_path / "victim"
+    victim.write_text("precious")
+    folder = store.run("g.a")
+    (folder / "look-").mkdir()
+    name = "look-/../../../../victim"
+    assert (folder / name).samefile(victim)
+    data = json.loads((folder / MANIFEST).read_text())
+    entry = {name: {"sha256": hashlib.sha256(b"precious").hexdigest(), "bytes": 8}}
+    if key == "files":
+        data["files"] |= entry
+    else:
+        data["thinned"] = [{"at": "", "rule": "", "policy": {}, "files": entry}]
+    (folder / MANIFEST).write_text(json.dumps(data))
+    report = store.prune()
+
+    assert victim.read_text() == "precious"
+    assert report.damaged == ("g.a",)
+    assert "MANIFEST_DAMAGED" in str(check_bundle(folder))
+
+
 def test_failed_and_replanned_sessions_stay_whole(store):
     folders = [store.run("g.a", Verdict.FAILURE), store.run("g.b", Verdict.REPLAN)]
     before = [names_in(folder) for folder in folders]

@@ -4,6 +4,7 @@ Its segments, frame, lock and chain of hashes are those of the journal (docs/jou
 lifecycle does not judge its records, hence it is not the journal itself.
 """
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -18,7 +19,7 @@ from phyagentos.protocol.sessions.memory_entries import Scope
 from phyagentos.store.follower import Follower, Position
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import Record, Tail, encode_batch
-from phyagentos.store.segments import SystemIO, choose_next_name, choose_partition, locate
+from phyagentos.store.segments import SystemIO, choose_next_name, choose_partition, open_segment
 from phyagentos.store.writer import SegmentWriter
 
 SEGMENT_BYTES = 16 << 20
@@ -89,7 +90,7 @@ class ExperienceLog:
 
     def _read_mark(self, position: Position) -> str:
         """Raises FileNotFoundError without such a segment."""
-        with locate(self.folder, position.segment).open("rb") as file:
+        with os.fdopen(open_segment(self.folder, position.segment), "rb") as file:
             file.seek(max(0, position.offset - MARK_BYTES))
             return file.read(min(MARK_BYTES, position.offset)).hex()
 

@@ -12,8 +12,10 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.enclosure import leads_out
 
 ENTRY_POINT_GROUP = "phyagentos.libraries"
+BEHAVIOURS = "behaviours.py"  # a skill folder's own leaves: `def register(registry)`
 
 
 def find_shipped_root() -> Path:
@@ -58,6 +60,11 @@ class Library:
         """Path of `robots/<name>/target.yaml`."""
         return self._get("target", name, f"robots/{name}/target.yaml", self.names_of_targets)
 
+    def iter_behaviours(self) -> Iterator[Path]:
+        """The Python of skills, by skill."""
+        paths = (self.get_skill(name).with_name(BEHAVIOURS) for name in self.names_of_skills())
+        return (path for path in paths if path.is_file())
+
     def names_of_trees(self) -> list[str]:
         """Every tree, sorted."""
         return self._names_below("trees")
@@ -86,7 +93,7 @@ class Library:
         return ((root, path) for root in self.roots for path in (root / folder).glob(pattern))
 
     def _get(self, what: str, name: str, relative: str, list_names: Callable[[], list[str]]) -> Path:
-        for path in _list_places(self.roots, relative):
+        for path in _list_places(self.roots, relative) if not leads_out(name) else ():
             if os.path.isfile(path):  # noqa: PTH113 - for every session, several times
                 return path
         known = list_names()

@@ -13,6 +13,7 @@ import pydantic
 
 from phyagentos.errors import Problem
 from phyagentos.protocol.documents.document import DocumentFormat
+from phyagentos.protocol.documents.enclosure import leads_out
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.settings.operations import SESSION_OPERATIONS, Operation
 from phyagentos.protocol.world.friction import Surface
@@ -142,7 +143,7 @@ class TargetProfile(Authored):
     model: str = ""
     driver: str = ""
     endpoint: str = ""
-    world: str = ""
+    world: str = pydantic.Field(default="", pattern=r"^([a-z][a-z0-9_]*)?$")
     end_effector: Literal["opening", "suction", "none"] = "opening"
     tcp: str = "tcp"
     mount_position_m: Triple = (0.0, 0.0, 0.0)
@@ -163,6 +164,10 @@ class TargetProfile(Authored):
 
     @pydantic.model_validator(mode="after")
     def _check_end_effector(self) -> Self:
+        if leads_out(self.model, self.target):
+            raise ValueError(
+                f"model {self.model!r} leads out of robots/; keep it with the target, and what it includes"
+            )
         if (self.gripper.max_width_m > 0.0) != (self.end_effector == "opening"):
             expected = "a gripper that opens" if self.end_effector == "opening" else "no gripper"
             raise ValueError(f"end_effector {self.end_effector!r} needs {expected}")

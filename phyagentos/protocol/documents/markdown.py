@@ -16,10 +16,17 @@ _LABEL_CODES = str.maketrans(
 
 
 def publish(path: Path, text: str) -> None:
-    """Replace a document as a whole; as it can be rendered again, nothing waits for the disk."""
+    """Replace a document as a whole, as it can be rendered again, nothing waits for the disk."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    temporary.write_text(text, encoding="utf-8")
+    write_anew(temporary, text)
     temporary.replace(path)
+
+
+def write_anew(path: Path, text: str) -> None:
+    """Write a file in place of what has its name; a link is not followed, unfit characters are escaped."""
+    path.unlink(missing_ok=True)
+    with path.open("x", encoding="utf-8", errors="backslashreplace") as file:
+        file.write(text)
 
 
 def render_front(front: Front) -> str:

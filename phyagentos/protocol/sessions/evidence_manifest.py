@@ -12,7 +12,7 @@ import shutil
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -23,6 +23,8 @@ from phyagentos.protocol.sessions.verdicts import Attempt
 MANIFEST = "manifest.json"
 OBJECTS = "objects"  # beside the bundles; a session's id holds a dot, so none is called that
 FORMAT = "evidence/1"
+FileName = Annotated[str, msgspec.Meta(pattern=r"^(?!\.\.?$)[^/]+$")]
+"""Of a file in a bundle: it names no other place."""
 SHARED_BYTES = 64 * 1024  # pictures, models and long traces are larger; what is smaller costs more to link than to keep
 
 _KNOWN_FILES = 64  # a few sessions' worth: what is shared by an episode is used again and again
@@ -48,7 +50,7 @@ class Thinning(msgspec.Struct, frozen=True, kw_only=True):
     at: str
     rule: str
     policy: dict[str, Any]
-    files: dict[str, FileRecord]
+    files: dict[FileName, FileRecord]
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -70,7 +72,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     phy: str
     session: str
-    files: dict[str, FileRecord]
+    files: dict[FileName, FileRecord]
     sealed_late: bool = False
     thinned: tuple[Thinning, ...] = ()
     outcome: Outcome | None = None

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.errors import ExecutionError, Problem
+from phyagentos.protocol.sessions.evidence_manifest import FileName
 from phyagentos.protocol.world.environment import Environment
 
 LOOKS = "looks.json"  # list of LookEntry
@@ -53,7 +54,7 @@ class LookEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         metrics: Measurements of the target at that time, for a hold condition that reads them.
     """
 
-    file: str
+    file: FileName
     sha256: str
     role: LookRole
     time_s: float

@@ -18,6 +18,7 @@ import yaml
 
 from phyagentos.clock import Clock
 from phyagentos.errors import find_nearest
+from phyagentos.protocol.documents.markdown import write_anew
 from phyagentos.protocol.documents.plain_text import clean
 
 EVERY_SESSION = "*"
@@ -168,6 +169,8 @@ def _get_root(folder: Path) -> Path:
 
 def _take(path: Path, root: Path) -> Signal | None:
     try:
+        if path.is_symlink():  # what it leads to must not show in the reason
+            raise ValueError("a link")
         signal = parse_signal(path.read_bytes())
     except FileNotFoundError:
         return None  # another process took it
@@ -192,7 +195,7 @@ def _reject(path: Path, folder: Path, error: Exception) -> None:
     reason = folder / extend_name(path.name, ".reason.txt")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        reason.write_text(_explain(path, error), encoding="utf-8", errors="backslashreplace")
+        write_anew(reason, _explain(path, error))
     except OSError:  # a full disk: it stays where it is
         return
     try:

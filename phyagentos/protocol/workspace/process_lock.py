@@ -1,6 +1,7 @@
 """A lock file that one process of a kind holds for as long as it lives.
 
 It serves the watchdog of a workspace and the world process of a target. The kernel releases it when its holder dies.
+The file names the holder by number and start time: a file from elsewhere, or an old one, never names another process.
 """
 
 import contextlib
@@ -13,6 +14,7 @@ from phyagentos.errors import ExecutionError
 
 WATCHDOG_LOCK = Path(".world") / "watchdog.lock"  # below a workspace
 PATIENCE_S = 2.0  # a query holds the lock for an instant
+_BYTES = 32  # of `<pid>.<start>`, at one width: it is written in place
 
 
 def become_sole(path: Path, clock: Clock, code: str, message: str) -> int:
@@ -22,25 +24,26 @@ def become_sole(path: Path, clock: Clock, code: str, message: str) -> int:
     deadline_s = clock.now_s() + PATIENCE_S
     while not _try_lock(fd):
         if clock.now_s() > deadline_s:
-            holder = os.pread(fd, 16, 0).decode(errors="replace").strip()
+            holder = _read_holder(fd).partition(".")[0]
             os.close(fd)
             raise ExecutionError(code, f"{message} (process {holder}, which holds {path})")
         clock.sleep(0.02)
     with contextlib.suppress(OSError):  # full disk: the holder stays the only one, its identity unknown
-        os.pwrite(fd, f"{os.getpid():>10}\n".encode(), 0)
+        os.pwrite(fd, f"{identify_process(os.getpid()):>{_BYTES - 1}}\n".encode(), 0)
     return fd
 
 
 def find_sole(path: Path) -> int | None:
-    """A pidfd of the process that holds this lock, None when there is none."""
+    """A pidfd of the process that holds this lock and wrote itself down there, None when there is none."""
     try:
         fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
     except FileNotFoundError:
         return None
     try:
-        with contextlib.suppress(ValueError, ProcessLookupError):
-            pidfd = os.pidfd_open(int(os.pread(fd, 16, 0)))
-            if not _try_lock(fd):  # still held after its number was opened, so it is the one that wrote it
+        holder = _read_holder(fd)
+        with contextlib.suppress(ValueError, OverflowError, OSError):  # no number, or no such process
+            pidfd = os.pidfd_open(pid := int(holder.partition(".")[0]))
+            if identify_process(pid) == holder and not _try_lock(fd):  # looked at after its number was opened
                 return pidfd
             os.close(pidfd)
         return None
@@ -51,9 +54,13 @@ def find_sole(path: Path) -> int | None:
 def is_held_by(path: Path, pid: int) -> bool:
     """Whether this process holds this lock."""
     try:
-        return int(path.read_text(encoding="ascii")) == pid and is_held(path)
-    except (OSError, ValueError):
+        fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    except OSError:
         return False
+    try:
+        return _read_holder(fd) == identify_process(pid) != "" and not _try_lock(fd)
+    finally:
+        os.close(fd)
 
 
 def is_held(path: Path) -> bool:
@@ -66,6 +73,19 @@ def is_held(path: Path) -> bool:
         return not _try_lock(fd)
     finally:
         os.close(fd)
+
+
+def identify_process(pid: int) -> str:
+    """`<pid>.<start>`, unlike that of any earlier process with this number; empty when there is none now."""
+    try:
+        stat = Path("/proc", str(pid), "stat").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+    return f"{pid}.{stat.rpartition(')')[2].split()[19]}"  # field 22 of proc(5): ticks between boot and its start
+
+
+def _read_holder(fd: int) -> str:
+    return os.pread(fd, _BYTES, 0).decode(errors="replace").strip()
 
 
 def _try_lock(fd: int) -> bool:

@@ -14,6 +14,7 @@ from filelock import FileLock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import render_skill_registry, render_target_registry
+from phyagentos.protocol.documents.enclosure import check_enclosed
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.sessions.session import GoalId, SessionId
 
@@ -71,8 +72,8 @@ class Workspace:
         """Make a workspace from a library, or complete the one that stands there; what it already holds stays.
 
         Raises:
-            DefinitionError: `NOT_A_WORKSPACE` when the folder holds something else; every problem of a SKILL.md or
-                target.yaml.
+            DefinitionError: `NOT_A_WORKSPACE` when the folder holds something else; `LEADS_OUT` as of `open`; every
+                problem of a SKILL.md or target.yaml.
         """
         root = root.resolve()
         if root.exists() and not root.is_dir():
@@ -81,18 +82,26 @@ class Workspace:
         is_ours = (root / MARKER).is_file() or (root / _LOCK).is_file()  # the latter: an interrupted `create`
         if not is_ours and (names := sorted(path.name for path in root.iterdir())):
             raise _not_a_workspace(root, ", ".join(names[:5]))
+        check_enclosed(root)
         workspace = cls(root)
         with FileLock(root / _LOCK):
             workspace._complete(library)
         return workspace
 
     @classmethod
-    def open(cls, root: Path) -> "Workspace":
-        """An existing workspace; raises DefinitionError `NOT_A_WORKSPACE`."""
+    def open(cls, root: Path, *parts: str) -> "Workspace":
+        """An existing workspace in which nothing leads out of it, looked at in these `parts` only, if any are named.
+
+        A stop names those it uses: nothing that was dropped elsewhere may hold it up.
+
+        Raises:
+            DefinitionError: `NOT_A_WORKSPACE`; `LEADS_OUT` with every link, pipe and device.
+        """
         root = root.resolve()
         if not (root / MARKER).is_file():
             found = "no such folder" if not root.exists() else f"no {MARKER}"
             raise _not_a_workspace(root, found)
+        check_enclosed(root, *parts)
         return cls(root)
 
     def evidence_of(self, session: SessionId) -> Path:

@@ -1,11 +1,14 @@
 """The explicit registry of leaves; importing a module registers nothing.
 
 Leaves come from this package, from installed packages (entry point group `phyagentos.leaves`: a function that takes
-the registry) and from a skill folder's own `behaviours.py`.
+the registry) and from a skill folder's own `behaviours.py`. Such a file is executed by `build_registry` alone, for
+workers; who only reads a project takes the names of its leaves from the text.
 """
 
+import ast
 import importlib.util
 import operator
+from collections.abc import Iterable
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -15,7 +18,6 @@ from phyagentos.protocol.capabilities.trees import Tree
 from phyagentos.runtime.execution.leaf import Leaf, Role
 
 ENTRY_POINT_GROUP = "phyagentos.leaves"
-BEHAVIOURS = "behaviours.py"  # a skill folder's own leaves: `def register(registry)`
 
 
 class LeafRegistry:
@@ -23,6 +25,7 @@ class LeafRegistry:
 
     def __init__(self) -> None:
         self._classes: dict[str, type[Leaf]] = {}
+        self._announced: set[str] = set()
         self._sound: dict[tuple[Library, str], tuple[Tree, ...]] = {}
 
     def register(self, name: str, leaf: type[Leaf]) -> None:
@@ -42,6 +45,14 @@ class LeafRegistry:
         self._classes[name] = leaf
         self._sound.clear()
 
+    def announce(self, names: Iterable[str]) -> None:
+        """Note leaves that a file would register, whose ports are unknown before it is executed."""
+        self._announced |= set(names)
+
+    def is_announced(self, name: str) -> bool:
+        """Whether there is such a leaf and its class was not loaded."""
+        return name in self._announced and name not in self._classes
+
     def is_sound(self, library: Library, name: str, trees: tuple[Tree, ...]) -> bool:
         """Whether a tree and its subtrees were already checked against these leaves."""
         known = self._sound.get((library, name), ())
@@ -53,7 +64,7 @@ class LeafRegistry:
 
     def names(self) -> list[str]:
         """Every leaf, sorted."""
-        return sorted(self._classes)
+        return sorted(self._announced | self._classes.keys())
 
     def find(self, name: str) -> type[Leaf] | None:
         """The class of a leaf, or None."""
@@ -68,17 +79,52 @@ class LeafRegistry:
 
 
 def build_registry(library: Library) -> LeafRegistry:
-    """Built-in leaves, then those of installed packages, then those of the library's skills."""
+    """Built-in leaves, then those of installed packages, then those of the library's skills, whose Python is executed.
+
+    Raises:
+        DefinitionError: `BROKEN_BEHAVIOURS`, `DUPLICATE_LEAF`, `NOT_A_LEAF`.
+    """
+    registry = _build_installed()
+    for path in library.iter_behaviours():
+        register_file(registry, path)
+    return registry
+
+
+def read_registry(library: Library) -> LeafRegistry:
+    """As `build_registry`, but of the library's skills only the names of leaves, as written; executes none of them.
+
+    Raises:
+        DefinitionError: `BROKEN_BEHAVIOURS` where a file is no Python.
+    """
+    registry = _build_installed()
+    for path in library.iter_behaviours():
+        registry.announce(read_leaf_names(path))
+    return registry
+
+
+def read_leaf_names(path: Path) -> list[str]:
+    """The names in calls `registry.register("name", …)` of a file; raises DefinitionError `BROKEN_BEHAVIOURS`."""
+    try:
+        tree = ast.parse(path.read_bytes())
+    except (SyntaxError, ValueError, RecursionError, MemoryError, OSError) as error:
+        address = f"{path}:{getattr(error, 'lineno', None) or 1}:{getattr(error, 'offset', None) or 1}"
+        raise DefinitionError.of("BROKEN_BEHAVIOURS", address, f"{type(error).__name__}: {error}", "Python") from error
+    return [
+        node.args[0].value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "register"
+        if node.args and isinstance(node.args[0], ast.Constant) and isinstance(node.args[0].value, str)
+    ]
+
+
+def _build_installed() -> LeafRegistry:
+    """Leaves of this package and of installed ones."""
     from phyagentos.runtime.execution.leaves.builtin import register_builtin
 
     registry = LeafRegistry()
     register_builtin(registry)
     for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
         point.load()(registry)
-    for skill in library.names_of_skills():
-        path = library.get_skill(skill).with_name(BEHAVIOURS)
-        if path.is_file():
-            register_file(registry, path)
     return registry
 
 
@@ -93,7 +139,7 @@ def register_file(registry: LeafRegistry, path: Path) -> None:
         raise DefinitionError.of("BROKEN_BEHAVIOURS", str(path), "not a Python file")
     module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
+        exec(compile(path.read_bytes(), path, "exec"), module.__dict__)  # the text, never a cached .pyc beside it
         register = module.register
     except DefinitionError:
         raise

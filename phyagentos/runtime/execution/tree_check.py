@@ -127,8 +127,12 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
     declared = [(node, _find_ports(node, library, registry)) for node in nodes]
     for node, ports in declared:
         for port, value in node.wiring.items():
-            if ports is not None and port in ports[1] and isinstance(value, Reference):
+            if not isinstance(value, Reference):
+                continue
+            if ports is not None and port in ports[1]:
                 written.setdefault(value.key, ports[1][port].data_type)
+            elif _is_unread(node, registry):
+                written.setdefault(value.key, object)  # perhaps
         if node.kind is NodeKind.FOR_EACH:
             problems += _iter_list_problems(tree, node, written)
     for node, ports in declared:
@@ -137,14 +141,19 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
         elif node.kind in REACTIVE:
             problems += _iter_reactive_problems(tree, node, library, registry)
         elif node.kind in (NodeKind.LEAF, NodeKind.SUBTREE):
-            if ports is None:
-                problems.append(_problem_unknown(tree, node, library, registry))
-            else:
+            if ports is not None:
                 problems += _iter_wiring_problems(tree, node, ports, written)
+            elif not _is_unread(node, registry):
+                problems.append(_problem_unknown(tree, node, library, registry))
     for name in tree.header.outputs:
         if name not in written:
             problems.append(tree.located.unknown("UNWRITTEN_OUTPUT", ("outputs", name), name, written))
     return problems
+
+
+def _is_unread(node: Node, registry: LeafRegistry) -> bool:
+    """Whether it is a leaf whose Python was not executed, so that its ports are unknown."""
+    return node.kind is NodeKind.LEAF and registry.is_announced(node.type)
 
 
 def _iter_list_problems(tree: Tree, node: Node, written: dict[str, type]) -> Iterator[Problem]:
@@ -160,7 +169,9 @@ def _iter_list_problems(tree: Tree, node: Node, written: dict[str, type]) -> Ite
         found = f"'${values.key}' of type {_name_of(kind)}"
     else:
         kind, found = find_list_type(values), repr(values)
-    if kind not in ELEMENTS:
+    if kind is object:  # by a leaf that was not executed
+        written.setdefault(each, object)
+    elif kind not in ELEMENTS:
         yield tree.located.problem("WRONG_TYPE", place, found, "a list: names of entities, or points")
     elif written.setdefault(each, ELEMENTS[kind]) is not ELEMENTS[kind]:
         found = f"'${each}' of type {_name_of(written[each])}"
@@ -255,7 +266,7 @@ def _iter_reference_problems(
         found = f"'${value.key}', which nothing writes"
         expected = format_names(f"${key}" for key in written)
         yield tree.located.problem("UNWRITTEN_KEY", place, found, expected, format_hint(value.key, written))
-    elif port.data_type not in (written[value.key], object):
+    elif object not in (port.data_type, written[value.key]) and port.data_type is not written[value.key]:
         found = f"'${value.key}' of type {_name_of(written[value.key])}"
         yield tree.located.problem("WRONG_TYPE", place, found, f"type {_name_of(port.data_type)}")
 

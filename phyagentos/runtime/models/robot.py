@@ -4,16 +4,21 @@ The robot's own spec is the root to which a scene adds its bodies, so that its n
 Alternative rejected: `MjSpec.attach`, which needs a prefix on every name.
 """
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.enclosure import leads_out
 from phyagentos.protocol.documents.schema import read_yaml, validate
 
 GRIPPER_ACTUATOR = "act_gripper"
 GRIPPER_TENDON = "gripper_width"
+_MJCF_FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 
 def name_actuator(joint: str) -> str:
@@ -79,9 +84,12 @@ def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
     """The profile's MJCF in `folder`, mounted.
 
     Raises:
-        DefinitionError: When the model lacks a joint, pad or site that the profile names, or is no MJCF.
+        DefinitionError: When the model lacks a joint, pad or site that the profile names, is no MJCF, or names a file
+            outside of the folder of all robots (`LEADS_OUT`).
     """
     path = folder / profile.model
+    if problems := list(_iter_outside(path, folder.parent)):
+        raise DefinitionError(problems)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
@@ -90,6 +98,25 @@ def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
     for body in spec.worldbody.bodies:
         body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
     return spec
+
+
+def _iter_outside(path: Path, robots: Path) -> Iterator[Problem]:
+    """Files that a MJCF and what it includes name outside of `robots`, which a copy of that folder would not hold."""
+    place = Path(os.path.normpath(path)).relative_to(robots).parent.as_posix()
+    waiting, seen = [path], {path}
+    while waiting:
+        try:
+            elements = list(ElementTree.parse(file := waiting.pop()).iter())
+        except (ElementTree.ParseError, OSError):  # MuJoCo says it better
+            continue
+        folders = ["", *(each.attrib[key] for each in elements for key in _MJCF_FOLDERS if key in each.attrib)]
+        for name in [value for each in elements for key, value in each.attrib.items() if key.startswith("file")]:
+            if any(leads_out(f"{folder}/{name}" if folder else name, place) for folder in folders):
+                yield Problem("LEADS_OUT", str(file), repr(name), f"a file below {robots}", "Keep it with the model.")
+            elif name.endswith(".xml"):
+                found = {path.parent / folder / name for folder in folders} - seen
+                seen |= found
+                waiting += found
 
 
 def _check_names(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> None:

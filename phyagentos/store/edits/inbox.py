@@ -11,6 +11,7 @@ from pathlib import Path
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, format_names
+from phyagentos.protocol.documents.markdown import write_anew
 from phyagentos.protocol.documents.schema import Located, validate
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.sessions.stop_signals import extend_name, move_aside
@@ -47,7 +48,7 @@ class Dropped:
             f"is a YAML mapping with `kind` ({kinds}), for example:\n\n```yaml\n{_EXAMPLE}```\n"
         )
         reason_file = moved.with_name(extend_name(moved.name, ".reason.md"))
-        reason_file.write_text(text, encoding="utf-8", errors="backslashreplace")
+        write_anew(reason_file, text)
 
 
 class Inbox:
@@ -86,6 +87,8 @@ class Inbox:
 def read_request(path: Path) -> tuple[form.Request, Located]:
     """A file's request, and the place of each part; raises DefinitionError with every problem at file:line:column."""
     try:
+        if path.is_symlink():  # what it leads to must not show in the reason
+            raise OSError("a link")
         located = form.parse_form(path.read_text(encoding="utf-8-sig"), path.name)
     except (OSError, UnicodeDecodeError) as error:
         raise DefinitionError.of("UNREADABLE_FILE", path.name, str(error)) from error

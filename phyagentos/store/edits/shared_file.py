@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.clock import Clock
+from phyagentos.protocol.workspace.process_lock import identify_process
 from phyagentos.store.edits.exchange import ExchangeUnsupported, exchange, may_be_written, rename_new
 from phyagentos.store.edits.reading import is_whole
 
@@ -64,7 +65,7 @@ class SharedFile:
         self._is_checked = False  # whether the contents were compared once the clock of the file system had moved on
         self._missing_since_s: float | None = None
         self._number = 0
-        self._owner = _identify_process(str(os.getpid())) or f"{os.getpid()}.0"
+        self._owner = identify_process(os.getpid()) or f"{os.getpid()}.0"
 
     def close(self) -> None:
         """Close the files; what came out and is undecided stays aside."""
@@ -74,7 +75,8 @@ class SharedFile:
         """Take over what processes that are gone left aside."""
         for path in sorted(self._aside.glob("*.md")):
             owner = path.name.partition("-")[0]
-            if owner != _identify_process(owner.partition(".")[0]):
+            number = owner.partition(".")[0]
+            if not number.isdecimal() or owner != identify_process(int(number)):
                 self._keep(path, b"", None, self._clock.now_s() - SETTLED_S)
 
     @contextlib.contextmanager
@@ -235,12 +237,3 @@ def _read_stamp(path: Path) -> Stamp:
 
 def _hash(data: bytes) -> bytes:
     return hashlib.blake2b(data, digest_size=_DIGEST_BYTES).digest()
-
-
-def _identify_process(pid: str) -> str:
-    """`<pid>.<start>`, unlike that of any earlier process with this number; empty when there is none now."""
-    try:
-        stat = Path("/proc", pid, "stat").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""
-    return f"{pid}.{stat.rpartition(')')[2].split()[19]}"  # field 22 of proc(5): ticks between boot and its start
