@@ -4,6 +4,7 @@ Commands import their planes when they run, so that `paos --help` loads no solve
 """
 
 import os
+import signal
 import sys
 from collections.abc import Callable
 
@@ -101,6 +102,7 @@ for name, (help_text, commands) in GROUPS.items():
 
 def main() -> None:
     """Entry point of the console script `paos`."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: temporary folders are removed
     try:
         outcome = app(standalone_mode=False)
         code = outcome if isinstance(outcome, int) else ExitCode.GOAL_MET

@@ -120,12 +120,7 @@ def watch(
 
 
 def _prepare(parent: int | None) -> None:
-    """Let `terminate` be a Ctrl-C, so that both end the same way; and, when asked, end with the parent."""
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, interrupt)
+    """When asked, end with the parent."""
     if parent is not None and sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -13,6 +13,7 @@ import pytest
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.heartbeats import read_heartbeats
 from phyagentos.protocol.workspace.workspace import Workspace
 from tests.following import wait_until
 
@@ -172,6 +173,21 @@ def test_heartbeats_that_are_deleted_in_a_run_come_back_and_harm_nothing(begin, 
     assert "lost" not in out + err
 
 
+def test_a_cancel_while_the_watchdog_is_stopped_reaches_the_target_by_the_end_of_the_lease(begin, tmp_path):
+    workspace = Workspace.create(tmp_path / "w", Library.open(copy_endless_counter(tmp_path / "library")))
+    root, place = workspace.root, ("--workspace", workspace.root)
+    contract = workspace.runtime_contract
+    contract.write_text(contract.read_text().replace("lease_s: 15.0", "lease_s: 2.0"))
+    watch, _ = begin("watch", *place, "--no-pictures"), begin("agent", COUNT, *place)
+    wait_until(lambda: find_states(root).get("count-0.a") == "running", "a running session")
+    watch.send_signal(signal.SIGSTOP)
+    begin("cancel", "count-0", *place).communicate(timeout=LIMIT_S)
+    wait_until(lambda: read_heartbeats(workspace.heartbeats)["counter"].phase == "idle", "rest")
+    watch.send_signal(signal.SIGCONT)
+    wait_until(lambda: find_states(root)["count-0.a"] == "cancelled", "the end")
+    assert read_ledger(root).sessions["count-0.a"].execution.code == "LEASE_LOST"
+
+
 def test_a_session_of_a_cancelled_goal_ends_though_both_planes_were_killed(begin, tmp_path):
     project, root = copy_endless_counter(tmp_path / "library"), tmp_path / "w"
     place = ("--workspace", Workspace.create(root, Library.open(project)).root)
@@ -185,6 +201,16 @@ def test_a_session_of_a_cancelled_goal_ends_though_both_planes_were_killed(begin
 
     wait_until(lambda: find_states(root)["count-0.a"] in {"awaiting_verification", "cancelled"}, "an observation")
     wait_until(lambda: find_states(root)["count-0.a"] == "cancelled", "the end", 10.0)
+
+
+def test_a_command_that_is_terminated_leaves_no_temporary_folder(begin, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    command = begin("preflight", GRAPH)
+    wait_until(lambda: list(tmp_path.glob("paos-*")) or command.poll() is not None, "a temporary folder")
+    command.terminate()
+    _, err = command.communicate(timeout=LIMIT_S)
+    assert command.returncode == ExitCode.INTERRUPTED, err
+    assert list(tmp_path.glob("paos-*")) == []
 
 
 @pytest.mark.parametrize("plane", ["agent", "watch"])
