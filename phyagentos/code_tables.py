@@ -133,6 +133,7 @@ RECORD_DAMAGED       A record is not as it was written.
 RECORD_ILLEGAL       The lifecycle does not allow a record there.
 RECORD_TOO_LARGE     A record is larger than a journal line may be.
 SEGMENT_MISLINKED    A segment does not fit the one before it.
+SEGMENT_UNREADABLE   A segment is no regular file, or the system refuses to read it.
 SEGMENT_TWICE        A segment stands in the partition and in the archive.
 SETTINGS_CHANGED     A settings file is not the one that the session ran with.
 UNLISTED             A bundle holds a file that its manifest does not name.

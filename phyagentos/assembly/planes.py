@@ -9,7 +9,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from phyagentos.clock import Clock
@@ -43,12 +43,12 @@ class Plane:
         """Whether it runs; a mission may ask it about any goal."""
         return self._process.poll() is None
 
-    def stop(self, clock: Clock, grace_s: float = 5.0) -> None:
-        """Ask it to end; kill it and what it started when it does not."""
+    def stop(self, clock: Clock, grace_s: float = STOP_S, is_urgent: Callable[[], bool] = lambda: False) -> None:
+        """Ask it to end; kill it and what it started when it does not in time, or when it becomes urgent."""
         with contextlib.suppress(ProcessLookupError):
             self._process.terminate()
         deadline_s = clock.now_s() + grace_s
-        while self._process.poll() is None and clock.now_s() < deadline_s:
+        while self._process.poll() is None and clock.now_s() < deadline_s and not is_urgent():
             clock.sleep(0.02)
         self.kill()
 
@@ -58,7 +58,7 @@ class Plane:
         try:
             yield self
         finally:
-            self.stop(clock, STOP_S)
+            self.stop(clock)
 
     def kill(self) -> None:
         """End it at once, with its process group."""

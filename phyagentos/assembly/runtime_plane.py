@@ -10,7 +10,8 @@ from types import FrameType
 
 from phyagentos.assembly.drivers import choose_driver
 from phyagentos.assembly.evidence_keeper import EvidenceKeeper
-from phyagentos.assembly.paths import FAULTS, make_socket_folder, open_project
+from phyagentos.assembly.paths import FAULTS, make_socket_folder, open_project, remove_socket_folders, serve_alone
+from phyagentos.assembly.planes import STOP_S
 from phyagentos.assembly.process_tuning import ask_for_prompt_wakeups, collect_rarely
 from phyagentos.assembly.processes import make_command, reads_truth
 from phyagentos.clock import Clock, SystemClock
@@ -18,7 +19,7 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.evidence_manifest import Sealer
-from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, Side
 from phyagentos.protocol.settings.perception import Sensing, declare_sensing
 from phyagentos.protocol.settings.runtime_contract import (
     RuntimeContract,
@@ -58,12 +59,15 @@ def run_watch(
     dies.
     """
     workspace, clock = open_project(root), SystemClock()
-    become_sole(workspace.root / WATCHDOG_LOCK, clock, "WATCHED_ALREADY", "another watchdog supervises this workspace")
-    declare_world(workspace, faults, world_mode, sense)
-    try:
-        _supervise(workspace, clock, pictures=pictures, once_idle=once_idle, outlived=outlived)
-    finally:
-        end_worlds(workspace.root)
+    with serve_alone(workspace, clock) if outlived else contextlib.nullcontext():  # else the parent does
+        lock, busy = workspace.root / WATCHDOG_LOCK, "another watchdog supervises this workspace"
+        become_sole(lock, clock, "WATCHED_ALREADY", busy, patience_s=STOP_S)  # that of a command that died is ending
+        declare_world(workspace, faults, world_mode, sense)
+        try:
+            _supervise(workspace, clock, pictures=pictures, once_idle=once_idle, outlived=outlived)
+        finally:
+            end_worlds(workspace.root)
+            remove_socket_folders(workspace.root)
 
 
 def declare_world(
@@ -139,6 +143,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     )
 
     views.share(watchdog.ledger, watchdog.follow)
+    seal_rest(workspace, views.ledger)  # of a runtime that was killed
 
     def on_signal(_number: int, _frame: FrameType | None) -> None:
         watchdog.stop()
@@ -175,12 +180,12 @@ def open_shared_time(
 
 
 def seal_rest(workspace: Workspace, ledger: Ledger) -> None:
-    """Record the hashes of bundles whose worker was lost, or ended in the middle of the next session."""
+    """Record the hashes of bundles that no worker will: it was lost, stopped or busy, or its disk was full."""
     sealer = Sealer(workspace.evidence)
-    for status in ledger.sessions.values():
-        if status.execution is not None and status.execution.evidence:
-            with contextlib.suppress(OSError, ExecutionError):  # then the next clean-up does
-                sealer.seal(workspace.root / status.execution.evidence, late=True)
+    for id, status in ledger.sessions.items():
+        if status.execution is not None or status.state in FINAL_STATES:  # one that was refused has its look-ahead
+            with contextlib.suppress(OSError, ExecutionError):  # then the next start does
+                sealer.seal(workspace.evidence_of(id), late=True)
 
 
 def _read_rules(workspace: Workspace) -> RuntimeContract:

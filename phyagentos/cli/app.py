@@ -8,6 +8,7 @@ import functools
 import inspect
 import io
 import os
+import signal
 import sys
 from collections.abc import Callable
 
@@ -133,6 +134,7 @@ for name, (help_text, commands) in GROUPS.items():
 
 def main() -> None:
     """Entry point of the console script `paos`."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: temporary folders are removed
     try:
         outcome = app(standalone_mode=False)
         code = outcome if isinstance(outcome, int) else ExitCode.GOAL_MET

@@ -4,14 +4,18 @@ On a terminal a table that redraws itself, above it what has been decided; elsew
 """
 
 import sys
+from collections.abc import Iterable
 from types import TracebackType
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.live import Live
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
+from typing_extensions import override
 
 from phyagentos.cli.progress import Row, RunFold
+from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.world.truth import Truth
@@ -34,11 +38,21 @@ STYLES = {
 MARKS = {Truth.TRUE: ("✓", "green"), Truth.FALSE: ("✗", "red"), Truth.UNKNOWN: ("?", "yellow")}
 
 
+class CleanConsole(Console):
+    """A console whose only control sequences are its own: names and reasons of others command no terminal."""
+
+    @override
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """The segments of what is shown, without unfit characters."""
+        for each in super().render(renderable, options):
+            yield each if each.control else Segment(clean(each.text), each.style)
+
+
 class RunConsole:
     """Shows a run while it goes on; a context manager. When quiet, it shows nothing."""
 
     def __init__(self, title: str, *, quiet: bool = False) -> None:
-        self._console = Console(file=sys.stderr, quiet=quiet, highlight=False, soft_wrap=not sys.stderr.isatty())
+        self._console = CleanConsole(file=sys.stderr, quiet=quiet, highlight=False, soft_wrap=not sys.stderr.isatty())
         redraws = self._console.is_terminal and not quiet
         self._live = Live(console=self._console, auto_refresh=False, transient=True) if redraws else None
         self._title = title

@@ -18,10 +18,10 @@ from typing import Annotated
 
 import typer
 from packaging.requirements import Requirement
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from phyagentos.cli.console import CleanConsole
 from phyagentos.cli.outcome import Exit, ExitCode, print_json
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError
@@ -82,7 +82,7 @@ def examine_machine(
     if as_json:
         print_json(findings)
     else:
-        Console(highlight=False).print(_build_table(findings))
+        CleanConsole(highlight=False).print(_build_table(findings))
     if any(each.grade is Grade.BROKEN for each in findings):
         raise Exit(ExitCode.GOAL_NOT_MET)
 

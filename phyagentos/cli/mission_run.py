@@ -4,6 +4,7 @@ This process commands nothing and judges nothing: it follows the journal like an
 file, as any tool could write.
 """
 
+import contextlib
 import math
 import os
 import select
@@ -14,25 +15,25 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
-
 from phyagentos.agent.goals.catalogue import Catalogue
-from phyagentos.agent.goals.graph import read_goal_graph
-from phyagentos.assembly.paths import choose_folder
+from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
+from phyagentos.agent.mission.mission import choose_goal
+from phyagentos.assembly.paths import choose_folder, serve_alone
 from phyagentos.assembly.planes import Plane, start_watch
 from phyagentos.cli.arguments import get_file, open_library, parse_overrides
-from phyagentos.cli.console import RunConsole
+from phyagentos.cli.console import CleanConsole, RunConsole
 from phyagentos.cli.lint import lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note
 from phyagentos.cli.progress import RunFold
 from phyagentos.cli.report import build_report, compute_exit_code, print_report
+from phyagentos.cli.stopping import cancel_unheld
 from phyagentos.cli.trusting import admit_python
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.documents.schema import Address, read_yaml
 from phyagentos.protocol.sessions.estop import read_latch
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
+from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.perception import Prior, Sensing, declare_sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode, declare_world_mode
 from phyagentos.protocol.settings.verification_mode import VerificationMode
@@ -115,68 +116,79 @@ def run_mission(order: Order, clock: Clock | None = None) -> int:
     clock = clock or SystemClock()
     graph = get_file(order.graph, "goal_graphs")
     faults = get_file(order.faults, "faults") if order.faults is not None else None
-    problems = lint_order(graph, faults, parse_overrides(order.overrides))
-    if problems:
-        raise DefinitionError(problems)
+    compiled = lint_order(graph, faults, parse_overrides(order.overrides))
     root = order.workspace or choose_workspace(graph.stem, order.seed)
     admit_python(root, graph, is_trusted=order.trusts_python)
     workspace = Workspace.create(root, open_library(graph))
-    if order.world_mode is not None:
-        declare_world_mode(workspace.runtime_contract, order.world_mode)
-    declare_sensing(workspace.perception, order.sense, order.prior)
-    started_s = clock.now_s()
-    with Interrupts().counted() as interrupts:
+    with serve_alone(workspace, clock), Interrupts().counted() as interrupts:
+        if order.world_mode is not None:
+            declare_world_mode(workspace.runtime_contract, order.world_mode)
+        declare_sensing(workspace.perception, order.sense, order.prior)
+        started_s = clock.now_s()
         print_note(f"workspace {root}")  # from now on there is something to interrupt
-        fold = run_planes(order, graph, faults, workspace, interrupts, clock)
+        fold = run_planes(order, f"{compiled.name}-{order.seed}", graph, faults, workspace, interrupts, clock)
     code = ExitCode.INTERRUPTED if interrupts.count else compute_exit_code(fold)
     report = build_report(fold, workspace=root, wall_s=clock.now_s() - started_s, exit_code=code)
     if order.as_json:
         print_json(report)
-    print_report(report, fold, Console(stderr=order.as_json, highlight=False))
+    print_report(report, fold, CleanConsole(stderr=order.as_json, highlight=False))
     return int(code)
 
 
 def run_planes(
-    order: Order, graph: Path, faults: Path | None, workspace: Workspace, interrupts: Interrupts, clock: Clock
+    order: Order,
+    name: str,
+    graph: Path,
+    faults: Path | None,
+    workspace: Workspace,
+    interrupts: Interrupts,
+    clock: Clock,
 ) -> RunFold:
-    """Both planes, from their start to their end; what stands in the journal then."""
-    fold = RunFold(workspace.heartbeats)
+    """Both planes, from their start to their end; what stands in the journal then about the goal of this name."""
     journal = Journal(workspace.root, side=Side.OPERATOR, by="paos run", clock=clock)
-    fold.apply(journal.read_new())
-    fold.forget_finished_goals()
+    ledger = journal.open_ledger()
+    for record in journal.read_new():
+        ledger.apply(record)
+    goal = choose_goal(name, ledger, journal)
+    fold = RunFold(workspace.heartbeats, goal, ledger)
     with RunConsole(f"{graph.stem}, seed {order.seed}", quiet=order.quiet) as console:
         print_stop(workspace, console)
-        planes = start_planes(order, graph, faults, workspace)
+        planes = start_planes(order, goal, graph, faults, workspace)
         try:
             follow_run(fold, journal, workspace, planes, interrupts, console, clock)
         finally:
             for plane in reversed(planes):  # the agent first: what it still cancels needs the runtime
-                if interrupts.count > 1:
-                    plane.kill()
-                else:
-                    plane.stop(clock)
+                plane.stop(clock, is_urgent=lambda: interrupts.count > 1)
             fold.apply(journal.read_new())
+            if fold.goal is not None and fold.goal.is_cancelled:
+                with contextlib.suppress(ExecutionError):  # a full disk: the next runtime ends them
+                    cancel_unheld(goal, fold.ledger, journal)
             journal.close()
     return fold
 
 
-def lint_order(graph: Path, faults: Path | None, overrides: Mapping[str, str]) -> list[Problem]:
-    """Every problem of the graph, of the scene and skills that it names, and of the faults; loads no simulator.
+def lint_order(graph: Path, faults: Path | None, overrides: Mapping[str, str]) -> GoalGraph:
+    """The graph, once it, the scene and skills that it names, and the faults are in order; loads no simulator.
 
     Ports of trees against leaves are left to preflight, which knows the leaves of the worker.
+
+    Raises:
+        DefinitionError: With every problem.
     """
     library = open_library(graph)
     problems = lint_file(faults) if faults is not None else []
     try:
         compiled = read_goal_graph(graph, Catalogue.read(library), overrides)
     except DefinitionError as error:
-        return [*error.problems, *problems]
+        raise DefinitionError([*error.problems, *problems]) from error
     scene = library.get_scene(compiled.spec.scene)
     if faults is not None and not problems:
         problems += iter_misses(faults, scene)
     files = [scene]
     files += [library.get_skill(skill) for skill in sorted({choice.skill for choice in compiled.choices.values()})]
-    return [*(problem for file in files for problem in lint_file(file)), *problems]
+    if problems := [*(problem for file in files for problem in lint_file(file)), *problems]:
+        raise DefinitionError(problems)
+    return compiled
 
 
 def iter_misses(faults: Path, scene: Path) -> Iterator[Problem]:
@@ -200,10 +212,10 @@ def choose_workspace(name: str, seed: int) -> Path:
     return choose_folder(Path("workspaces"), f"{name}-{seed}")
 
 
-def start_planes(order: Order, graph: Path, faults: Path | None, workspace: Workspace) -> list[Plane]:
+def start_planes(order: Order, goal: GoalId, graph: Path, faults: Path | None, workspace: Workspace) -> list[Plane]:
     """Start the runtime first: it warms up while the agent compiles."""
     watch = start_watch(workspace, faults=faults, pictures=order.pictures)
-    agent = [str(graph), "--workspace", str(workspace.root), "--seed", str(order.seed)]
+    agent = [str(graph), "--workspace", str(workspace.root), "--seed", str(order.seed), "--goal", goal]
     agent += ["--verify", order.verify] if order.verify is not None else []
     agent += ["--memory", str(order.memory.resolve())] if order.memory is not None else []
     agent += [part for override in order.overrides for part in ("--set", override)]
@@ -237,9 +249,9 @@ def follow_run(
             if interrupts.count and asked_at_s is None:
                 asked_at_s = clock.now_s()
                 console.print_line("cancelling: the robot is being halted. Ctrl-C again ends at once.", "yellow")
-                ask_for_end(fold, journal, workspace, clock)
+                ask_for_end(fold, journal)
             is_quiet = not has_live(fold)
-            if fold.goal is not None and fold.goal.verdict and is_quiet:
+            if fold.goal is not None and (fold.goal.verdict or fold.goal.is_cancelled) and is_quiet:
                 return
             is_patience_spent = interrupts.count > 1 or clock.now_s() > (asked_at_s or math.inf) + CANCEL_PATIENCE_S
             if asked_at_s is not None and (is_quiet or is_patience_spent):
@@ -249,9 +261,9 @@ def follow_run(
 
 
 def has_live(fold: RunFold) -> bool:
-    """Whether a session is live: of the goal, where there is one. What earlier goals have left is not waited for."""
+    """Whether a session of the goal is live. What other goals have left is not waited for."""
     goal = fold.goal
-    return any(goal is None or each.contract.goal == goal.id for each in fold.ledger.live_sessions())
+    return goal is not None and any(each.contract.goal == goal.id for each in fold.ledger.live_sessions())
 
 
 def print_stop(workspace: Workspace, console: RunConsole) -> None:
@@ -264,14 +276,13 @@ def print_stop(workspace: Workspace, console: RunConsole) -> None:
         )
 
 
-def ask_for_end(fold: RunFold, journal: Journal, workspace: Workspace, clock: Clock) -> None:
-    """Cancel the goal; its agent cancels the sessions. Where there is no goal, a signal asks the runtime directly."""
-    goal, reason = fold.goal, "interrupted by the operator"
-    if goal is None:
-        drop_signal(workspace.signals, Signal(kind="cancel", by="paos run", reason=reason), clock)
-    elif not goal.verdict and not goal.is_cancelled:
+def ask_for_end(fold: RunFold, journal: Journal) -> None:
+    """Cancel the goal; its agent, or else the runtime, cancels the sessions. One without a goal has none."""
+    goal = fold.goal
+    if goal is not None and not goal.verdict and not goal.is_cancelled:
+        body = {"reason": "interrupted by the operator"}
         try:
-            journal.commit([Entry(f"{GOAL_PREFIX}{goal.id}", GoalEvent.GOAL_CANCELLED, {"reason": reason})])
+            journal.commit([Entry(f"{GOAL_PREFIX}{goal.id}", GoalEvent.GOAL_CANCELLED, body)])
         except IllegalEvent as error:  # the verdict came first
             print_note(str(error))
 

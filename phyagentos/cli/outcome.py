@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from enum import IntEnum
 
 from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem
+from phyagentos.protocol.documents.plain_text import clean
 
 
 class ExitCode(IntEnum):
@@ -44,12 +45,13 @@ def is_debugging(arguments: Iterable[str]) -> bool:
 
 def print_note(text: str) -> None:
     """One line to stderr."""
-    sys.stderr.write(f"{text}\n")
+    sys.stderr.write(f"{clean(text)}\n")
     sys.stderr.flush()
 
 
 def print_result(text: str) -> None:
-    """Text to stdout, with one newline at its end."""
+    """Text to stdout, with one newline at its end; names and reasons of others command no terminal."""
+    text = clean(text)
     sys.stdout.write(text if text.endswith("\n") else f"{text}\n")
     sys.stdout.flush()
 

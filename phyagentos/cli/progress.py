@@ -7,7 +7,7 @@ from pathlib import Path
 from phyagentos.clock import compute_seconds
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, read_heartbeats
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
-from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.session import GoalId, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
@@ -62,18 +62,14 @@ class Row:
 
 
 class RunFold:
-    """The run so far; `apply` records as they come, then read its rows."""
+    """One goal so far, whatever else runs beside it; `apply` records as they come, then read its rows."""
 
-    def __init__(self, heartbeats: Path) -> None:
-        self.ledger = Ledger(forgets=False)
+    def __init__(self, heartbeats: Path, goal: GoalId, ledger: Ledger) -> None:
+        self.ledger, self._goal = ledger, goal
+        ledger.keep_goal(goal)
         self._heartbeats = heartbeats
         self._first_at: dict[str, str] = {}
         self._last_at: dict[str, str] = {}
-        self._past: frozenset[str] = frozenset()
-
-    def forget_finished_goals(self) -> None:
-        """From now on only goals that are not over, or come later, are of interest."""
-        self._past = frozenset(goal.id for goal in self.ledger.goals.values() if goal.verdict or goal.is_cancelled)
 
     def apply(self, records: Iterable[Record]) -> bool:
         """Take in new records; whether there were any."""
@@ -87,8 +83,8 @@ class RunFold:
 
     @property
     def goal(self) -> GoalStatus | None:
-        """The goal that was submitted last."""
-        return next((goal for id, goal in reversed(self.ledger.goals.items()) if id not in self._past), None)
+        """The goal; None until it is submitted."""
+        return self.ledger.goals.get(self._goal)
 
     def rows(self) -> list[Row]:
         """Every node of the goal in topological order, each with its sessions, parents before children."""
@@ -113,7 +109,7 @@ class RunFold:
                 node_state=node.state.value,
                 session=self.ledger.sessions[id],
                 beat=beats.get(id) if self.ledger.sessions[id].state not in FINAL_STATES else None,
-                wall_s=compute_seconds(self._first_at[id], self._last_at[id]),
+                wall_s=compute_seconds(self._first_at[id], self._last_at[id]) if id in self._first_at else 0.0,
             )
             for id in node.sessions
         ]

@@ -128,14 +128,9 @@ def watch(
 
 
 def _prepare(parent: int | None, about: str) -> None:
-    """Let `terminate` be a Ctrl-C, so that both end the same way; end with the parent; without, say what begins."""
+    """When asked, end with the parent; without one, say what begins."""
     if parent is None:
         print_note(about)
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, interrupt)
     if parent is not None and sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -17,7 +17,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError, format_names
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.sessions import estop as latches
-from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, Side
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, IllegalTransition, Side, find_cancel
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.stop_signals import EVERY_SESSION, Signal, drop_signal
 from phyagentos.protocol.sessions.tasks import GoalStatus
@@ -27,6 +27,8 @@ from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
 
 _READ, _WRITTEN = ("sessions",), "signals"  # parts of a workspace: what lies in others holds up no stop
+TRIES = 5  # at records that a plane makes out of date
+
 Which = Annotated[str, typer.Argument(metavar="SESSION|all")]
 Reason = Annotated[str, typer.Option(help="Why; it is recorded.", callback=clean)]
 
@@ -112,12 +114,29 @@ def _cancel_goal(goal: GoalStatus, workspace: Path, reason: str) -> None:
     """Record that it is to end; one that was cancelled before may still have sessions that live."""
     if goal.verdict:
         raise Exit(ExitCode.INVALID_INPUT, f"{goal.id}: its verdict {goal.verdict!r} is final")
-    if not goal.is_cancelled:
-        body = {"reason": reason or "asked for by paos cancel"}
-        clock = SystemClock()
-        with contextlib.closing(Journal(workspace, side=Side.OPERATOR, by="paos cancel", clock=clock)) as journal:
+    with contextlib.closing(Journal(workspace, side=Side.OPERATOR, by="paos cancel", clock=SystemClock())) as journal:
+        ledger = journal.open_ledger()
+        if not goal.is_cancelled:
+            body = {"reason": reason or "asked for by paos cancel"}
             journal.commit([Entry(f"{GOAL_PREFIX}{goal.id}", GoalEvent.GOAL_CANCELLED, body)])
+        cancel_unheld(goal.id, ledger, journal)
     print_result(f"cancelled goal {goal.id}")
+
+
+def cancel_unheld(goal: GoalId, ledger: Ledger, journal: Journal) -> None:
+    """Cancel the sessions of a cancelled goal that no process holds: those that wait for a target, or for a verdict.
+
+    Nothing else would end them where neither agent nor runtime is left.
+    """
+    for _ in range(TRIES):
+        for record in journal.read_new():
+            ledger.apply(record)
+        live = [each for each in ledger.live_sessions() if each.contract.goal == goal]
+        unheld = [each.contract.id for each in live if find_cancel(each.state) == "cancel"]
+        if not unheld:
+            return
+        with contextlib.suppress(IllegalTransition):  # a plane was faster
+            journal.commit([Entry(id, "cancel", {"reason": "its goal is cancelled"}) for id in unheld])
 
 
 def _find(session: str, workspace: Path) -> str:

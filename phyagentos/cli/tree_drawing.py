@@ -126,8 +126,9 @@ def render_mermaid(root: Drawing) -> str:
 
 def print_tree(root: Drawing) -> None:
     """Print with rich, colours where the terminal has them."""
-    from rich.console import Console
     from rich.tree import Tree
+
+    from phyagentos.cli.console import CleanConsole
 
     styles = {"leaf": "cyan", "subtree": "magenta", "control": "bold"}
 
@@ -144,7 +145,7 @@ def print_tree(root: Drawing) -> None:
 
     tree = Tree(text(root))
     grow(tree, root)
-    console = Console(highlight=False)
+    console = CleanConsole(highlight=False)
     if not console.is_terminal:
         console.width = PIPE_WIDTH
     console.print(tree)

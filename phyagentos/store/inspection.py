@@ -27,8 +27,8 @@ class Finding:
     """One thing that is not as it should be.
 
     Attributes:
-        code: `SEGMENT_MISLINKED`, `RECORD_DAMAGED`, `RECORDS_MISSING`, `BODY_UNREADABLE`, `RECORD_ILLEGAL`,
-            `CHECKPOINT_WRONG`; no damage are `END_TORN`, `SEGMENT_TWICE` and `CHECKPOINT_UNUSED`.
+        code: `SEGMENT_UNREADABLE`, `SEGMENT_MISLINKED`, `RECORD_DAMAGED`, `RECORDS_MISSING`, `BODY_UNREADABLE`,
+            `RECORD_ILLEGAL`, `CHECKPOINT_WRONG`; no damage are `END_TORN`, `SEGMENT_TWICE` and `CHECKPOINT_UNUSED`.
         offset: Where in the file of the segment [bytes].
     """
 
@@ -85,7 +85,10 @@ def inspect_partition(folder: Path) -> Inspection:
 
 def iter_frame_findings(survey: Survey) -> Iterator[Finding]:
     """What is wrong with a segment's front matter and frames."""
-    if survey.front is None:
+    if survey.refusal:
+        what = f"{survey.path} cannot be read: {survey.refusal}; move it away, or bring back the file from a copy"
+        yield Finding("SEGMENT_UNREADABLE", survey.name, 0, what)
+    elif survey.front is None:
         yield Finding("SEGMENT_MISLINKED", survey.name, 0, "the front matter is not that of a journal segment")
     elif survey.front != survey.expected:
         for name in ("lane", "name", "first_seq", "prev", "prev_sha256"):

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from phyagentos.clock import Clock
+from phyagentos.errors import ExecutionError
 from phyagentos.protocol.documents.body_codec import render_body
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.checkpoint import NAME as CHECKPOINT
@@ -144,6 +145,8 @@ class _Plan:
     def stage(self) -> None:
         """Read every segment and write those that must change into temporary files."""
         for survey in iter_surveys(self._folder, known_seq=find_seen_seq(self._folder)):
+            if survey.refusal:  # what it holds is unknown, so nothing is written in its place
+                raise ExecutionError("JOURNAL_UNREADABLE", f"{survey.path}: {survey.refusal}; move it away first")
             first_seq = self._seq + 1
             front = Front(self._folder.name, survey.name, first_seq, self._before, self._sealed)
             self._note(survey)

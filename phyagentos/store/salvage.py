@@ -61,6 +61,7 @@ class Survey:
         expected: As it should be after the segments before.
         pieces: What follows the front, in order.
         last_seq: Number of the last record, lost ones counted.
+        refusal: Why it cannot be read at all; empty when it can.
     """
 
     name: str
@@ -70,6 +71,7 @@ class Survey:
     expected: Front
     pieces: Sequence[Kept | Gap]
     last_seq: int
+    refusal: str = ""
 
     @property
     def is_whole(self) -> bool:
@@ -82,9 +84,9 @@ def iter_surveys(folder: Path, *, known_seq: int = 0) -> Iterator[Survey]:
     files = [(name, locate(folder, name)) for name in list_all_segments(folder)]
     seq, before, sealed = 0, NONE, NONE
     for index, (name, path) in enumerate(files):
-        later = (_find_first_seq(read_segment(folder, name), path) for name, path in files[index + 1 :])
+        later = (_find_first_seq(_read(folder, name)[0], path) for name, path in files[index + 1 :])
         distance, limit = next(((n, first) for n, first in enumerate(later) if first is not None), (-1, None))
-        data = read_segment(folder, name)
+        data, refusal = _read(folder, name)
         front, head = _read_head(data, path)
         expected = Front(folder.name, name, seq + 1, before, sealed)
         pieces = _split(data, head, seq, limit, is_next=distance == 0)
@@ -93,7 +95,26 @@ def iter_surveys(folder: Path, *, known_seq: int = 0) -> Iterator[Survey]:
             pieces = _judge_end(data, pieces, head, seq, known_seq if is_last else limit or 0, is_last=is_last)
         seq = _count(pieces, seq)
         before, sealed = name, hashlib.sha256(data).hexdigest()
-        yield Survey(name=name, path=path, sha256=sealed, front=front, expected=expected, pieces=pieces, last_seq=seq)
+        yield Survey(
+            name=name,
+            path=path,
+            sha256=sealed,
+            front=front,
+            expected=expected,
+            pieces=pieces,
+            last_seq=seq,
+            refusal=refusal,
+        )
+
+
+def _read(folder: Path, name: str) -> tuple[bytes, str]:
+    """The bytes of a segment; none, and why, when it is a folder, a pipe, or not to be read."""
+    try:
+        return read_segment(folder, name), ""
+    except OSError as error:
+        return b"", str(error.strerror or error)
+    except ExecutionError:
+        return b"", "it is no regular file"
 
 
 def _read_head(data: bytes, path: Path) -> tuple[Front | None, int]:

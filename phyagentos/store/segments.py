@@ -5,6 +5,7 @@ A new one opens at midnight (UTC) or at 16 MB. Those in the archive precede thos
 
 import os
 import re
+import stat
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -124,13 +125,22 @@ def locate(folder: Path, name: str) -> Path:
 
 
 def open_segment(folder: Path, name: str) -> int:
-    """A descriptor to read a segment with, in the partition or the archive; raises FileNotFoundError."""
+    """A descriptor to read a segment with, in the partition or the archive.
+
+    Raises:
+        FileNotFoundError: It is in neither, or the name is none of a segment; another OSError when the system refuses.
+        ExecutionError: `JOURNAL_DAMAGED`: it is no regular file; a pipe is not waited for.
+    """
     if _NAME.fullmatch(f"{name}.md") is None:  # a checkpoint or an index from elsewhere may name any path
         raise FileNotFoundError(f"{name!r} is no name of a segment")
     try:
-        return os.open(folder / f"{name}.md", os.O_RDONLY | os.O_CLOEXEC)
+        fd = os.open(folder / f"{name}.md", os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     except FileNotFoundError:
-        return os.open(locate_archived(folder, name), os.O_RDONLY | os.O_CLOEXEC)
+        fd = os.open(locate_archived(folder, name), os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    if stat.S_ISREG(os.fstat(fd).st_mode):
+        return fd
+    os.close(fd)
+    raise damage(locate(folder, name), 0, "it is no regular file")
 
 
 def read_segment(folder: Path, name: str) -> bytes:

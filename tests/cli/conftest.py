@@ -16,6 +16,7 @@ from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.ledger import Ledger
 from tests.clocks import ManualClock
 from tests.contracts import make_contract
 
@@ -59,7 +60,7 @@ class Run:
             side: Journal(self.workspace.root, side=side, by=side.value, clock=self.clock, durable=False)
             for side in Side
         }
-        self.fold = RunFold(self.workspace.heartbeats)
+        self.fold = RunFold(self.workspace.heartbeats, GOAL, Ledger(forgets=False))
 
     def write(self, side: Side, id: str, ev: str, epoch: int | None = None, /, **body: object) -> None:
         self.clock.advance(1.0)

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import signal
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,10 +12,12 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from rich.console import Console
+from rich.text import Text
 
 from phyagentos.cli import console as console_module
 from phyagentos.cli import mission_run
-from phyagentos.cli.console import RunConsole, build_progress_table
+from phyagentos.cli.console import CleanConsole, RunConsole, build_progress_table
+from phyagentos.cli.history import read_ledger
 from phyagentos.cli.mission_run import (
     Interrupts,
     Order,
@@ -26,7 +29,7 @@ from phyagentos.cli.mission_run import (
     run_planes,
 )
 from phyagentos.cli.outcome import Exit, ExitCode
-from phyagentos.cli.progress import compute_depth
+from phyagentos.cli.progress import RunFold, compute_depth
 from phyagentos.cli.report import build_report, compute_exit_code, print_report
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.estop import Latch, latch
@@ -37,6 +40,8 @@ from phyagentos.protocol.sessions.stop_signals import take_signals
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.views.renderer import Views
+from phyagentos.store.views.tasks import render_tasks
 
 GOAL = "tidy-7"
 
@@ -83,6 +88,34 @@ def test_without_a_terminal_every_change_is_one_line_said_once(replanned, monkey
     assert lines[0] == "red: replanned  GRASP_LOST"
     assert lines[1] == "    ✗ inside(red_cube, red_tray)  distance_m 0.31"
     assert len([line for line in lines if line.startswith("red.r1: succeeded")]) == 1
+
+
+def test_no_word_of_a_goal_or_a_session_commands_the_terminal_or_stands_in_a_document(run, paos, monkeypatch):
+    evil = "\x1b]0;owned\x07\x1b[2J\x9b31m"
+    run.write(Side.AGENT, f"goal:{GOAL}", "goal_submitted", graph="tidy", seed=7, objective=evil)
+    nodes = {"red": {"objective": evil, "skill": "s", "target": "arm", "after": [], "reasons": [evil]}}
+    run.write(Side.AGENT, f"goal:{GOAL}", "goal_compiled", nodes=nodes, accept=[evil], constraints=[])
+    id = run.submit("red")
+    run.write(Side.OPERATOR, id, "cancel", reason=evil)
+    run.end("failure")
+    stream = io.StringIO()
+    with monkeypatch.context() as shown:
+        shown.setattr(console_module.sys, "stderr", stream)
+        with RunConsole("tidy") as console:
+            console.show(run.fold)
+    texts = [stream.getvalue(), paos("why", id, "-w", run.workspace.root).out, render_tasks(run.fold.ledger)]
+    views = Views(run.workspace, run.pens[Side.RUNTIME].folder, run.clock)
+    views.refresh()
+    views.close()
+    texts += [path.read_text() for path in run.workspace.root.glob("*.md")]
+    assert "31m" in texts[0]  # the words are kept
+    assert [text for text in texts if re.search("[\x00-\x08\x0b-\x1f\x7f-\x84\x86-\x9f]", text)] == []
+
+
+def test_colours_are_kept_where_unfit_characters_are_not():
+    console = CleanConsole(file=io.StringIO(), force_terminal=True, color_system="standard")
+    console.print(Text("a\x1b[2Jb", style="red"))
+    assert console.file.getvalue() == "\x1b[31ma\N{REPLACEMENT CHARACTER}[2Jb\x1b[0m\n"
 
 
 def test_quiet_says_nothing(replanned, monkeypatch):
@@ -162,19 +195,20 @@ def test_a_goal_that_preflight_rejected_has_its_own_code(run):
     assert compute_exit_code(run.fold) is ExitCode.REJECTED
 
 
-def test_a_finished_goal_of_an_earlier_run_is_not_this_one(run):
+def test_a_run_follows_its_own_goal_whatever_is_submitted_beside_it(run):
     run.begin()
-    run.end("success")
-    run.fold.forget_finished_goals()
-    assert run.fold.goal is None
+    fold = RunFold(run.workspace.heartbeats, "tidy-8", run.fold.ledger)
+    run.write(Side.AGENT, "goal:tidy-9", "goal_submitted", graph="tidy", seed=9)
+    assert fold.goal is None
     run.write(Side.AGENT, "goal:tidy-8", "goal_submitted", graph="tidy", seed=8)
-    assert run.fold.goal.id == "tidy-8"
+    run.write(Side.OPERATOR, "goal:tidy-9", "goal_cancelled", reason="of another run")
+    assert (fold.goal.id, fold.goal.is_cancelled) == ("tidy-8", False)
 
 
 def test_the_first_interrupt_cancels_the_goal_and_leaves_its_sessions_to_the_agent(run):
     run.begin()
     run.submit("red")
-    ask_for_end(run.fold, run.pens[Side.OPERATOR], run.workspace, run.clock)
+    ask_for_end(run.fold, run.pens[Side.OPERATOR])
     ledger = Ledger()
     for record in run.pens[Side.AGENT].read_new():
         ledger.apply(record)
@@ -182,16 +216,27 @@ def test_the_first_interrupt_cancels_the_goal_and_leaves_its_sessions_to_the_age
     assert take_signals(run.workspace.signals) == []
 
 
-def test_an_interrupt_before_there_is_a_goal_asks_the_runtime(run):
-    ask_for_end(run.fold, run.pens[Side.OPERATOR], run.workspace, run.clock)
-    (signal,) = take_signals(run.workspace.signals)
-    assert (signal.kind, signal.session) == ("cancel", "*")
+def test_an_interrupt_before_there_is_a_goal_ends_nothing_of_others(run):
+    ask_for_end(RunFold(run.workspace.heartbeats, "tidy-8", run.fold.ledger), run.pens[Side.OPERATOR])
+    assert take_signals(run.workspace.signals) == []
+    assert run.pens[Side.OPERATOR].read_new() == []
+
+
+def test_a_cancelled_goal_leaves_no_session_that_waits_though_no_plane_is_left(run, paos):
+    run.begin()
+    judged_never, claimed_never = run.submit("red"), run.submit("blue")
+    run.execute(judged_never)
+
+    assert paos("cancel", GOAL, "-w", run.workspace.root).code == 0
+
+    ledger = read_ledger(run.workspace.root)
+    assert [ledger.sessions[id].state for id in (judged_never, claimed_never)] == ["cancelled", "cancelled"]
 
 
 def test_an_interrupt_after_the_verdict_changes_nothing(run):
     run.begin()
     run.end("success")
-    ask_for_end(run.fold, run.pens[Side.OPERATOR], run.workspace, run.clock)
+    ask_for_end(run.fold, run.pens[Side.OPERATOR])
     assert run.pens[Side.OPERATOR].read_new() == []
 
 
@@ -262,7 +307,7 @@ def test_a_session_that_an_earlier_goal_has_left_is_not_waited_for(run, monkeypa
     run.begin()
     run.write(Side.RUNTIME, run.submit("red"), "claim")
     run.write(Side.OPERATOR, f"goal:{GOAL}", "goal_cancelled", reason="twice")
-    run.fold.forget_finished_goals()
+    run.fold = RunFold(run.workspace.heartbeats, "tidy-8", run.fold.ledger)
     run.write(Side.AGENT, "goal:tidy-8", "goal_submitted", graph="tidy", seed=8)
     run.write(Side.AGENT, "goal:tidy-8", "goal_verdict", verdict="success", criteria=[], reason="because")
 
@@ -313,7 +358,7 @@ def test_whoever_has_read_of_the_workspace_can_interrupt_at_once(tmp_path, monke
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
 
-    def run_planes(_order, _graph, _faults, _workspace, interrupts, _clock):
+    def run_planes(_order, _name, _graph, _faults, _workspace, interrupts, _clock):
         counted.append(interrupts.count)
         raise Enough
 
@@ -375,4 +420,4 @@ def test_a_latched_stop_is_told_before_anything_starts_and_even_when_quiet(run, 
     monkeypatch.setattr(mission_run, "start_planes", start)
     order = Order(graph=tmp_path / "g.yaml", quiet=True)
     with pytest.raises(Exit):
-        run_planes(order, order.graph, None, run.workspace, Interrupts(), run.clock)
+        run_planes(order, GOAL, order.graph, None, run.workspace, Interrupts(), run.clock)

@@ -4,6 +4,7 @@ from phyagentos.assembly.runtime_plane import seal_rest
 from phyagentos.cli.history import read_ledger
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import check_bundle, read_manifest
+from phyagentos.protocol.sessions.lifecycle import Side
 
 
 def test_bundles_that_a_worker_left_are_sealed_as_late_and_running_ones_are_not(run):
@@ -19,3 +20,15 @@ def test_bundles_that_a_worker_left_are_sealed_as_late_and_running_ones_are_not(
     assert check_bundle(run.workspace.evidence_of(ended)) == []
     assert read_manifest(run.workspace.evidence_of(ended)).sealed_late
     assert read_manifest(run.workspace.evidence_of(running)) is None
+
+
+def test_the_look_ahead_of_a_refused_session_is_sealed_too(run):
+    run.begin()
+    id = run.submit("red")
+    for event in ("claim", "check", "reject"):
+        run.write(Side.RUNTIME, id, event)
+    run.workspace.evidence_of(id).mkdir(parents=True)
+
+    seal_rest(run.workspace, read_ledger(run.workspace.root))
+
+    assert read_manifest(run.workspace.evidence_of(id)) is not None

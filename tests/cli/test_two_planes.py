@@ -1,5 +1,6 @@
 """Both planes by hand, in either order, and what Ctrl-C does to a run."""
 
+import json
 import os
 import shutil
 import signal
@@ -12,6 +13,7 @@ import pytest
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.heartbeats import read_heartbeats
 from phyagentos.protocol.workspace.workspace import Workspace
 from tests.following import wait_until
 
@@ -121,6 +123,94 @@ def copy_endless_counter(folder: Path) -> Path:
     stays = "        import threading\n\n        threading.Event().wait(0.01)\n        return Status.RUNNING\n"
     leaf.write_text(source.replace(ends, stays))
     return folder
+
+
+def find_states(root: Path) -> dict[str, str]:
+    return {id: status.state for id, status in read_ledger(root).sessions.items()}
+
+
+def has_ended(root: Path, goal: str) -> bool:
+    ledger = read_ledger(root)
+    return ledger.goals[goal].is_cancelled and goal not in {each.contract.goal for each in ledger.live_sessions()}
+
+
+def test_a_second_run_or_watch_is_refused_and_the_first_follows_its_own_goal(begin, tmp_path):
+    here = copy_endless_counter(tmp_path / "library")
+    graph, root = here / "goal_graphs" / "count.yaml", tmp_path / "w"
+    first = begin("run", graph, "-w", root, "--no-pictures", "--json", cwd=here)
+    wait_until(
+        lambda: (root / "workspace.yaml").exists() and find_states(root).get("count-0.a") == "running", "a session"
+    )
+
+    for second in (("run", graph, "--seed", 3), ("watch",)):
+        refused = begin(*second, "-w", root, "--no-pictures", cwd=here)
+        _, err = refused.communicate(timeout=LIMIT_S)
+        assert refused.returncode == ExitCode.INVALID_INPUT, err
+        assert "WATCHED_ALREADY" in err
+        assert f"paos agent GRAPH -w {root}" in err
+    assert list(read_ledger(root).goals) == ["count-0"]
+
+    begin("agent", graph, "-w", root, "--seed", 5, cwd=here)
+    wait_until(lambda: "count-5" in read_ledger(root).goals, "another goal")
+    for goal in ("count-5", "count-0"):
+        assert first.poll() is None
+        begin("cancel", goal, "-w", root).communicate(timeout=LIMIT_S)
+        wait_until(lambda goal=goal: has_ended(root, goal), "the end")
+    out, err = first.communicate(timeout=LIMIT_S)
+    assert first.returncode == ExitCode.INTERRUPTED, err
+    assert json.loads(out)["goal"]["goal"] == "count-0"
+
+
+def test_heartbeats_that_are_deleted_in_a_run_come_back_and_harm_nothing(begin, tmp_path):
+    here, root = copy_endless_counter(tmp_path / "library"), tmp_path / "w"
+    run = begin("run", here / "goal_graphs" / "count.yaml", "-w", root, "--no-pictures", cwd=here)
+    wait_for(run, "a: running")
+    shutil.rmtree(root / "heartbeats", ignore_errors=True)  # a beat may come in between
+    wait_until(lambda: list((root / "heartbeats").glob("*.json")), "a heartbeat")
+    run.send_signal(signal.SIGINT)
+    out, err = run.communicate(timeout=LIMIT_S)
+    assert run.returncode == ExitCode.INTERRUPTED, err
+    assert "lost" not in out + err
+
+
+def test_a_cancel_while_the_watchdog_is_stopped_reaches_the_target_by_the_end_of_the_lease(begin, tmp_path):
+    workspace = Workspace.create(tmp_path / "w", Library.open(copy_endless_counter(tmp_path / "library")))
+    root, place = workspace.root, ("--workspace", workspace.root)
+    contract = workspace.runtime_contract
+    contract.write_text(contract.read_text().replace("lease_s: 15.0", "lease_s: 2.0"))
+    watch, _ = begin("watch", *place, "--no-pictures", "--trust-python"), begin("agent", COUNT, *place)
+    wait_until(lambda: find_states(root).get("count-0.a") == "running", "a running session")
+    watch.send_signal(signal.SIGSTOP)
+    begin("cancel", "count-0", *place).communicate(timeout=LIMIT_S)
+    wait_until(lambda: read_heartbeats(workspace.heartbeats)["counter"].phase == "idle", "rest")
+    watch.send_signal(signal.SIGCONT)
+    wait_until(lambda: find_states(root)["count-0.a"] == "cancelled", "the end")
+    assert read_ledger(root).sessions["count-0.a"].execution.code == "LEASE_LOST"
+
+
+def test_a_session_of_a_cancelled_goal_ends_though_both_planes_were_killed(begin, tmp_path):
+    project, root = copy_endless_counter(tmp_path / "library"), tmp_path / "w"
+    place = ("--workspace", Workspace.create(root, Library.open(project)).root)
+    planes = begin("watch", *place, "--no-pictures", "--trust-python"), begin("agent", COUNT, *place)
+    wait_until(lambda: find_states(root).get("count-0.a") == "running", "a running session")
+    for plane in planes:
+        plane.kill()
+    begin("cancel", "count-0", *place).communicate(timeout=LIMIT_S)
+
+    begin("watch", *place, "--no-pictures", "--trust-python")
+
+    wait_until(lambda: find_states(root)["count-0.a"] in {"awaiting_verification", "cancelled"}, "an observation")
+    wait_until(lambda: find_states(root)["count-0.a"] == "cancelled", "the end", 10.0)
+
+
+def test_a_command_that_is_terminated_leaves_no_temporary_folder(begin, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    command = begin("preflight", GRAPH)
+    wait_until(lambda: list(tmp_path.glob("paos-*")) or command.poll() is not None, "a temporary folder")
+    command.terminate()
+    _, err = command.communicate(timeout=LIMIT_S)
+    assert command.returncode == ExitCode.INTERRUPTED, err
+    assert list(tmp_path.glob("paos-*")) == []
 
 
 @pytest.mark.parametrize("plane", ["agent", "watch"])

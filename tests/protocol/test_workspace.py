@@ -1,5 +1,6 @@
 """A workspace is made once, keeps its copies, and never settles in somebody else's folder."""
 
+import errno
 import shutil
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
+from phyagentos.protocol.sessions import estop
 from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
 SKILL = """---
@@ -198,3 +200,15 @@ def test_the_layout_is_there(tmp_path, library):
     }
     assert {path.parent for path in documents} == {workspace.root}
     assert len(documents) == 8
+
+
+def test_every_workspace_can_latch_the_emergency_stop_on_a_full_disk(tmp_path, monkeypatch):
+    signals = Workspace.create(tmp_path / "w", Library(())).signals.parent
+
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(estop, "_link", refuse)
+    estop.latch(signals, estop.Latch(by="me"))
+
+    assert estop.is_latched(signals)

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
+from phyagentos.protocol.sessions.heartbeats import Heartbeat, find_heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.session import Limits
 from phyagentos.runtime.supervision.liveness import HeartbeatMonitor, Sign
 from tests.clocks import ManualClock
@@ -157,3 +157,10 @@ def test_a_watchdog_that_was_stopped_itself_holds_that_against_nobody(heart):
 
     assert heart.beat() is None
     assert heart.beat() is None
+
+
+def test_a_deleted_folder_of_heartbeats_comes_back(tmp_path):
+    beat = Heartbeat(target="arm", pid=1)
+    for _ in range(2):
+        write_heartbeat(tmp_path / "heartbeats", beat)
+    assert find_heartbeat(tmp_path / "heartbeats", "arm") == beat

@@ -1,14 +1,18 @@
 """A check tells every problem of a journal with its place, and changes nothing."""
 
+import os
 import shutil
+from pathlib import Path
 
 import pytest
 
+from phyagentos.errors import ExecutionError
 from phyagentos.store.checkpoint import write_checkpoint
 from phyagentos.store.compaction import compact_partition
 from phyagentos.store.inspection import inspect_partition
 from phyagentos.store.records import Record, encode_record
-from phyagentos.store.segments import SystemIO, locate_archived
+from phyagentos.store.repair import repair_partition
+from phyagentos.store.segments import SystemIO, locate_archived, open_segment
 from phyagentos.store.statistics import HashingFollower
 
 from .conftest import make_submit
@@ -42,6 +46,30 @@ def test_a_missing_segment_is_told_by_the_numbers_that_are_gone(open_journal):
 
     assert [(each.code, each.segment) for each in findings][:1] == [("RECORDS_MISSING", first.stem)]
     assert f"records {gone[0]} to {gone[-1]} are lost" in findings[0].message
+
+
+def make_pipe(path):
+    os.mkfifo(path)
+
+
+@pytest.mark.parametrize("spoil_with", [Path.mkdir, make_pipe], ids=["a folder", "a pipe"])
+def test_what_is_no_file_is_told_and_neither_waited_for_nor_repaired(open_journal, clock, spoil_with):
+    journal = open_journal(segment_bytes=2000)
+    fill(journal)
+    journal.close()
+    _, second, *_ = segments_of(journal)
+    second.unlink()
+    spoil_with(second)
+
+    findings = inspect_partition(journal.folder).findings
+
+    (odd,) = [each for each in findings if each.code == "SEGMENT_UNREADABLE"]
+    assert odd.segment == second.stem
+    assert f"{second} cannot be read: it is no regular file; move it away" in odd.message
+    with pytest.raises(ExecutionError, match=r"JOURNAL_UNREADABLE.*move it away first"):
+        repair_partition(journal.folder, accept_loss=True, by="o", clock=clock, file_io=SystemIO())
+    with pytest.raises(ExecutionError, match="JOURNAL_DAMAGED"):
+        open_segment(journal.folder, second.stem)
 
 
 def test_a_segment_in_two_places_is_told(open_journal, clock):

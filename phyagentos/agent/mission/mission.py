@@ -108,7 +108,8 @@ class Mission:
         catalogue = Catalogue.of_workspace(self._workspace)
         graph = read_goal_graph(graph_file, catalogue, overrides)
         self._read()
-        id = check_goal_id(self._choose_id(f"{graph.name}-{seed}") if goal is None else goal, "goal id")
+        chosen = choose_goal(f"{graph.name}-{seed}", self.ledger, self._journal) if goal is None else goal
+        id = check_goal_id(chosen, "goal id")
         file = self._workspace.goal_file_of(id)
         if self._journal.knows(f"goal:{id}"):
             self._check_same(graph, graph_file, id, file)
@@ -131,7 +132,7 @@ class Mission:
         self._read()
         if goal not in self.ledger.goals:
             return self._report_past(goal)
-        if not self._is_spent(goal):
+        if not is_spent(goal, self.ledger, self._journal):
             _LOG.warning("continues goal %s", goal)
         catalogue = Catalogue.of_workspace(self._workspace)
         graph = read_goal_graph(self._workspace.goal_file_of(goal), catalogue)
@@ -162,28 +163,16 @@ class Mission:
             policy=self._policy,
         )
 
-    def _choose_id(self, name: str) -> GoalId:
-        """The first free id, or that of a goal without a verdict."""
-        id, number = GoalId(name), 2
-        while self._is_spent(id):
-            id, number = GoalId(f"{name}-{number}"), number + 1
-        return id
-
     def _check_same(self, graph: GoalGraph, graph_file: Path, goal: GoalId, file: Path) -> None:
         """Refuse a goal id that belongs to another graph."""
         if validate(GoalSpec, read_yaml(file)) == graph.spec:
             return
         state, hint = "over", "Name another goal with --goal or --seed."
-        if not self._is_spent(goal):
+        if not is_spent(goal, self.ledger, self._journal):
             state = "open"
             hint = f"Run that one to continue it, cancel it with 'paos cancel {goal}', or name another with --goal."
         found = f"another graph (overrides included) than that of goal {goal}, which is {state}"
         raise DefinitionError.of("GOAL_DIFFERS", str(graph_file), found, f"the graph of {file}", hint)
-
-    def _is_spent(self, id: GoalId) -> bool:
-        """Whether a goal of this id is over; the ledger evicts old goals."""
-        goal = self.ledger.goals.get(id)
-        return bool(goal.verdict) or goal.is_cancelled if goal else self._journal.knows(f"goal:{id}")
 
     def _pursue(self, goal: GoalController) -> MissionReport:
         begin_s, refused = self._clock.now_s(), 0
@@ -255,3 +244,17 @@ class Mission:
         self._published_seq = self.ledger.seq
         cost_s = self._clock.now_s() - now_s
         self._next_publish_s = now_s + max(PUBLISH_PERIOD_S, cost_s / PUBLISH_SHARE)
+
+
+def choose_goal(name: str, ledger: Ledger, journal: Journal) -> GoalId:
+    """The first free id of this name, or that of a goal that is not over."""
+    id, number = GoalId(name), 2
+    while is_spent(id, ledger, journal):
+        id, number = GoalId(f"{name}-{number}"), number + 1
+    return id
+
+
+def is_spent(id: GoalId, ledger: Ledger, journal: Journal) -> bool:
+    """Whether a goal of this id is over; the ledger evicts old goals."""
+    goal = ledger.goals.get(id)
+    return bool(goal.verdict) or goal.is_cancelled if goal else journal.knows(f"goal:{id}")

@@ -7,6 +7,7 @@ from typing import Any
 
 from phyagentos.protocol.documents.body_codec import render_yaml
 from phyagentos.protocol.documents.document import Front
+from phyagentos.protocol.documents.plain_text import clean
 
 _LABEL_CODES = str.maketrans(
     {"#": "#35;", '"': "#quot;", "<": "#lt;", ">": "#gt;", "`": "#96;", ";": "#59;"}
@@ -50,8 +51,8 @@ def render_row(cells: Iterable[str]) -> str:
 
 
 def flatten(text: str) -> str:
-    """Text on one line, which can begin neither a heading nor a fence."""
-    return " ".join(text.split())
+    """Text on one line, which can begin neither a heading nor a fence, and commands no terminal that shows it."""
+    return " ".join(clean(text).split())
 
 
 def escape_cell(text: str) -> str:

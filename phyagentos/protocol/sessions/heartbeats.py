@@ -37,8 +37,11 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
 def write_heartbeat(folder: Path, beat: Heartbeat) -> None:
     """Replace `<target>.json` as a whole."""
     temporary = folder / f".{beat.target}.tmp"
-    temporary.write_bytes(msgspec.json.encode(beat))
-    temporary.replace(folder / f"{beat.target}.json")
+    try:
+        temporary.write_bytes(msgspec.json.encode(beat))
+        temporary.replace(folder / f"{beat.target}.json")
+    except FileNotFoundError:  # the folder was deleted meanwhile; the next beat follows in a tenth of a second
+        folder.mkdir(parents=True, exist_ok=True)
 
 
 def find_heartbeat(folder: Path, target: str) -> Heartbeat | None:

@@ -13,15 +13,16 @@ from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 
 WATCHDOG_LOCK = Path(".world") / "watchdog.lock"  # below a workspace
+RUNTIME_LOCK = Path(".world") / "runtime.lock"  # of the command that serves it: `paos run`, or `paos watch` by hand
 PATIENCE_S = 2.0  # a query holds the lock for an instant
 _BYTES = 32  # of `<pid>.<start>`, at one width: it is written in place
 
 
-def become_sole(path: Path, clock: Clock, code: str, message: str) -> int:
+def become_sole(path: Path, clock: Clock, code: str, message: str, patience_s: float = PATIENCE_S) -> int:
     """Hold this lock until the process ends; raises ExecutionError (`code`, `message`) when another process has it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    deadline_s = clock.now_s() + PATIENCE_S
+    deadline_s = clock.now_s() + patience_s
     while not _try_lock(fd):
         if clock.now_s() > deadline_s:
             holder = _read_holder(fd).partition(".")[0]

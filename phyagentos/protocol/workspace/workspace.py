@@ -16,6 +16,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import render_skill_registry, render_target_registry
 from phyagentos.protocol.documents.enclosure import check_enclosed
 from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.sessions.estop import provide_reserve
 from phyagentos.protocol.sessions.session import GoalId, SessionId
 
 MARKER = "workspace.yaml"
@@ -129,6 +130,7 @@ class Workspace:
             self.cache,
         ):
             folder.mkdir(parents=True, exist_ok=True)
+        provide_reserve(self.signals.parent)  # whatever targets there are: a stop must latch on a full disk
         is_new = not (self.root / MARKER).is_file()
         if is_new:
             skills, targets = render_skill_registry(library), render_target_registry(library)  # before any copy

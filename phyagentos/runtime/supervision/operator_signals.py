@@ -41,6 +41,14 @@ class OperatorSignals:
                 at = signal.at or self._clock.wall_iso()
                 self._keep(Latch(by=signal.by, reason=signal.reason, at=at))
 
+    def end_cancelled(self) -> None:
+        """Bring to an end what lives of cancelled goals: their agent may be gone, and its sessions come back later."""
+        goals = self._journal.ledger.goals
+        for status in self._journal.ledger.live_sessions():
+            goal, trigger = goals.get(status.contract.goal), find_cancel(status.state)
+            if goal is not None and goal.is_cancelled and trigger is not None:
+                self._journal.try_commit(make_entry(status.contract.id, trigger, reason="its goal is cancelled"))
+
     def is_stopped(self) -> bool:
         """Whether the emergency stop is in force: latched on the disk, or asked for while the disk was full."""
         return self._unkept is not None or is_latched(self._signals)

@@ -117,6 +117,7 @@ class Watchdog:
                     self._enforce_limits()
                     self._publish_if_due()
                     self._wait(poller, records, signals)
+                self._operator.end_cancelled()
             finally:
                 for supervisor in self._supervisors.values():
                     supervisor.dismiss()
@@ -150,6 +151,7 @@ class Watchdog:
         if self._clock.now_s() >= self._signals_at_s:
             self._signals_at_s = self._clock.now_s() + POLL_S
             self._operator.take(self._supervisors.values())
+            self._operator.end_cancelled()
 
     def _adopt(self) -> None:
         """Sessions that an earlier watchdog held: their runner is gone, the world must be observed."""

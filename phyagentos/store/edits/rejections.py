@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 
+from phyagentos.protocol.documents.markdown import flatten
 from phyagentos.store.edits.changes import Refused
 from phyagentos.store.segments import SystemIO, sync_folder
 
@@ -68,7 +69,7 @@ def _hash(refused: Refused) -> bytes:
 
 def format_refusal(refused: Refused, source: str) -> str:
     """One line: where, what, why, possible."""
-    reason = " ".join(refused.reason.split()).rstrip(".")
+    reason = flatten(refused.reason).rstrip(".")
     return f"{source}:{refused.line}: {refused.about}: {reason}. Possible: {refused.possible}."
 
 
@@ -79,7 +80,7 @@ def _render(refused: Refused, source: str, at: str) -> str:
     return (
         f"## {at} {source}:{refused.line}\n\n"
         f"- **About:** {refused.about}\n"
-        f"- **Refused:** {' '.join(refused.reason.split()).rstrip('.')}.\n"
+        f"- **Refused:** {flatten(refused.reason).rstrip('.')}.\n"
         f"- **Possible:** {refused.possible}.\n\n"
         f"{fence}text\n{text}{fence}\n\n"
     )
@@ -97,5 +98,5 @@ def _iter_ticks(text: str) -> list[str]:
 
 
 def _shorten(text: str) -> str:
-    words = " ".join(text.split()).rstrip(".")
+    words = flatten(text).rstrip(".")
     return words if len(words) <= 160 else f"{words[:157]}..."

@@ -12,7 +12,7 @@ import msgspec
 
 from phyagentos.protocol.documents.body_codec import render_yaml
 from phyagentos.protocol.documents.document import FrontMatter
-from phyagentos.protocol.documents.markdown import escape_label, render_front, render_row, render_table
+from phyagentos.protocol.documents.markdown import escape_label, flatten, render_front, render_row, render_table
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState, render_mermaid
 from phyagentos.protocol.sessions.session import Ended, SessionId, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt
@@ -88,7 +88,7 @@ def render_page(page: Page, cache: Cache | None = None) -> str:
         for id in [id for id in known if id not in shown]:
             del known[id]
     front = render_front(FrontMatter(phy="sessions/1", view=page.seq))
-    parts = [front, *(f"{NOTE_MARK}{' '.join(note.split())}\n" for note in page.notes)]
+    parts = [front, *(f"{NOTE_MARK}{flatten(note)}\n" for note in page.notes)]
     parts += ["\n"] if page.notes else []
     parts += [_INTRODUCTION, render_mermaid(), "```\n\n", *_render_overview(texts, page.total)]
     return "".join([*parts, *(text.block for text in texts), END_MARK])
@@ -155,13 +155,13 @@ def _format(status: SessionStatus) -> str:
             lines.append(f"**Evidence:** [{status.execution.evidence}]({status.execution.evidence})")
     if status.reason:
         lines.append(f"**Reason:** {status.reason}")
-    return "\n".join(f"- {' '.join(line.split())}" for line in lines)  # whatever an objective holds
+    return "\n".join(f"- {flatten(line)}" for line in lines)  # whatever an objective holds
 
 
 def _render_attempt(number: int, attempt: Attempt, folder: str) -> str:
     idealised = format_idealisations(attempt.idealisations)
     told = f"Sensing: {attempt.sensing}." + (f" Idealised: {idealised}." if idealised else "")
-    verdict = " ".join(f"{describe_attempt(attempt)} {told}".split())
+    verdict = flatten(f"{describe_attempt(attempt)} {told}")
     return f"**Verdict {number}:** {verdict}\n\n" + render_criteria(attempt.criteria, folder)
 
 
