@@ -66,7 +66,7 @@ UNKNOWN_SKILL        No skill of this name.
 UNKNOWN_TARGET       No target of this name.
 UNKNOWN_TREE         No tree of this name.
 UNKNOWN_WORD         A description holds a word that is neither a colour nor a form.
-UNREADABLE_FILE      A file cannot be read, or is no text.
+UNREADABLE_FILE      A file cannot be read, is no regular file, has more than 16 MiB, or is no text.
 UNSOURCED_LIMIT      A limit of safety.yaml names no source of its number.
 UNWRITTEN_KEY        A tree reads a key that nothing has written by then.
 UNWRITTEN_OUTPUT     A tree declares an output that nothing writes.
@@ -79,7 +79,7 @@ WRONG_DOCUMENT       The front matter names another document.
 WRONG_LENGTH         A list has not one value per joint.
 WRONG_TYPE           A mapping, list or text stands where another kind belongs.
 WRONG_UNIT           A limit is given in another unit than its check uses.
-YAML_SYNTAX          The text is not YAML, or holds a value that does not fit its form or tag.
+YAML_SYNTAX          The text is not YAML, holds a value that does not fit its form or tag, or stands for too many.
 """
 
 OPERATION = """

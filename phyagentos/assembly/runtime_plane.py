@@ -18,6 +18,7 @@ from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.sessions.evidence_manifest import Sealer
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, Side
 from phyagentos.protocol.settings.perception import Sensing, declare_sensing
@@ -92,7 +93,7 @@ def declare_world(
 def _read_terms(workspace: Workspace) -> tuple[WorldMode, bool, bytes]:
     """What a world is started with, and keeps."""
     path = workspace.root / FAULTS
-    return _read_rules(workspace).world_mode, reads_truth(workspace), path.read_bytes() if path.exists() else b""
+    return _read_rules(workspace).world_mode, reads_truth(workspace), read_regular(path) if path.exists() else b""
 
 
 def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle: bool, outlived: bool) -> None:

@@ -88,6 +88,7 @@ def find_warnings(path: Path) -> list[Problem]:
 def lint_file(path: Path, *, runs_python: bool = False) -> list[Problem]:
     """Every problem of one file; an unknown kind is one."""
     try:
+        read_text(path)  # what cannot be read has no kind, and its path may lead nowhere
         kind = find_kind(path)
         if kind is None:
             return [_unknown_kind(path)]
@@ -108,7 +109,8 @@ def find_kind(path: Path) -> FileKind | None:
     found = next((kind for key, kind in _KEYS.items() if key in keys), None)
     if found is not None:
         return found
-    parents = [part for part in path.resolve().parts[:-1] if part in FOLDERS]
+    whole = path.resolve() if path.exists() else path  # a link to itself leads nowhere
+    parents = [part for part in whole.parts[:-1] if part in FOLDERS]
     return _FOLDERS.get(parents[-1]) if parents else None
 
 

@@ -186,9 +186,9 @@ def _parse_item(line: bytes, decoder: Any) -> Any:
     try:
         return decoder.decode(line[2:])
     except msgspec.DecodeError:
-        import yaml  # only where a number is not finite
+        from phyagentos.protocol.documents.yaml_bounds import load_bounded  # only where a number is not finite
 
-        return msgspec.convert(yaml.load(line[2:], Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)), decoder.type)
+        return msgspec.convert(load_bounded(line[2:].decode()), decoder.type)
 
 
 def _is_finite(value: Any) -> bool:

@@ -4,9 +4,10 @@ The poll is needed for correctness: inotify is silent about other clients of a s
 missing on some.
 """
 
+import contextlib
 import os
 import select
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from types import TracebackType
 
@@ -44,6 +45,7 @@ class Watch:
         self._poll_s = poll_s
         self._clock = clock or SystemClock()
         self._inotify: inotify_simple.INotify | None = None
+        self._watched: dict[int, Path] = {}
         self._never = -1  # an event counter that stays at zero stands in where inotify is missing
         self._use_inotify = use_inotify
         self._stamp: _Stamp = ()
@@ -52,7 +54,7 @@ class Watch:
 
     def __enter__(self) -> "Watch":
         if self._use_inotify:
-            self._inotify = _open_inotify(self._folders)
+            self._inotify, self._watched = _open_inotify(self._folders)
         if self._inotify is None:
             self._never = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._poller.register(self.fileno(), select.POLLIN)
@@ -86,6 +88,20 @@ class Watch:
             return bool(os.read(self._inotify.fileno(), _EVENTS_BYTES))
         except BlockingIOError:
             return False
+
+    def read_changes(self) -> Collection[Path] | None:
+        """Files created, written or renamed since the last call, the latest last; None where that is unknown."""
+        if self._inotify is None:
+            return None
+        changed: dict[tuple[int, str], None] = {}
+        is_known = True
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                for event in inotify_simple.parse_events(os.read(self._inotify.fileno(), _EVENTS_BYTES)):
+                    is_known &= event.wd in self._watched and not event.mask & inotify_simple.flags.IGNORED
+                    changed.pop((event.wd, event.name), None)
+                    changed[event.wd, event.name] = None
+        return [self._watched[wd] / name for wd, name in changed] if is_known else None
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until something changes; whether it did. A change between two calls counts for the later one."""
@@ -124,16 +140,14 @@ class Watch:
         return tuple(sorted(found))
 
 
-def _open_inotify(folders: Iterable[Path]) -> inotify_simple.INotify | None:
-    """An inotify instance over the folders, or None when the system has none left or none at all."""
+def _open_inotify(folders: Iterable[Path]) -> tuple[inotify_simple.INotify | None, dict[int, Path]]:
+    """An inotify instance and its folders by watch; None when the system has none left or none at all."""
     try:
         inotify = inotify_simple.INotify(nonblocking=True)
     except OSError:
-        return None
+        return None, {}
     try:
-        for folder in folders:
-            inotify.add_watch(folder, _FLAGS)
+        return inotify, {inotify.add_watch(folder, _FLAGS): folder for folder in folders}
     except OSError:
         inotify.close()
-        return None
-    return inotify
+        return None, {}

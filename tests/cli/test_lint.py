@@ -1,5 +1,6 @@
 """`paos lint`: every problem of every file, with its place, what was found, what is possible, the nearest name."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -94,6 +95,38 @@ def test_a_missing_file_is_invalid_input(paos, tmp_path):
     result = paos("lint", tmp_path / "nowhere.yaml")
     assert result.code == ExitCode.INVALID_INPUT
     assert "nowhere.yaml: UNREADABLE_FILE" in result.err
+
+
+BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"a{n + 1}: &a{n + 1} [{', '.join([f'*a{n}'] * 9)}]\n" for n in range(5)
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("goal_graphs/bomb.yaml", BOMB),
+        ("safety.yaml", BOMB),
+        ("faults/bomb.yaml", BOMB),
+        ("SKILL.md", f"---\n{BOMB}---\n"),
+        ("TARGETS.md", f"---\nphy: targets/1\n---\n## a\n```yaml\n{BOMB}```\n"),
+    ],
+)
+def test_aliases_that_stand_for_more_than_memory_holds_are_a_problem(paos, write, name, text):
+    result = paos("lint", write(name, text))
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "YAML_SYNTAX: found more than 100000 values" in result.err
+
+
+@pytest.mark.parametrize("name", ["a.yaml", "SESSIONS.md", "safety.yaml", "SKILL.md"])
+@pytest.mark.parametrize(
+    "make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero"), lambda path: path.symlink_to(path.name)]
+)
+def test_a_file_that_is_no_regular_file_is_a_problem_and_not_waited_for(paos, tmp_path, name, make):
+    make(tmp_path / name)
+    result = paos("lint", tmp_path / name)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert f"{name}: UNREADABLE_FILE" in result.err
 
 
 def test_a_document_is_checked_in_its_yaml_blocks(paos, write):

@@ -5,7 +5,7 @@ from datetime import date
 import pytest
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.documents.schema import Authored, parse_yaml, salvage, validate
+from phyagentos.protocol.documents.schema import Authored, Loader, parse_yaml, salvage, validate
 
 
 class Inner(Authored):
@@ -99,6 +99,7 @@ def test_text_that_is_no_mapping_is_told(text, message):
         ("&x {a: *x}", r"more than 200 levels"),
         ("[" * 2000 + "]" * 2000, r"more than 200 levels"),
         ("[" * 200_000 + "]" * 200_000, r"more than 200 levels"),
+        (":".join(["1"] * 1000), r"is no integer of 64 bits"),
     ],
 )
 def test_a_value_that_cannot_be_read_is_told_with_its_place(value, message):
@@ -110,3 +111,28 @@ def test_every_integer_that_a_record_can_hold_is_read():
     text = "[18446744073709551615, -9223372036854775808, yes, 0x10, 1.5, 2001-09-09]"
     values = parse_yaml(text, "f.yaml").data
     assert values == [2**64 - 1, -(2**63), True, 16, 1.5, date(2001, 9, 9)]
+
+
+def build_bomb(first, name):
+    """Each line stands for nine times the one before; 340 bytes for a gigabyte in the end."""
+    lines = [f"a{n}: &a{n} {name.format(', '.join([f'*a{n - 1}'] * 9))}" for n in range(1, 7)]
+    return "\n".join([f"a0: &a0 {first}", *lines])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        build_bomb("[x, x, x, x, x, x, x, x, x]", "[{}]"),
+        build_bomb("{x: 1}", "{{<<: [{}]}}"),
+        "a: &a " + "x" * 100_000 + "\nb: [" + "*a, " * 1000 + "1]",
+        "[" + "x, " * 100_000 + "x]",
+    ],
+)
+def test_what_grows_beyond_memory_is_refused_before_it_is_built(text, monkeypatch):
+    monkeypatch.setattr(Loader, "get_single_node", lambda _: pytest.fail("it was built"))
+    with pytest.raises(DefinitionError, match=r"f\.yaml:\d+:\d+: YAML_SYNTAX: found more than 100000 values, or "):
+        parse_yaml(text, "f.yaml")
+
+
+def test_a_few_aliases_are_read():
+    assert parse_yaml("a: &x [1, {b: 2}]\nc: [*x, *x]\n", "f.yaml").data["c"] == [[1, {"b": 2}]] * 2

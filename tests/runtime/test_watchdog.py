@@ -1,5 +1,6 @@
 """The watchdog with workers that are scripted and a journal that is real."""
 
+import os
 import threading
 from multiprocessing import Pipe
 
@@ -8,6 +9,7 @@ import pytest
 from phyagentos.clock import SystemClock
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.estop import is_latched, read_latch, reset
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Execution, Limits, Session
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
@@ -17,7 +19,7 @@ from phyagentos.runtime.supervision.watchdog import Watchdog
 from phyagentos.runtime.worker.orders import Check, Checked, Finished, Ready, Reconcile, Renew, Run, Stop, encode
 from phyagentos.store.journal import Entry, Journal
 from tests.contracts import make_contract
-from tests.following import Followed
+from tests.following import Followed, wait_until
 
 PLAN = AdapterPlan(target_adapter="a", skill_runtime="s", tree="t", observation_path=(), action_path=())
 TOOLS = TargetToolManifest(expose=())
@@ -249,6 +251,41 @@ def test_a_signal_cancels_what_runs_and_what_waits(stand):
     assert stand.wait_for("g.a", "cancelled") == "cancelled"
     assert stand.wait_for("g.b", "cancelled") == "cancelled"
     assert [type(order) for order in worker.orders if not isinstance(order, Check)] == [Run, Stop]
+
+
+def test_whatever_is_dropped_a_stop_is_latched_signals_are_carried_out_and_the_watchdog_ends(stand):
+    new = stand.workspace.signals
+    (new / "loop").symlink_to("loop")
+    os.mkfifo(new / "pipe")
+    (new / "link").symlink_to(new / "pipe")
+    for number in range(500):
+        (new / f"{number}").write_text("kind: [")
+    with (new / "sparse").open("wb") as file:
+        file.truncate(10**9)
+    os.mkfifo(stand.workspace.heartbeats / "panda.json")
+    stand.watch(ScriptedWorker(on_run=lambda order: None))
+    stand.submit(make_session())
+    stand.wait_for("g.a", "running")
+    drop_signal(new, Signal(kind="estop", by="test"), SystemClock())
+    drop_signal(new, Signal(kind="cancel", session="*", by="test"), SystemClock())
+
+    assert stand.wait_for("g.a", "cancelled") == "cancelled"
+    assert read_latch(new.parent).by == "test"
+    stand.watchdog.stop()
+    stand.thread.join(PATIENCE_S)
+    assert not stand.thread.is_alive()
+    rejected = {path.name for path in (new.parent / "rejected").iterdir()}
+    assert {"loop", "loop.reason.txt", "pipe", "link", "sparse"} <= rejected
+
+
+def test_a_stop_is_latched_once_and_not_again_after_its_reset(stand):
+    stand.watch(ScriptedWorker())
+    drop_signal(stand.workspace.signals, Signal(kind="estop", by="test"), SystemClock())
+    wait_until(lambda: is_latched(stand.workspace.signals.parent) and not list(stand.workspace.signals.iterdir()))
+    reset(stand.workspace.signals.parent, "the hand is gone", SystemClock())
+    stand.submit(make_session())
+
+    stand.wait_for("g.a", "awaiting_verification")
 
 
 def test_a_cancellation_by_the_agent_reaches_the_worker(stand):

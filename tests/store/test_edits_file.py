@@ -227,3 +227,37 @@ def test_the_system_tells_who_may_write(tmp_path):
             assert may_be_written(reader.fileno()) is True
         with path.open("rb"):
             assert may_be_written(reader.fileno()) is False
+
+
+def lay_sparse(path):
+    with path.open("wb") as file:
+        file.truncate(10**9)
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (os.mkfifo, "no regular file"),
+        (lambda path: path.symlink_to(path.name), "symbolic link"),
+        (lambda path: path.mkdir(), "no regular file"),
+        (lay_sparse, "more than"),
+    ],
+)
+def test_what_is_no_small_regular_file_is_kept_aside_with_the_reason_and_replaced(tmp_path, clock, make, reason):
+    unfit = []
+    shelf = Shelf(tmp_path, clock, on_unfit=lambda path, reason: unfit.append((path, reason)))
+    shelf.put("one\n")
+    shelf.path.unlink()
+    make(shelf.path)
+    assert shelf.file.is_touched()
+    shelf.put("two\n")
+
+    assert shelf.take(2.0) == []
+    assert shelf.path.read_text() == "two\n" + MARK
+    ((path, told),) = unfit
+    assert reason in told
+    assert os.path.lexists(path)
+    assert reason in path.with_suffix(".reason.txt").read_text()
+    shelf.file.adopt()
+    assert shelf.take(2.0) == []
+    assert len(unfit) == 1

@@ -1,5 +1,6 @@
 """The inbox: one YAML file, one request; what became of it is told by folders."""
 
+import os
 import re
 
 import pytest
@@ -125,6 +126,40 @@ def test_no_file_holds_up_who_reads_it(stand, text, reason):
 
     assert re.search(reason, (stand.workspace.inbox / "refused" / "r.yaml.reason.md").read_text())
     assert stand.sessions["a"].state == "cancelled"
+
+
+def lay_sparse(path):
+    with path.open("wb") as file:
+        file.truncate(10**9)
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (os.mkfifo, "no regular file"),
+        (lambda path: path.symlink_to(path.name), "symbolic link"),
+        (lambda path: path.symlink_to("/proc/kmsg"), "symbolic link"),
+        (lay_sparse, "more than 1048576 bytes"),
+        (lambda path: path.write_text("k: v\n" * 100_000), "more than 10000 values"),
+    ],
+)
+def test_what_is_no_small_regular_file_is_put_aside_unread(stand, make, reason):
+    make(stand.workspace.inbox / "new" / "r.yaml")
+    drop(stand, "s.yaml", "{kind: cancel, session: a}")
+
+    assert reason in (stand.workspace.inbox / "refused" / "r.yaml.reason.md").read_text()
+    assert names(stand, "new") == []
+    assert stand.sessions["a"].state == "cancelled"
+
+
+def test_many_requests_are_taken_in_several_turns(stand, monkeypatch):
+    monkeypatch.setattr(edits, "INBOX_S", -1.0)  # one a turn
+    for number in range(5):
+        (stand.workspace.inbox / "new" / str(number)).write_text("{kind: cancel, session: a}")
+    stand.settle(1)
+    assert len(names(stand, "done")) == 1
+    stand.settle(4)
+    assert len(names(stand, "done")) == 5
 
 
 def test_a_few_aliases_are_read(stand):

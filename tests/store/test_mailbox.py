@@ -50,7 +50,7 @@ def test_any_tool_can_drop_one(tmp_path, text):
     ("text", "reason"),
     [
         ("kind: cancle\n", r"Invalid enum value 'cancle'.*Did you mean 'cancel'"),
-        ("kind: [", "while parsing a flow"),
+        ("kind: [", "only one mapping, of words to words.*line 1, column 7"),
         ("", "Expected `object`"),
         ("kind: cancel\nsesion: x\n", "unknown field `sesion`"),
         ("\x00\x01", "Expected `object`"),
@@ -102,6 +102,68 @@ def test_a_folder_in_the_wrong_place_stops_nobody(tmp_path, clock):
     assert [signal.kind for signal in SignalReader(tmp_path).read_new()] == ["cancel"]
 
     assert [signal.kind for signal in take_signals(tmp_path)] == ["cancel"]
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["oops"]
+
+
+def lay_sparse(path):
+    with path.open("wb") as file:
+        file.truncate(10**9)
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (os.mkfifo, "no regular file"),
+        (lambda path: path.symlink_to(path.name), "symbolic link"),
+        (lambda path: path.symlink_to("/proc/kmsg"), "symbolic link"),
+        (lambda path: path.symlink_to(path.parent.parent / "valid"), "symbolic link"),
+        (lay_sparse, "more than 65536 bytes"),
+    ],
+)
+def test_what_is_no_small_regular_file_is_moved_aside_unread_and_a_stop_beside_it_is_heard(tmp_path, make, reason):
+    (tmp_path / "new").mkdir()
+    (tmp_path / "valid").write_text("kind: resume")
+    make(tmp_path / "new" / "a")
+    (tmp_path / "new" / "b").write_text("kind: estop")
+
+    assert SignalReader(tmp_path).read_new() == take_signals(tmp_path) == [Signal(kind="estop")]
+    assert list((tmp_path / "new").iterdir()) == []
+    assert os.path.lexists(tmp_path / "rejected" / "a")
+    assert reason in (tmp_path / "rejected" / "a.reason.txt").read_text()
+
+
+def test_a_request_is_read_no_further_than_its_first_list_or_alias(tmp_path, monkeypatch):
+    seen = []
+    parse = mailbox.yaml.parse
+    monkeypatch.setattr(mailbox.yaml, "parse", lambda *a, **k: (seen.append(e) or e for e in parse(*a, **k)))
+    for text in ("a: &a [x]\n" + "b: [*a, *a]\n" * 5000, "k: v\n" * 10_000):
+        with pytest.raises(ValueError, match="only one mapping, of words to words"):
+            mailbox.parse_signal(text.encode())
+        assert len(seen) < 60
+        seen.clear()
+
+
+def test_the_taker_goes_on_with_its_other_work_between_two_hundred_requests_and_the_next(tmp_path):
+    lay(tmp_path / "new", 450, 1_000)
+    turns = [mailbox.take_some(tmp_path) for _ in range(3)]
+
+    assert [(len(taken), goes_on) for taken, goes_on in turns] == [(200, True), (200, True), (50, False)]
+
+
+def test_a_file_that_grows_all_the_time_holds_up_no_reader(tmp_path, monkeypatch):
+    (tmp_path / "new").mkdir()
+    path = tmp_path / "new" / "log"
+    path.touch()
+    opened = mailbox.open_regular
+
+    def open_grown(*args, **options):
+        with path.open("a") as file:
+            file.write("x\n")
+        return opened(*args, **options)
+
+    monkeypatch.setattr(mailbox, "open_regular", open_grown)
+    (tmp_path / "new" / "stop").write_text("kind: estop")
+    assert SignalReader(tmp_path).read_new() == [Signal(kind="estop")]
 
 
 def test_no_folder_means_no_signals(tmp_path):

@@ -17,6 +17,7 @@ from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.selector import ANY
 from phyagentos.agent.judging.judges.predicates import evaluate_on
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.documents.schema import read_text
 from phyagentos.protocol.sessions.evidence import AFTER, Bundle, read_bundle
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
 from phyagentos.protocol.sessions.session import Session, SessionStatus
@@ -93,8 +94,8 @@ class Evidence:
         if self.all.now is not None:
             return self.all.now
         try:
-            shown = read_environment((self.root / ENVIRONMENT.file).read_text(encoding="utf-8"))
-        except (OSError, DefinitionError):
+            shown = read_environment(read_text(self.root / ENVIRONMENT.file))
+        except DefinitionError:
             return None
         return shown if shown.episode == episode else None
 

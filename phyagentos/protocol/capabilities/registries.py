@@ -13,7 +13,7 @@ from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME, SkillR
 from phyagentos.protocol.capabilities.targets import TARGETS, RegisteredTarget, TargetHealth, TargetProfile
 from phyagentos.protocol.documents.document import DocumentFormat, Front, read_document
 from phyagentos.protocol.documents.markdown import format_moment, publish, render_block, render_front, render_table
-from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
+from phyagentos.protocol.documents.schema import Authored, read_text, read_yaml, validate
 
 _BlockT = TypeVar("_BlockT")
 _EntryT = TypeVar("_EntryT", bound=Authored)
@@ -80,8 +80,8 @@ def publish_health(path: Path, health: Mapping[str, TargetHealth]) -> bool:
         Whether it was written: not when only the time would change, nor while it cannot be read or lacks one of them.
     """
     try:
-        targets = read_document(path.read_text(encoding="utf-8"), TARGETS, str(path)).blocks
-    except (DefinitionError, OSError, UnicodeDecodeError):
+        targets = read_document(read_text(path), TARGETS, str(path)).blocks
+    except DefinitionError:
         return False
     if not health.keys() <= targets.keys():
         return False
@@ -125,11 +125,7 @@ def get_registered_target(path: Path, name: str) -> TargetProfile:
 
 
 def _read(path: Path, format: DocumentFormat[_BlockT]) -> dict[str, _BlockT]:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise DefinitionError.of("UNREADABLE_FILE", str(path), str(error), hint="Is this a workspace?") from error
-    return read_document(text, format, str(path)).blocks
+    return read_document(read_text(path, hint="Is this a workspace?"), format, str(path)).blocks
 
 
 def _read_all(names: Iterable[str], read: Callable[[str], _EntryT]) -> list[_EntryT]:

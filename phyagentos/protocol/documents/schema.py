@@ -14,11 +14,11 @@ import pydantic
 import yaml
 
 from phyagentos.errors import DefinitionError, Problem, find_nearest, format_hint
+from phyagentos.protocol.documents.regular_files import read_regular
+from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP, VALUES_MAX, check_bounds, refuse
 
 Loader: type[yaml.SafeLoader] = type("Loader", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {})
-DEPTH_MAX = 200  # levels of lists and mappings
-TOO_DEEP = f"more than {DEPTH_MAX} levels, or an alias inside of what it stands for"
-SHORT = 10_000  # letters: too few to nest so deep that the stack of the C library overflows
+NUMBER_LETTERS_MAX = 400  # of a number, date or truth value; a million letters would be worked on for hours
 Address = tuple[str | int, ...]
 ModelT = TypeVar("ModelT", bound="Authored")
 SALVAGE_ROUNDS = 4  # dropping a value may make its owner incomplete, and so on up
@@ -55,14 +55,12 @@ class Located:
         return Problem.unknown(code, self.address_of(path), name, possible, found)
 
 
-def read_text(path: Path) -> str:
-    """Read a text file that a person may have written; raises DefinitionError unless it is UTF-8."""
+def read_text(path: Path, hint: str = "Check the path and its encoding.") -> str:
+    """Read a text file that a person may have written; raises DefinitionError unless it is regular, small and UTF-8."""
     try:
-        return path.read_text(encoding="utf-8")
+        return read_regular(path).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except (OSError, UnicodeDecodeError) as error:
-        raise DefinitionError.of(
-            "UNREADABLE_FILE", str(path), str(error), hint="Check the path and its encoding."
-        ) from error
+        raise DefinitionError.of("UNREADABLE_FILE", str(path), str(error), hint=hint) from error
 
 
 def read_yaml(path: Path) -> Located:
@@ -70,20 +68,20 @@ def read_yaml(path: Path) -> Located:
     return parse_yaml(read_text(path), str(path))
 
 
-def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
+def parse_yaml(text: str, source: str, first_line: int = 1, values_max: int = VALUES_MAX) -> Located:
     """Parse one YAML document and record the position of each value.
 
     `first_line` is the line of the file on which `text` begins, for YAML embedded in Markdown.
 
     Raises:
-        DefinitionError: On a syntax error, a value that does not fit its form or tag, or a key written twice.
+        DefinitionError: On a syntax error, a value that does not fit its form or tag, a key written twice, or more than
+            `values_max` values once aliases are written out.
     """
     offset = first_line - 1
     marks: dict[Address, tuple[int, int]] = {}
     problems: list[Problem] = []
     try:
-        if len(text) > SHORT:
-            _check_depth(text)
+        check_bounds(text, values_max)
         loader = Loader(text)
         try:
             node = loader.get_single_node()
@@ -110,7 +108,7 @@ def _report_failure(construct: Callable[[Any, Any], Any], kind: str) -> Callable
 
     def construct_or_report(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> Any:
         try:
-            value = construct(loader, node)
+            value = construct(loader, node) if len(node.value) <= NUMBER_LETTERS_MAX else 2**64
             if not isinstance(value, int) or -(2**63) <= value < 2**64:  # more the journal does not take
                 return value
         except (ArithmeticError, AttributeError, LookupError, ValueError):
@@ -126,19 +124,6 @@ for _tag, _kind in {"bool": "truth value", "float": "number", "int": "integer of
     Loader.add_constructor(f"tag:yaml.org,2002:{_tag}", _report_failure(_construct, _kind))
 
 
-def _check_depth(text: str) -> None:
-    """Refuse nesting that would overflow the recursive composer, which is C code."""
-    depth = 0
-    for event in yaml.parse(text, Loader=Loader):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > DEPTH_MAX:
-            raise _refuse_depth(event.start_mark)
-
-
-def _refuse_depth(mark: Any) -> yaml.YAMLError:
-    return yaml.composer.ComposerError(None, None, TOO_DEEP, mark)
-
-
 def _collect_marks(
     node: yaml.Node,
     path: Address,
@@ -148,7 +133,7 @@ def _collect_marks(
     problems: list[Problem],
 ) -> None:
     if len(path) > DEPTH_MAX:
-        raise _refuse_depth(node.start_mark)
+        raise refuse(TOO_DEEP, node.start_mark)
     marks.setdefault(path, (node.start_mark.line + 1 + offset, node.start_mark.column + 1))
     if isinstance(node, yaml.SequenceNode):
         for index, child in enumerate(node.value):

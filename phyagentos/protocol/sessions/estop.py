@@ -13,6 +13,7 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.durable_files import replace_durably, sync_folder
 from phyagentos.protocol.documents.plain_text import clean
+from phyagentos.protocol.documents.regular_files import REQUEST_MAX, UnfitFileError, read_regular
 
 LATCH = "estop.json"
 RESERVE = ".estop.reserve"
@@ -32,7 +33,7 @@ class Latch(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 def is_latched(signals: Path) -> bool:
     """Whether the stop is latched in the folder `signals/` of a workspace."""
     try:
-        os.stat(f"{signals}/{LATCH}")  # noqa: PTH116 - before every command
+        os.lstat(f"{signals}/{LATCH}")  # before every command; a link to nowhere keeps the latch out of its place
     except (FileNotFoundError, NotADirectoryError):
         return False
     return True
@@ -41,10 +42,10 @@ def is_latched(signals: Path) -> bool:
 def read_latch(signals: Path) -> Latch | None:
     """The latch, or None; an unreadable one is a latch all the same."""
     try:
-        return msgspec.json.decode((signals / LATCH).read_bytes(), type=Latch)
+        return msgspec.json.decode(read_regular(signals / LATCH, REQUEST_MAX, follow=False), type=Latch)
     except FileNotFoundError:
         return None
-    except (ValueError, RecursionError):
+    except (ValueError, RecursionError, UnfitFileError):
         return Latch(reason="the file of the latch cannot be read")
 
 

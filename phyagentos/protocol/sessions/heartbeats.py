@@ -7,6 +7,8 @@ from pathlib import Path
 
 import msgspec
 
+from phyagentos.protocol.documents.regular_files import REQUEST_MAX, read_regular
+
 
 class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
     """What a worker is doing at this moment.
@@ -47,7 +49,7 @@ def write_heartbeat(folder: Path, beat: Heartbeat) -> None:
 def find_heartbeat(folder: Path, target: str) -> Heartbeat | None:
     """The latest beat of a target's worker, or None."""
     try:
-        return msgspec.json.decode((folder / f"{target}.json").read_bytes(), type=Heartbeat)
+        return msgspec.json.decode(read_regular(f"{folder}/{target}.json", REQUEST_MAX), type=Heartbeat)
     except (OSError, msgspec.MsgspecError):
         return None
 

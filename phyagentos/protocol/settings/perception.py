@@ -9,7 +9,7 @@ import pydantic
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.markdown import publish
-from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
+from phyagentos.protocol.documents.schema import Authored, read_text, read_yaml, validate
 from phyagentos.protocol.settings.sensors import read_sensors
 
 
@@ -110,7 +110,7 @@ def read_perception(path: Path) -> Perception:
 def declare_sensing(path: Path, sensing: Sensing | None = None, prior: Prior | None = None) -> None:
     """Write the choices into perception.yaml, which is hashed into the evidence; comments stay, and what is None."""
     found = read_perception(path)
-    text = before = path.read_text(encoding="utf-8")
+    text = before = read_text(path)
     if sensing is not None and found.sensing is not sensing:
         text = re.sub(r"(?m)^sensing:[ \t]*[\"']?\w+[\"']?", f"sensing: {sensing}", text)
     if prior is not None and found.prior is not prior:

@@ -8,7 +8,7 @@ from typing import Literal
 import pydantic
 
 from phyagentos.protocol.documents.markdown import publish
-from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
+from phyagentos.protocol.documents.schema import Authored, read_text, read_yaml, validate
 from phyagentos.protocol.settings.operations import SESSION_OPERATIONS, Operation
 from phyagentos.protocol.settings.verification import Verification
 
@@ -81,7 +81,7 @@ class RuntimeContract(Authored):
 def declare_world_mode(path: Path, mode: WorldMode) -> None:
     """Write the mode into runtime_contract.yaml, which is hashed into the evidence; comments stay."""
     if read_runtime_contract(path).world_mode is not mode:
-        text = re.sub(r"(?m)^world_mode:[ \t]*[\"']?\w+[\"']?", f"world_mode: {mode}", path.read_text(encoding="utf-8"))
+        text = re.sub(r"(?m)^world_mode:[ \t]*[\"']?\w+[\"']?", f"world_mode: {mode}", read_text(path))
         publish(path, text)
 
 

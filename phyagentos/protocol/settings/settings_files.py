@@ -7,6 +7,7 @@ import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
+from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.settings.perception import Perception, read_perception
 from phyagentos.protocol.settings.runtime_contract import RuntimeContract, read_runtime_contract
@@ -24,7 +25,7 @@ SETTINGS_FILES: dict[str, type[Authored]] = {name: model for name, (model, _) in
 
 def compute_file_hash(path: Path) -> str:
     """SHA-256 of a file's bytes, hexadecimal."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(read_regular(path)).hexdigest()
 
 
 def check_settings(path: Path) -> None:

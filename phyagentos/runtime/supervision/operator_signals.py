@@ -1,19 +1,20 @@
 """Operator requests from `signals/`: cancel, pause, resume, emergency stop.
 
-Targets read an emergency stop themselves; the latch waits for targets that do not run.
+Targets read an emergency stop themselves; the latch waits for targets that do not run. Here too it goes before every
+other request, however many wait.
 """
 
 from collections.abc import Iterable, Iterator
 
 from phyagentos.clock import Clock
-from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
 from phyagentos.protocol.sessions.lifecycle import find_cancel
 from phyagentos.protocol.sessions.session import SessionId
-from phyagentos.protocol.sessions.stop_signals import EVERY_SESSION, Signal, take_signals
+from phyagentos.protocol.sessions.stop_signals import EVERY_SESSION, Signal, take_some
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry
 from phyagentos.runtime.supervision.target_phase import Phase
 from phyagentos.runtime.supervision.target_supervisor import TargetSupervisor
+from phyagentos.runtime.targets.stop_listener import StopListener
 from phyagentos.runtime.worker.orders import Pause, Resume
 
 
@@ -21,25 +22,26 @@ class OperatorSignals:
     """Carries out what was dropped into the signal folder."""
 
     def __init__(self, workspace: Workspace, journal: SupervisorJournal, clock: Clock) -> None:
-        self._signals = workspace.signals.parent
-        self._unkept: Latch | None = None  # a stop that a full disk did not take yet
+        self._stops = StopListener(workspace.signals.parent, clock)
         self._workspace = workspace
         self._journal = journal
-        self._clock = clock
 
-    def take(self, supervisors: Iterable[TargetSupervisor]) -> None:
-        """Carry out every waiting signal."""
-        self._keep(self._unkept)
-        for signal in take_signals(self._workspace.signals):
+    def close(self) -> None:
+        """Stop listening."""
+        self._stops.close()
+
+    def take(self, supervisors: Iterable[TargetSupervisor]) -> bool:
+        """Carry out waiting signals, a bounded number of them; whether to come again at once."""
+        self.is_stopped()
+        signals, goes_on = take_some(self._workspace.signals)
+        for signal in signals:
             if signal.kind == "cancel":
                 reason = signal.reason or f"asked for by {signal.by}"
                 for id, trigger in self._iter_cancellable(signal.session):
                     self._journal.try_commit(make_entry(id, trigger, reason=reason))
             elif signal.kind in {"pause", "resume"}:
                 _pass_on(signal, supervisors)
-            elif signal.kind == "estop":
-                at = signal.at or self._clock.wall_iso()
-                self._keep(Latch(by=signal.by, reason=signal.reason, at=at))
+        return goes_on
 
     def end_cancelled(self) -> None:
         """Bring to an end what lives of cancelled goals: their agent may be gone, and its sessions come back later."""
@@ -51,7 +53,10 @@ class OperatorSignals:
 
     def is_stopped(self) -> bool:
         """Whether the emergency stop is in force: latched on the disk, or asked for while the disk was full."""
-        return self._unkept is not None or is_latched(self._signals)
+        if not self._stops.is_latched():
+            return False
+        self._stops.keep()
+        return True
 
     def _iter_cancellable(self, named: str) -> Iterator[tuple[SessionId, str]]:
         """Sessions that can be cancelled, each with its trigger: at once, or after bringing the target to rest."""
@@ -59,15 +64,6 @@ class OperatorSignals:
             id, trigger = status.contract.id, find_cancel(status.state)
             if named in {EVERY_SESSION, id} and trigger is not None:
                 yield id, trigger
-
-    def _keep(self, wanted: Latch | None) -> None:
-        if wanted is None:
-            return
-        try:
-            latch(self._signals, wanted)
-            self._unkept = None
-        except OSError:
-            self._unkept = wanted
 
 
 def _pass_on(signal: Signal, supervisors: Iterable[TargetSupervisor]) -> None:

@@ -6,6 +6,7 @@ together.
 
 import select
 from collections.abc import Callable, Collection, Iterator
+from contextlib import closing
 
 from phyagentos.clock import Clock
 from phyagentos.errors import Problem
@@ -91,7 +92,7 @@ class Watchdog:
         self._queues = Queues(ledger, clock, ageing_per_s)
         self._journal = SupervisorJournal(journal, ledger, self._queues.put, on_record)
         self.ledger, self.follow = ledger, self._journal.follow
-        self._operator = OperatorSignals(workspace, self._journal, clock)
+        self._operator: OperatorSignals  # listens while this runs
         self._hire, self._clock, self._publish = hire, clock, publish
         self._shared_time = shared_time
         self._supervision = Supervision(
@@ -103,7 +104,11 @@ class Watchdog:
 
     def run(self) -> None:
         """Supervise until `stop`; leaves every target at rest."""
-        with Watch([self._folder]) as records, Watch([self._workspace.signals]) as signals:
+        with (
+            Watch([self._folder]) as records,
+            Watch([self._workspace.signals]) as signals,
+            closing(OperatorSignals(self._workspace, self._journal, self._clock)) as self._operator,
+        ):
             poller = EventPoller(records, signals)
             try:
                 for status in self.ledger.iter_pending():
@@ -133,7 +138,8 @@ class Watchdog:
         pause_s = max(0.0, self._publish_at_s - now_s) if self._is_stale else POLL_S
         if self._shared_time is not None:
             pause_s = min(pause_s, self._shared_time.update(self._supervisors, self.ledger, self._queues.has_waiting))
-        for news in poller.wait(self._supervisors.values(), min(POLL_S, pause_s)):
+        pause_s = min(POLL_S, pause_s, max(0.0, self._signals_at_s - now_s))
+        for news in poller.wait(self._supervisors.values(), pause_s):
             if isinstance(news, TargetSupervisor):
                 news.hear(news.worker.receive())
             elif news is signals:
@@ -149,9 +155,9 @@ class Watchdog:
 
     def _take_signals(self) -> None:
         if self._clock.now_s() >= self._signals_at_s:
-            self._signals_at_s = self._clock.now_s() + POLL_S
-            self._operator.take(self._supervisors.values())
+            goes_on = self._operator.take(self._supervisors.values())
             self._operator.end_cancelled()
+            self._signals_at_s = self._clock.now_s() + (0.0 if goes_on else POLL_S)
 
     def _adopt(self) -> None:
         """Sessions that an earlier watchdog held: their runner is gone, the world must be observed."""

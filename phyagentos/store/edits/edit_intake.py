@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
@@ -19,6 +20,8 @@ from phyagentos.store.views.history import History
 
 OPERATOR = "operator"  # who wrote a record that came from an edit
 NOTES_S = 600.0  # a refusal stands at the head of SESSIONS.md for so long
+SECTIONS_MAX = 10_000  # that one edit may add
+INBOX_S = 0.1  # for requests of the inbox in a turn of the watchdog; the rest has the next one
 _REFUSALS = (IllegalTransition, Fenced, IllegalEvent, DefinitionError, ValueError, TypeError, OverflowError)
 
 
@@ -33,7 +36,7 @@ class EditIntake:
     """
 
     def __init__(self, workspace: Workspace, clock: Clock, *, adopts: bool = True, durable: bool = True) -> None:
-        self.file = SharedFile(workspace.sessions_document, workspace.edits, clock)
+        self.file = SharedFile(workspace.sessions_document, workspace.edits, clock, on_unfit=self._refuse_unfit)
         self._workspace, self._clock, self._durable = workspace, clock, durable
         self._operator: Journal | None = None  # opened with the first edit: most runs see none
         self._source = workspace.sessions_document.name
@@ -113,7 +116,11 @@ class EditIntake:
         base = history.render(page)
         if not is_whole:
             return Merge((), tuple(self._reject(_refuse_unfinished(text, base), source)))
-        merged = merge(sheet, read_sheet(base), history.ledger.sessions, source)
+        before = read_sheet(base)
+        if len(sheet.sections) - len(before.sections) > SECTIONS_MAX:
+            many = f"it has {len(sheet.sections)} sections, {len(before.sections)} of them as rendered"
+            return Merge((), tuple(self._reject([_refuse_whole(text, many, also=f", {SECTIONS_MAX} at once")], source)))
+        merged = merge(sheet, before, history.ledger.sessions, source)
         accepted, late = [], []
         for change in merged.accepted:
             if reason := self._find_refusal(change):
@@ -125,8 +132,9 @@ class EditIntake:
         return Merge(tuple(accepted), tuple(self._reject(refused, source)))
 
     def _take_inbox(self, history: History) -> bool:
-        dropped = self._inbox.read_new()
-        for file in dropped:
+        begin_s, is_new = self._clock.now_s(), False
+        for file in self._inbox.read_new():
+            is_new = True
             history.read_new()
             try:
                 entry = plan_request(file.path, history.ledger.sessions)
@@ -140,9 +148,11 @@ class EditIntake:
                 file.refuse(_format_failure(error))
             else:
                 file.accept()
-        if dropped:
+            if self._clock.now_s() - begin_s > INBOX_S:
+                break
+        if is_new:
             history.read_new()
-        return bool(dropped)
+        return is_new
 
     def _commit(self, entry: Entry) -> None:
         if self._operator is None:
@@ -158,6 +168,9 @@ class EditIntake:
         except _REFUSALS as error:
             return str(error) or type(error).__name__
         return ""
+
+    def _refuse_unfit(self, path: Path, reason: str) -> None:
+        self._reject([_refuse_whole("", f"{reason}; it is kept in {path}")], self._source)
 
     def _reject(self, refused: Sequence[Refused], source: str) -> list[Refused]:
         new = self._rejections.append(refused, source, self._clock.wall_iso())

@@ -3,15 +3,13 @@
 A session by hand serves no goal, so it has no node and no parent.
 """
 
-import contextlib
 import re
 from typing import Annotated, Any, Literal
 
 import pydantic
-import yaml
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.documents.schema import DEPTH_MAX, Address, Authored, Loader, Located, parse_yaml, validate
+from phyagentos.protocol.documents.schema import Address, Authored, Located, parse_yaml, validate
 from phyagentos.protocol.sessions.session import (
     PRIORITY_MAX,
     Amendment,
@@ -27,7 +25,7 @@ from phyagentos.protocol.world.predicates.language import PredicateSyntaxError, 
 from phyagentos.store.records import JOURNAL_ID
 
 BY_HAND = GoalId("")  # goal of a session that serves none
-ALIASES_MAX = 20  # twenty can stand for some thousand values, sixty for more than any memory holds
+VALUES_MAX = 10_000  # of one request
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,119}")
 _OF_AGENT = ("goal", "node", "parent", "attempt")
 _Seconds = Annotated[float, pydantic.Field(gt=0, strict=True)]
@@ -118,18 +116,8 @@ REQUESTS: dict[str, type[SubmitRequest] | type[AmendRequest] | type[CancelReques
 
 
 def parse_form(text: str, source: str, line: int = 1) -> Located:
-    """As `parse_yaml`, for untrusted text: size and nesting are bounded."""
-    aliases = depth = 0
-    with contextlib.suppress(yaml.YAMLError):  # `parse_yaml` names its place
-        for event in yaml.parse(text, Loader=Loader):
-            aliases += isinstance(event, yaml.AliasEvent)
-            if aliases > ALIASES_MAX:
-                found = f"more than {ALIASES_MAX} aliases"
-                raise DefinitionError.of("YAML_SYNTAX", f"{source}:{line}:1", found, hint="Write them out.")
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            if depth > DEPTH_MAX:  # `parse_yaml` refuses it
-                break
-    return parse_yaml(text, source, line)
+    """As `parse_yaml`, of at most `VALUES_MAX` values: it is read between two turns of who supervises."""
+    return parse_yaml(text, source, line, VALUES_MAX)
 
 
 def read_contract(located: Located, path: Address, id: str) -> Session:

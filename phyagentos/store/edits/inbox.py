@@ -5,22 +5,24 @@ It writes `inbox/tmp/<name>.yaml` and renames it into `inbox/new/`, as in a mail
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, format_names
 from phyagentos.protocol.documents.markdown import write_anew
+from phyagentos.protocol.documents.regular_files import open_regular, read_regular
 from phyagentos.protocol.documents.schema import Located, validate
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
-from phyagentos.protocol.sessions.stop_signals import extend_name, move_aside
+from phyagentos.protocol.sessions.stop_signals import extend_name, list_waiting, move_aside
 from phyagentos.store.admission import Entry
 from phyagentos.store.edits import form
 from phyagentos.store.edits.changes import plan_amend, plan_cancel, plan_submit
 from phyagentos.store.edits.exchange import may_be_written
 
 SETTLED_S = 0.5  # a file written straight into `new/` appears empty and grows
+INBOX_MAX = 1 << 20  # bytes of a request
 _EXAMPLE = """kind: cancel
 session: tidy-7.red
 reason: supper
@@ -40,7 +42,7 @@ class Dropped:
     def refuse(self, reason: str) -> None:
         """It cannot be done; the reason is put beside it."""
         moved = move_aside(self.path, self.path.parent.parent / "refused")
-        if moved is None:  # gone, or a folder
+        if moved is None:  # gone
             return
         kinds = format_names(form.REQUESTS)
         text = (
@@ -58,38 +60,31 @@ class Inbox:
         self._new, self._clock = folder / "new", clock
         self._seen: dict[str, tuple[int, float]] = {}  # name -> size, and when it was first seen so
 
-    def read_new(self) -> list[Dropped]:
-        """Files that are finished, by name."""
-        try:
-            with os.scandir(self._new) as entries:
-                names = sorted(each.name for each in entries if not each.name.startswith(".") and each.is_file())
-        except FileNotFoundError:
-            return []
-        self._seen = {name: seen for name, seen in self._seen.items() if name in names}
-        return [Dropped(self._new / name) for name in names if self._is_finished(name)]
+    def read_new(self) -> Iterator[Dropped]:
+        """Files that are finished, by name; each is looked at when its turn comes."""
+        paths = list_waiting(self._new)
+        self._seen = {path.name: self._seen[path.name] for path in paths if path.name in self._seen}
+        return (Dropped(path) for path in paths if self._is_finished(path))
 
-    def _is_finished(self, name: str) -> bool:
-        path = self._new / name
+    def _is_finished(self, path: Path) -> bool:
         try:
-            with path.open("rb") as file:
-                is_growing = may_be_written(file.fileno())
-                size = os.fstat(file.fileno()).st_size
+            fd, found = open_regular(path, follow=False)
         except OSError:
             return True  # unreadable, which is a reason to refuse it
-        if is_growing is False and _is_yaml(path):
+        is_growing, size = may_be_written(fd), found.st_size
+        os.close(fd)
+        if size > INBOX_MAX or (is_growing is False and _is_yaml(path)):
             return True
         now_s = self._clock.now_s()
-        if name not in self._seen or self._seen[name][0] != size:
-            self._seen[name] = size, now_s
-        return is_growing is not True and now_s - self._seen[name][1] >= SETTLED_S
+        if path.name not in self._seen or self._seen[path.name][0] != size:
+            self._seen[path.name] = size, now_s
+        return is_growing is not True and now_s - self._seen[path.name][1] >= SETTLED_S
 
 
 def read_request(path: Path) -> tuple[form.Request, Located]:
     """A file's request, and the place of each part; raises DefinitionError with every problem at file:line:column."""
     try:
-        if path.is_symlink():  # what it leads to must not show in the reason
-            raise OSError("a link")
-        located = form.parse_form(path.read_text(encoding="utf-8-sig"), path.name)
+        located = _parse(path)
     except (OSError, UnicodeDecodeError) as error:
         raise DefinitionError.of("UNREADABLE_FILE", path.name, str(error)) from error
     data = located.data
@@ -122,6 +117,10 @@ def plan_request(path: Path, sessions: Mapping[SessionId, SessionStatus]) -> Ent
 def _is_yaml(path: Path) -> bool:
     """Whether it can be refused or done at once; what is no YAML yet may still grow."""
     try:
-        return isinstance(form.parse_form(path.read_text(encoding="utf-8-sig"), path.name).data, dict)
+        return isinstance(_parse(path).data, dict)
     except (OSError, ValueError, DefinitionError):
         return False
+
+
+def _parse(path: Path) -> Located:
+    return form.parse_form(read_regular(path, INBOX_MAX, follow=False).decode("utf-8-sig"), path.name)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.clock import Clock
+from phyagentos.protocol.documents.regular_files import UnfitFileError, open_regular, read_open, read_regular
 from phyagentos.protocol.workspace.process_lock import identify_process
 from phyagentos.store.edits.exchange import ExchangeUnsupported, exchange, may_be_written, rename_new
 from phyagentos.store.edits.reading import is_whole
@@ -24,6 +25,7 @@ QUIET_S = 0.5  # where the system does not report writers: unchanged for so long
 LOOK_PERIOD_S = 0.03  # at a rendering every 10 ms a hundred versions wait to be settled
 MISSING_S = 1.0  # an editor that moved the file away has this long to write a new one
 
+EDIT_MAX = 1 << 20  # bytes that an edit may add
 _LAST = "last"  # file with the hash of what was put in last
 _DIGEST_BYTES = 16
 
@@ -51,10 +53,19 @@ class SharedFile:
         aside: Folder on the same file system, for versions that came out.
         clock: For the times above.
         swap: How two files are exchanged.
+        on_unfit: Called with what stood there and is no regular file, or a huge one, and the reason; it is kept aside.
     """
 
-    def __init__(self, path: Path, aside: Path, clock: Clock, *, swap: Swap = exchange) -> None:
-        self._path, self._aside, self._clock, self._swap = path, aside, clock, swap
+    def __init__(
+        self,
+        path: Path,
+        aside: Path,
+        clock: Clock,
+        *,
+        swap: Swap = exchange,
+        on_unfit: Callable[[Path, str], None] = lambda *_: None,
+    ) -> None:
+        self._path, self._aside, self._clock, self._swap, self._on_unfit = path, aside, clock, swap, on_unfit
         self._lock_file = str(aside / ".lock")
         aside.mkdir(parents=True, exist_ok=True)
         self._kept: list[_Kept] = []
@@ -115,7 +126,10 @@ class SharedFile:
         if self._is_checked or self._clock.now_s() - self._put_at_s < SETTLED_S:
             return False
         self._is_checked = True  # a change within one tick of the file system's clock leaves the stamp as it was
-        return _hash(self._path.read_bytes()) != self._digest
+        try:
+            return _hash(read_regular(self._path, self._compute_limit(), follow=False)) != self._digest
+        except UnfitFileError:
+            return True
 
     def take(self, handle: Callable[[bytes, bool], None], *, at_once: bool = False) -> None:
         """Hand over every finished version of another writer, each once.
@@ -182,10 +196,11 @@ class SharedFile:
             stamp = _read_stamp(kept.path)
             if stamp == kept.stamp and not is_settled:
                 return True
-            may_grow, data = _read(kept.path)
-        except FileNotFoundError:
+            may_grow, data = self._read(kept.path)
+        except UnfitFileError as error:
+            self._put_away(kept.path, str(error))
             return False
-        except OSError:  # a folder, or another user's file: it stays aside
+        except OSError:  # gone, or another user's file: it stays aside
             return False
         digest = _hash(data)
         if stamp != kept.stamp:
@@ -206,6 +221,26 @@ class SharedFile:
             return False
         return True
 
+    def _read(self, path: Path) -> tuple[bool | None, bytes]:
+        """Whether it may still be written to, asked first, and what it holds."""
+        fd, found = open_regular(path, follow=False)
+        try:
+            return may_be_written(fd), read_open(fd, found.st_size, self._compute_limit())
+        finally:
+            os.close(fd)
+
+    def _compute_limit(self) -> int:
+        """An edit may be twice as large as what it changes, and some more [bytes]."""
+        return EDIT_MAX + 2 * (self._stamp[1] if self._stamp is not None else 0)
+
+    def _put_away(self, path: Path, reason: str) -> None:
+        """Keep what cannot be read beside the reason, where no later process adopts it."""
+        unfit = path.with_suffix(".unfit")
+        with contextlib.suppress(OSError):
+            path.replace(unfit)
+            unfit.with_suffix(".reason.txt").write_text(f"{self._path.name}: {reason}\n", encoding="utf-8")
+        self._on_unfit(unfit, reason)
+
     def _keep(self, path: Path, digest: bytes, stamp: Stamp | None, since_s: float) -> None:
         self._kept.append(_Kept(path, since_s, digest, stamp, self._clock.now_s()))
 
@@ -222,16 +257,8 @@ class SharedFile:
         return path
 
 
-def _read(path: Path) -> tuple[bool | None, bytes]:
-    """Whether it may still be written to, asked first, and what it holds."""
-    fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    with os.fdopen(fd, "rb") as file:
-        may_grow = may_be_written(fd)
-        return may_grow, file.read()
-
-
 def _read_stamp(path: Path) -> Stamp:
-    found = os.stat(path)  # noqa: PTH116 - of every version that came out, in every turn
+    found = os.lstat(path)  # of every version that came out, in every turn
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 

@@ -23,7 +23,7 @@ from phyagentos.protocol.sessions.runtime_signal import (
     Signs,
     WorkerSign,
 )
-from phyagentos.protocol.sessions.stop_signals import parse_signal
+from phyagentos.protocol.sessions.stop_signals import list_waiting, read_signal
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.views.sessions import END_MARK
 
@@ -191,9 +191,8 @@ def _list_requests(folder: Path) -> list[Request]:
     found = [
         (path, state)
         for name, state in _FOLDERS.items()
-        if (folder / name).is_dir()
-        for path in (folder / name).iterdir()
-        if path.is_file() and not path.name.startswith(".") and not path.name.endswith(".reason.txt")
+        for path in list_waiting(folder / name)
+        if not path.name.endswith(".reason.txt")
     ]
     found.sort(key=lambda each: (each[1] is RequestState.WAITING, each[0].name))
     return [_read_request(path, state) for path, state in found[-REQUESTS_SHOWN:]]
@@ -202,7 +201,7 @@ def _list_requests(folder: Path) -> list[Request]:
 def _read_request(path: Path, state: RequestState) -> Request:
     name = clean(path.name)
     try:
-        signal = parse_signal(path.read_bytes())
+        signal = read_signal(path)
     except (OSError, ValueError):
         return Request(file=name, state=state)
     return Request(file=name, state=state, **msgspec.structs.asdict(signal))

@@ -9,7 +9,7 @@ import pytest
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.estop import RESERVE, Latch, is_latched, latch, read_latch, reset
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal, take_signals
-from phyagentos.runtime.targets.stop_listener import StopListener
+from phyagentos.runtime.targets.stop_listener import LOOK_MAX, StopListener
 from tests.clocks import ManualClock
 
 
@@ -109,3 +109,46 @@ def test_a_latch_outlives_whoever_heard_it(tmp_path, listen):
     latch(tmp_path, Latch(by="me"))
 
     assert listen().is_latched()
+
+
+def test_a_stop_beside_ten_thousand_files_is_heard_at_the_next_look_which_reads_a_bounded_number(
+    tmp_path, listen, monkeypatch
+):
+    listener = listen()
+    for number in range(10_000):
+        (tmp_path / "new" / f"{number}").write_text("kind: [")
+    drop_signal(tmp_path, Signal(kind="estop", by="a button"), SystemClock())
+    opened, really_open = [], os.open
+    monkeypatch.setattr(os, "open", lambda *args: opened.append(args) or really_open(*args))
+
+    assert listener.is_latched()
+    assert len(opened) <= LOOK_MAX
+
+
+def test_what_a_look_leaves_is_read_by_the_next_ones(tmp_path, listen):
+    listener = listen()
+    drop_signal(tmp_path, Signal(kind="estop", by="a button"), SystemClock())
+    for number in range(3 * LOOK_MAX):
+        (tmp_path / "new" / f"{number}").write_text("kind: [")
+
+    assert [listener.is_latched() for _ in range(4)] == [False, False, False, True]
+
+
+def test_more_events_than_the_kernel_keeps_lose_no_stop(tmp_path, listen):
+    listener = listen()
+    drop_signal(tmp_path, Signal(kind="estop", by="a button"), SystemClock())
+    other = tmp_path / "new" / "other"
+    for number in range(9_000):
+        other.with_suffix(f".{number % 2}").write_text(str(number))
+
+    assert listener.is_latched()  # beside two other files
+
+
+@pytest.mark.parametrize("target", ["estop.json", "nowhere", "/proc/kmsg"])
+def test_a_link_in_the_place_of_the_latch_is_a_latch(tmp_path, listen, target):
+    (tmp_path / "estop.json").symlink_to(target)
+
+    assert listen().is_latched()
+    assert "cannot be read" in read_latch(tmp_path).reason
+    reset(tmp_path, "it was a prank", SystemClock())
+    assert not is_latched(tmp_path)
