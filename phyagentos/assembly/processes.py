@@ -66,9 +66,9 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool) -> None:
     tokens = {site.profile.target: Tokens(is_supervisor=is_supervisor) for site in sites}
 
     def renew_key(line: bytes) -> None:
-        name, key = line.decode().split()
+        name, key, *commander = line.decode().split()
         if name in tokens:
-            tokens[name].renew(bytes.fromhex(key))
+            tokens[name].renew(bytes.fromhex(key), *map(int, commander))
 
     if outlives:
         end_when_unwatched(workspace.root, clock, renew_key)

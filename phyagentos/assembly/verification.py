@@ -75,7 +75,5 @@ def _open_vision(settings: JudgeSettings) -> VisionJudge:
         found = f"environment variable {model.api_key_env} is not set"
         hint = f"Set {model.api_key_env}, or leave 'api_key_env' out when the endpoint needs no key."
         raise DefinitionError.of("API_KEY_MISSING", address, found, "the key of the endpoint", hint)
-    endpoint = OpenAiEndpoint(
-        url=model.url, model=model.model, clock=settings.clock, key=key, timeout_s=model.timeout_s
-    )
+    endpoint = OpenAiEndpoint(url=model.url, model=model.model, key=key, timeout_s=model.timeout_s)
     return VisionJudge(endpoint, model.max_questions)

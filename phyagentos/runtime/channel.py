@@ -75,9 +75,11 @@ class Link:
         return bool(self._end.poll(0))
 
     def find_peer(self) -> int:
-        """Id of the process at the other end of a UNIX socket."""
+        """Id of the process at the other end of a UNIX socket; -1 when it is another user's."""
         with socket.socket(fileno=os.dup(self._connection.fileno())) as end:
-            return int(_CREDENTIALS.unpack(end.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size))[0])
+            found = end.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        process, user, _ = _CREDENTIALS.unpack(found)
+        return int(process) if user in {os.geteuid(), 0} else -1
 
     def close(self) -> None:
         """Close this end."""

@@ -20,6 +20,7 @@ from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.settings.verification import JudgeName
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
+from tests.hostile_server import HostileServer
 from tests.looks import keep_look
 
 from .conftest import make_world, put
@@ -97,7 +98,7 @@ def _decode(url):
 
 
 def make_judge(url, *, key="", timeout_s=5.0, **more):
-    endpoint = OpenAiEndpoint(url=url, model="looker-1", clock=SystemClock(), key=key, timeout_s=timeout_s)
+    endpoint = OpenAiEndpoint(url=url, model="looker-1", key=key, timeout_s=timeout_s)
     return VisionJudge(endpoint, **more)
 
 
@@ -156,6 +157,25 @@ def test_an_answer_of_another_form_than_the_one_asked_for_is_unknown(serve, bund
 def test_no_answer_in_time_is_unknown(serve, bundle):
     (criterion,) = make_judge(serve(trickles=True).url, timeout_s=0.2).judge(bundle)
     assert (criterion.truth, criterion.because.split(":")[0]) == (Truth.UNKNOWN, "MODEL_UNREACHABLE")
+
+
+@pytest.mark.parametrize(
+    ("way", "code"),
+    [
+        ("a drip of headers", "MODEL_UNREACHABLE"),
+        ("a body without end", "MODEL_MALFORMED"),
+        ("a gzip, gzip bomb", "MODEL_MALFORMED"),
+        ("redirect", "MODEL_REFUSED"),
+    ],
+)
+def test_a_server_cannot_hold_a_judge(serve, bundle, way, code):
+    model = serve()
+    hostile = HostileServer(way, model.url)
+    timeout_s = 0.2 if way == "a drip of headers" else 20.0
+    (criterion,) = make_judge(hostile.url, timeout_s=timeout_s).judge(bundle)
+    hostile.close()
+    assert (criterion.truth, criterion.because.split(":")[0]) == (Truth.UNKNOWN, code)
+    assert model.asked == []
 
 
 def test_nobody_there_is_unknown(serve, bundle):

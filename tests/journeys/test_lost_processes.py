@@ -1,12 +1,17 @@
 """Processes that die: nothing is lost, nothing is repeated, every session reaches an end."""
 
+import contextlib
 import os
 import signal
 import threading
+from multiprocessing.connection import Client
 
 import pytest
 
+from phyagentos.assembly.paths import make_socket_folder
+from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.heartbeats import find_heartbeat
+from phyagentos.runtime.targets import wire
 
 pytestmark = pytest.mark.journey
 
@@ -49,3 +54,27 @@ def test_what_the_hand_holds_when_its_worker_dies_is_carried_on_and_not_dropped(
     rest = next(session for session in report.sessions if session.id.endswith(".r1"))
     assert (rest.skill, rest.state) == ("place", "succeeded"), report
     assert report.verdict == "success"
+
+
+def test_who_waits_in_the_backlog_when_the_worker_is_killed_gets_nothing(rough_plane):
+    socket, over = make_socket_folder(rough_plane.workspace.root) / "panda.world", threading.Event()
+    hunter, sent, heard = kill_worker_when(rough_plane, "executing"), [], []
+
+    def wait_in_the_backlog() -> None:
+        while not over.is_set():
+            with contextlib.suppress(OSError, EOFError), Client(str(socket), "AF_UNIX") as stranger:
+                stranger.send_bytes(wire.REQUESTS.encode(wire.Begin(session="killed-3.red", epoch=2)))
+                sent.append(True)
+                heard.append(stranger.recv_bytes())
+            SystemClock().sleep(0.05)
+
+    strangers = [threading.Thread(target=wait_in_the_backlog, daemon=True) for _ in range(2)]
+    for each in strangers:
+        each.start()
+    report = rough_plane.run("killed-3")
+    over.set()
+
+    assert not hunter.is_alive()
+    assert report.sessions[0].ended == "runner_lost", report
+    assert report.verdict == "success"
+    assert (len(sent) > 2, heard) == (True, [])

@@ -7,15 +7,15 @@ reply is the body of the answer.
 import contextlib
 import socket
 import struct
-import time
 from typing import Protocol
 from urllib.parse import urlsplit
 
 from phyagentos.errors import ExecutionError
+from phyagentos.network.deadline import Deadline, connect
 from phyagentos.protocol.capabilities.policy_descriptors import SCHEMES
 
 CONNECT_S = 2.0  # a server that is there accepts at once
-REPLY_MAX_BYTES = 2**24  # some hundred times the largest chunk
+REPLY_MAX_BYTES = 2**20  # some hundred times an ordinary chunk; unpacked, hostile bytes are 64 times as large
 _LENGTH = struct.Struct(">I")
 
 
@@ -48,27 +48,30 @@ def open_transport(endpoint: str) -> Transport:
 
 class _Tcp:
     def __init__(self, host: str, port: int) -> None:
-        self._socket = socket.create_connection((host, port), timeout=CONNECT_S)
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket = connect(host, port, Deadline(CONNECT_S))
 
     def exchange(self, message: bytes, timeout_s: float) -> bytes:
-        end_s, received = time.perf_counter() + timeout_s, bytearray()
+        deadline, received = Deadline(timeout_s), bytearray()
         try:
             self._socket.settimeout(timeout_s)
             self._socket.sendall(_LENGTH.pack(len(message)) + message)
-            self._receive(received, _LENGTH.size, end_s)
+            self._receive(received, _LENGTH.size, deadline)
             (length,) = _LENGTH.unpack(received)
-            _check_length(length)
-            self._receive(received, _LENGTH.size + length, end_s)
+            if length > REPLY_MAX_BYTES:
+                what = f"an answer of {length} bytes; at most {REPLY_MAX_BYTES} are possible"
+                raise ExecutionError("POLICY_FAULT", what)
+            self._receive(received, _LENGTH.size + length, deadline)
         except TimeoutError as error:
-            raise _describe_silence(len(received), timeout_s) from error
+            raise ExecutionError(
+                "POLICY_LOST", f"the policy server {deadline.describe_silence(len(received))}"
+            ) from error
         except (OSError, EOFError) as error:
             raise ExecutionError("POLICY_LOST", f"the policy server has gone: {error!r}") from error
         return bytes(received[_LENGTH.size :])
 
-    def _receive(self, received: bytearray, length: int, end_s: float) -> None:
+    def _receive(self, received: bytearray, length: int, deadline: Deadline) -> None:
         while len(received) < length:
-            self._socket.settimeout(_compute_left_s(end_s))
+            self._socket.settimeout(deadline.compute_left_s())
             part = self._socket.recv(length - len(received))
             if not part:
                 raise EOFError
@@ -82,44 +85,13 @@ class _Tcp:
 
 class _Http:
     def __init__(self, endpoint: str) -> None:
-        import httpx  # takes longer to import than everything else of a worker's policies
+        from phyagentos.network.http import Codes, HttpClient  # a worker without such a policy needs none
 
-        self._endpoint = endpoint
-        self._silence = (TimeoutError, httpx.TimeoutException)
-        self._errors = (httpx.HTTPError, httpx.InvalidURL, UnicodeError)
-        self._client = httpx.Client(trust_env=False)
+        codes = Codes(late="POLICY_LOST", lost="POLICY_LOST", refused="POLICY_LOST", malformed="POLICY_FAULT")
+        self._client = HttpClient(endpoint, codes, f"the policy server at {endpoint}")
 
     def exchange(self, message: bytes, timeout_s: float) -> bytes:
-        end_s, received = time.perf_counter() + timeout_s, bytearray()
-        try:  # the timeout is of every single read
-            with self._client.stream("POST", self._endpoint, content=message, timeout=timeout_s) as reply:
-                reply.raise_for_status()
-                for part in reply.iter_bytes():
-                    received += part
-                    _check_length(len(received))
-                    _compute_left_s(end_s)
-        except self._silence as error:
-            raise _describe_silence(len(received), timeout_s) from error
-        except self._errors as error:
-            raise ExecutionError("POLICY_LOST", f"the policy server at {self._endpoint}: {error!r}") from error
-        return bytes(received)
+        return self._client.post(message, timeout_s=timeout_s, max_bytes=REPLY_MAX_BYTES)
 
     def close(self) -> None:
         self._client.close()
-
-
-def _compute_left_s(end_s: float) -> float:
-    left_s = end_s - time.perf_counter()
-    if left_s <= 0.0:
-        raise TimeoutError
-    return left_s
-
-
-def _check_length(length: int) -> None:
-    if length > REPLY_MAX_BYTES:
-        raise ExecutionError("POLICY_FAULT", f"an answer of {length} bytes; at most {REPLY_MAX_BYTES} are possible")
-
-
-def _describe_silence(received: int, timeout_s: float) -> ExecutionError:
-    got = f"only {received} bytes of an answer within" if received else "nothing for"
-    return ExecutionError("POLICY_LOST", f"the policy server has sent {got} {timeout_s:g} s")

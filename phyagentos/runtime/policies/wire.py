@@ -15,6 +15,7 @@ from phyagentos.protocol.capabilities.policy_descriptors import POLICY_PROTOCOL
 from phyagentos.runtime.codec import Codec
 
 Array = NDArray[np.float64]
+FAULT_MAX = 2000  # characters of a fault that are kept
 
 
 class Introduce(msgspec.Struct, frozen=True, tag=True):
@@ -100,5 +101,5 @@ def decode_reply(data: bytes) -> Reply:
     except ExecutionError as error:
         raise ExecutionError("POLICY_FAULT", str(error)) from error
     if isinstance(reply, Fault):
-        raise ExecutionError("POLICY_FAULT", reply.message)
+        raise ExecutionError("POLICY_FAULT", reply.message[:FAULT_MAX])
     return reply

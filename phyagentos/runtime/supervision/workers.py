@@ -135,7 +135,7 @@ class Worker:
         theirs.close()
         self._key = make_key()
         if self._world is not None:
-            self._world.grant(self.target, self._socket, self._key)
+            self._world.grant(self.target, self._socket, self._key, child.pid)
         with contextlib.suppress(OSError):  # that the worker is gone shows at the next `receive`
             ours.send_bytes(mint(self._key))
         return child, ours

@@ -102,15 +102,15 @@ class WorldProcess:
             found = os.pidfd_open(self._process.pid)
         self._pidfd = found
 
-    def grant(self, target: str, socket: Path, key: bytes) -> None:
-        """Send the key of the next commander of a target: over the pipe, or to the socket of an adopted world."""
+    def grant(self, target: str, socket: Path, key: bytes, commander: int) -> None:
+        """Send key and process id of a target's next commander: over the pipe, or to the socket of an adopted world."""
         with contextlib.suppress(OSError, ExecutionError):  # then the commander is refused, with the reason in its log
             if self._process is not None and self._process.stdin is not None:
-                self._process.stdin.write(f"{target} {key.hex()}\n".encode())
+                self._process.stdin.write(f"{target} {key.hex()} {commander}\n".encode())
                 self._process.stdin.flush()
             else:
                 with contextlib.closing(Link(Client(str(socket), "AF_UNIX"), spin_s=0.0)) as link:
-                    grant(link, key)
+                    grant(link, key, commander)
 
     def is_alive(self) -> bool:
         """Whether it still runs."""

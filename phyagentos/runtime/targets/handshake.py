@@ -33,9 +33,13 @@ class Grant(msgspec.Struct, frozen=True, tag=True):
     """The next key, as the only message of a supervisor that adopts a running target.
 
     It is accepted from one process alone, identified by the kernel: the holder of the watchdog's lock.
+
+    Attributes:
+        commander: Process id of the client that the key is for; 0 when it is not known.
     """
 
     key: bytes
+    commander: int = 0
 
 
 class Welcome(msgspec.Struct, frozen=True, tag=True):
@@ -76,6 +80,7 @@ class Tokens:
 
     def __init__(self, key: bytes = b"", is_supervisor: Callable[[int], bool] = lambda _pid: False) -> None:
         self._key, self._is_supervisor = key, is_supervisor
+        self._commander = 0
         self._admitted = b""  # the key by which the present client came in
 
     @property
@@ -83,11 +88,22 @@ class Tokens:
         """Whether there is a newer key than the one by which the present client came in."""
         return self._admitted is not self._key
 
-    def renew(self, key: bytes) -> None:
-        """Admit by tokens of this key only; raises ValueError when it is of another length."""
+    def expects(self, peer: int) -> bool:
+        """Whether a process may say anything: any one while the commander's id is not known, else it or a supervisor.
+
+        Asked before anything is read, so a stranger cannot even hold the target up by half a message.
+        """
+        return self._commander in {0, peer} or self._is_supervisor(peer)
+
+    def renew(self, key: bytes, commander: int = 0) -> None:
+        """Admit by tokens of this key only, and only from the process `commander` unless that is 0.
+
+        Raises:
+            ValueError: The key is of another length.
+        """
         if len(key) != KEY_BYTES:
             raise ValueError(f"a key of {len(key)} bytes; {KEY_BYTES} are needed")
-        self._key = key
+        self._commander, self._key = commander, key
 
     def permits(self, session: str, epoch: int, token: bytes) -> bool:
         """Whether a token is that of the epoch, of the newest key."""
@@ -116,7 +132,7 @@ class Tokens:
         if isinstance(greeting, Grant):
             if not self._is_supervisor(peer):
                 return Denied("BAD_TOKEN", f"process {peer} does not supervise this target, so it grants no key")
-            self.renew(greeting.key)
+            self.renew(greeting.key, greeting.commander)
             return Welcome()
         if not key or not hmac.compare_digest(greeting.token, mint(key)):
             return Denied("BAD_TOKEN", "the token is not that of the present commander")
@@ -135,13 +151,13 @@ def greet(channel: Channel, token: bytes) -> Welcome:
     return _open(channel, Hello(version=WIRE_VERSION, token=token))
 
 
-def grant(channel: Channel, key: bytes) -> None:
-    """Give a running target its next key, as its supervisor.
+def grant(channel: Channel, key: bytes, commander: int = 0) -> None:
+    """Give a running target its next key, and the process that it is for, as its supervisor.
 
     Raises:
         ExecutionError: `BAD_TOKEN` when it has another supervisor; `TARGET_LOST` without an answer.
     """
-    _open(channel, Grant(key=key))
+    _open(channel, Grant(key=key, commander=commander))
 
 
 def _open(channel: Channel, greeting: Hello | Grant) -> Welcome:

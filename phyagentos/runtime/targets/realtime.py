@@ -4,6 +4,7 @@ A command is carried out when its control period is due; without one in time the
 are read in every control period, so they never wait for a client.
 """
 
+import math
 from typing import Protocol
 
 from phyagentos.clock import Clock
@@ -81,6 +82,8 @@ def serve_realtime(target: ServedTarget, door: Door, tokens: Tokens, clock: Cloc
                 continue
             if client is None:
                 client, greet_by_s = door.accept(), clock.now_s() + GREETING_S
+                if not tokens.expects(client.find_peer()):
+                    greet_by_s = -math.inf  # it is over
                 continue
             was_moving = target.is_moving
             try:

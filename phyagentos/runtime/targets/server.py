@@ -62,7 +62,7 @@ def serve(target: ServedTarget, door: Door, tokens: Tokens, should_end: Callable
         while not should_end():
             with contextlib.closing(door.accept()) as client:
                 try:
-                    if not client.poll(GREETING_S):
+                    if not (tokens.expects(client.find_peer()) and client.poll(GREETING_S)):
                         continue
                     tokens.admit(client)
                     target.listen(client, tokens)

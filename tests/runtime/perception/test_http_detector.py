@@ -2,6 +2,7 @@
 
 import base64
 import json
+import struct
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
@@ -12,11 +13,12 @@ import pytest
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.scenes import read_scene
-from phyagentos.runtime.perception.detection import detector_registry
+from phyagentos.runtime.perception.detection import detector_registry, http
 from phyagentos.runtime.perception.detection.detector_registry import open_detector
 from phyagentos.runtime.perception.detection.http import HttpDetector
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.segmentation import NO_COLOR, DetectorSegmenter
+from tests.hostile_server import HostileServer
 
 RGB = np.zeros((24, 32, 3), np.uint8)
 RGB[4:10, 6:14] = (200, 30, 20)
@@ -103,6 +105,7 @@ def test_the_best_detection_comes_first_and_doubtful_ones_are_left_out(server, d
         (answer(mask_png="!!"), "a mask that is no picture"),
         (answer(mask_png=encode_mask(np.ones((3, 3)))), "a mask that is no picture of the size"),
         (answer(pose=[1, 2]), "unknown field `pose`"),
+        (answer(mask_png=base64.b64encode(b"II*\0" + bytes(40)).decode()), "a mask that is no picture of the size"),
     ],
 )
 def test_half_an_answer_is_none(server, detector, reply, message):
@@ -110,6 +113,45 @@ def test_half_an_answer_is_none(server, detector, reply, message):
     with pytest.raises(ExecutionError, match=message) as caught:
         detector.detect(RGB, ["red cube"])
     assert caught.value.code == "DETECTOR_MALFORMED"
+
+
+@pytest.mark.parametrize("size", [(2**15, 2**15), (24, 2**20)])
+def test_a_mask_is_not_unpacked_before_its_size_is_known(server, detector, monkeypatch, size):
+    """A file of some kilobytes may hold a picture of gigabytes; here only its head says so."""
+    whole = base64.b64decode(encode_mask(np.ones((24, 32))))
+    server.reply = answer(mask_png=base64.b64encode(whole[:16] + struct.pack(">II", *size) + whole[24:]).decode())
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was unpacked"))
+    with pytest.raises(ExecutionError, match="a mask that is no picture of the size"):
+        detector.detect(RGB, ["red cube"])
+
+
+def test_masks_that_take_more_memory_than_any_answer_are_refused(server, detector, monkeypatch):
+    monkeypatch.setattr(http, "MASKS_MAX_PIXELS", RGB[..., 0].size)
+    (one,) = answer(mask_png=encode_mask(np.ones((24, 32))))["detections"]
+    server.reply = {"version": 1, "detections": [one]}
+    assert len(detector.detect(RGB, ["red cube"])) == 1
+    server.reply = {"version": 1, "detections": [one, one]}
+    with pytest.raises(ExecutionError, match="2 masks of 32 x 24 pixels"):
+        detector.detect(RGB, ["red cube"])
+
+
+@pytest.mark.parametrize(
+    ("way", "code"),
+    [
+        ("a drip of headers", "DETECTOR_TIMEOUT"),
+        ("a body without end", "DETECTOR_MALFORMED"),
+        ("a gzip, gzip bomb", "DETECTOR_MALFORMED"),
+        ("redirect", "DETECTOR_REFUSED"),
+    ],
+)
+def test_a_server_cannot_hold_what_asks_it(server, way, code):
+    hostile = HostileServer(way, f"http://127.0.0.1:{server.server_port}/detect")
+    asking = HttpDetector(hostile.url, timeout_s=0.2 if way == "a drip of headers" else 20.0)
+    with pytest.raises(ExecutionError) as caught:
+        asking.detect(RGB, ["red cube"])
+    asking.close()
+    hostile.close()
+    assert (caught.value.code, server.asked) == (code, [])
 
 
 def test_a_server_that_says_no_is_quoted(server, detector):
@@ -121,7 +163,7 @@ def test_a_server_that_says_no_is_quoted(server, detector):
 
 def test_a_server_that_is_silent_is_waited_for_no_longer_than_allowed(server, detector):
     server.silent = True
-    with pytest.raises(ExecutionError, match="no answer in time") as caught:
+    with pytest.raises(ExecutionError, match=r"has sent nothing for 0\.3 s") as caught:
         detector.detect(RGB, ["red cube"])
     assert caught.value.code == "DETECTOR_TIMEOUT"
 

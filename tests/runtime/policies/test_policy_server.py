@@ -14,6 +14,7 @@ from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient, ask_policy
 from phyagentos.runtime.policies.server import answer, serve_policy
+from tests.hostile_server import HostileServer
 
 CLOCK = SystemClock()
 STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
@@ -177,7 +178,7 @@ def test_a_server_that_does_not_finish_its_answer_in_time_is_lost(listener, part
 
 @pytest.mark.parametrize("length", [b"SSH-", b"\xff\xff\xff\xff"], ids=["another protocol", "negative"])
 def test_an_answer_longer_than_any_chunk_is_a_fault_and_not_waited_for(listener, length):
-    with pytest.raises(ExecutionError, match=r"an answer of \d+ bytes; at most 16777216") as error:
+    with pytest.raises(ExecutionError, match=r"an answer of \d+ bytes; at most 1048576") as error:
         converse(serve_bytes(listener, length), infer())
     assert error.value.code == "POLICY_FAULT"
 
@@ -186,7 +187,7 @@ def test_an_answer_longer_than_any_chunk_is_a_fault_and_not_waited_for(listener,
     ("length", "parts", "timeout_s", "code", "told"),
     [
         (256, [b"a"] * 256, 0.2, "POLICY_LOST", r"only \d+ bytes of an answer within 0\.2 s"),
-        (2**25, [bytes(2**25)], 60.0, "POLICY_FAULT", "at most 16777216"),
+        (2**25, [bytes(2**25)], 60.0, "POLICY_FAULT", "answered with more than 1048576 bytes"),
     ],
     ids=["a drip", "a flood"],
 )
@@ -196,6 +197,25 @@ def test_over_http_an_answer_without_end_is_given_up_as_well(listener, length, p
     with pytest.raises(ExecutionError, match=told) as error:
         converse(endpoint, infer(), timeout_s=timeout_s)
     assert error.value.code == code
+
+
+@pytest.mark.parametrize(
+    ("way", "code"),
+    [("a drip of headers", "POLICY_LOST"), ("a gzip, gzip bomb", "POLICY_FAULT"), ("redirect", "POLICY_LOST")],
+)
+def test_a_server_over_http_cannot_hold_a_session(http_endpoint, way, code):
+    server = HostileServer(way, http_endpoint)
+    with pytest.raises(ExecutionError) as error:
+        converse(server.url, infer(), timeout_s=0.2 if way == "a drip of headers" else 20.0)
+    server.close()
+    assert error.value.code == code
+
+
+def test_the_words_of_a_fault_are_not_kept_without_end(listener):
+    said = wire.encode(wire.Fault("x" * 10**6))
+    with pytest.raises(ExecutionError, match="x") as error:
+        converse(serve_bytes(listener, len(said).to_bytes(4, "big") + said), infer())
+    assert len(str(error.value)) < 3000
 
 
 @pytest.mark.parametrize("endpoint", ["http://a..b/", "http://[::1:5/", "tcp://[::1:5", "tcp://a..b:5", "tcp://a:x"])

@@ -1,5 +1,6 @@
 """How a connection to a target begins, and each epoch on it: by a token of the newest key, on either transport."""
 
+import contextlib
 import os
 import threading
 from multiprocessing import Pipe
@@ -206,6 +207,29 @@ def test_a_client_that_says_nothing_does_not_keep_others_out(stand):
     assert wire.exchange(channel, wire.Describe(), 5.0) == wire.Ack()
     channel.close()
     silent.close()
+
+
+def test_a_process_that_waits_in_the_backlog_gets_nothing_and_holds_nobody(tmp_path):
+    """It knows the token, even, and says half a message: only the process that the key is for is listened to."""
+    door, key = UnixDoor(str(tmp_path / "s")), make_key()
+    target, tokens = Acknowledging(), Tokens(key)
+    tokens.renew(key, os.getppid())
+    thread = threading.Thread(target=serve, args=(target, door, tokens), daemon=True)
+    thread.start()
+    for said in (b"", b"\0\0", msgspec.msgpack.encode(Hello(version=wire.WIRE_VERSION, token=mint(key)))):
+        with Client(str(tmp_path / "s"), "AF_UNIX") as stranger:
+            with contextlib.suppress(OSError):
+                os.write(stranger.fileno(), len(said).to_bytes(4, "big") + said if len(said) > 2 else said)
+            assert stranger.poll(20.0)
+            with pytest.raises((EOFError, ConnectionError)):
+                stranger.recv_bytes()
+    assert target.asked == []
+    tokens.renew(key, os.getpid())
+    channel = Link(Client(str(tmp_path / "s"), "AF_UNIX"))
+    greet(channel, mint(key))
+    assert wire.exchange(channel, wire.Shutdown(), 5.0) == wire.Ack()
+    channel.close()
+    thread.join(10.0)
 
 
 def test_no_web_page_connects_whatever_it_knows():

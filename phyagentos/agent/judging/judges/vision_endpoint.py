@@ -1,9 +1,10 @@
 """An OpenAI-compatible server.
 
 It connects to its URL only: redirects and proxies of the environment are not followed. A whole answer is bounded in
-time and size.
+time and size (see `network.http`).
 """
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,7 +12,6 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 
 MAX_BYTES = 256 * 1024  # of an answer; the one that is asked for has two fields
@@ -35,14 +35,12 @@ class OpenAiEndpoint:
 
     Attributes:
         url: Base, up to `/v1`.
-        clock: Bounds the wait.
         key: Sent as a bearer token; empty sends none.
         timeout_s: Longest wait for one whole answer, by the wall clock [s].
     """
 
     url: str
     model: str
-    clock: Clock
     key: str = field(default="", repr=False)
     timeout_s: float = 20.0
 
@@ -73,27 +71,15 @@ class OpenAiEndpoint:
             raise ExecutionError("MODEL_MALFORMED", f"{self.name}: no completion in its answer: {error}") from error
 
     def _post(self, body: dict[str, Any]) -> bytes:
-        import httpx  # late: only who asks needs it
+        from phyagentos.network.http import Codes, HttpClient  # late: only who asks needs it
 
-        until_s = self.clock.now_s() + self.timeout_s
-        headers = {"Authorization": f"Bearer {self.key}"} if self.key else {}
+        lost = "MODEL_UNREACHABLE"
+        codes = Codes(late=lost, lost=lost, refused="MODEL_REFUSED", malformed="MODEL_MALFORMED")
         url = f"{self.url.rstrip('/')}/chat/completions"
-        data = bytearray()
-        try:
-            with (
-                httpx.Client(timeout=self.timeout_s, trust_env=False, follow_redirects=False) as client,
-                client.stream("post", url, json=body, headers=headers) as response,
-            ):
-                if response.status_code != httpx.codes.OK:
-                    raise ExecutionError("MODEL_REFUSED", f"{self.name} answered with status {response.status_code}")
-                for part in response.iter_bytes():
-                    data += part
-                    if len(data) > MAX_BYTES:
-                        raise ExecutionError(
-                            "MODEL_MALFORMED", f"{self.name} answered with more than {MAX_BYTES} bytes"
-                        )
-                    if self.clock.now_s() > until_s:
-                        raise ExecutionError("MODEL_UNREACHABLE", f"{self.name}: unfinished after {self.timeout_s:g} s")
-        except (httpx.HTTPError, httpx.InvalidURL) as error:
-            raise ExecutionError("MODEL_UNREACHABLE", f"{self.name}: {type(error).__name__} {error}".strip()) from error
-        return bytes(data)
+        headers = [("Content-Type", "application/json")]
+        if self.key:
+            headers.append(("Authorization", f"Bearer {self.key}"))
+        with contextlib.closing(HttpClient(url, codes, self.name)) as client:
+            return client.post(
+                msgspec.json.encode(body), timeout_s=self.timeout_s, max_bytes=MAX_BYTES, headers=headers
+            )

@@ -8,21 +8,27 @@ One malformed detection refuses the whole answer.
 
 import base64
 import binascii
+import struct
 from collections.abc import Mapping, Sequence
 
 import cv2
-import httpx
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.network.http import Codes, HttpClient
 from phyagentos.runtime.perception.detection.detector import Colours, Detection
 
 VERSION = 1
 TIMEOUT_S = 5.0
-ANSWER_MAX_BYTES = 64 * 2**20  # a hundred masks of a large picture
+ANSWER_MAX_BYTES = 8 * 2**20  # hundreds of masks of a large picture
 DETECTIONS_MAX = 1000
+MASKS_MAX_PIXELS = 2**28  # of all masks of an answer together: about 290 of 1280 x 720
+CODES = Codes(
+    late="DETECTOR_TIMEOUT", lost="DETECTOR_UNREACHABLE", refused="DETECTOR_REFUSED", malformed="DETECTOR_MALFORMED"
+)
+_PNG = struct.Struct(">8s4x4sII")  # signature, length of the first chunk, its kind, width and height
 
 
 class Query(msgspec.Struct, frozen=True, kw_only=True):
@@ -53,8 +59,8 @@ class HttpDetector:
     """Client of a model server, whose detections below `score_min` are left out."""
 
     def __init__(self, url: str, timeout_s: float = TIMEOUT_S, score_min: float = 0.3) -> None:
-        self._url, self._score_min = url, score_min
-        self._client = httpx.Client(timeout=timeout_s, trust_env=False)
+        self._url, self._timeout_s, self._score_min = url, timeout_s, score_min
+        self._client = HttpClient(url, CODES)
 
     def detect(self, rgb: Colours, labels: Sequence[str]) -> tuple[Detection, ...]:
         """All matches of the labels, the best first.
@@ -65,31 +71,28 @@ class HttpDetector:
         """
         _, png = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
         query = Query(version=VERSION, image_png=base64.b64encode(png.tobytes()).decode(), labels=tuple(labels))
-        try:
-            reply = self._client.post(
-                self._url, content=msgspec.json.encode(query), headers={"content-type": "application/json"}
-            )
-        except httpx.TimeoutException as error:
-            raise ExecutionError("DETECTOR_TIMEOUT", f"{self._url} gave no answer in time: {error}") from error
-        except (httpx.HTTPError, httpx.InvalidURL) as error:
-            raise ExecutionError("DETECTOR_UNREACHABLE", f"{self._url}: {error}") from error
-        if reply.status_code != httpx.codes.OK:
-            raise ExecutionError("DETECTOR_REFUSED", f"{self._url} answered {reply.status_code}: {reply.text[:200]}")
-        return self._read(reply.content, rgb.shape[:2], labels)
+        content = self._client.post(
+            msgspec.json.encode(query),
+            timeout_s=self._timeout_s,
+            max_bytes=ANSWER_MAX_BYTES,
+            headers=(("Content-Type", "application/json"),),
+        )
+        return self._read(content, rgb.shape[:2], labels)
 
     def close(self) -> None:
         """Close the connection."""
         self._client.close()
 
     def _read(self, content: bytes, size: tuple[int, ...], labels: Sequence[str]) -> tuple[Detection, ...]:
-        if len(content) > ANSWER_MAX_BYTES:
-            raise _malformed(self._url, f"{len(content)} bytes, at most {ANSWER_MAX_BYTES} are read")
         try:
             answer = msgspec.json.decode(content, type=Answer)
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             raise _malformed(self._url, str(error)) from error
         if answer.version != VERSION or len(answer.detections) > DETECTIONS_MAX:
             raise _malformed(self._url, f"version {answer.version} with {len(answer.detections)} detections")
+        masks = sum(each.mask_png is not None for each in answer.detections)
+        if masks * size[0] * size[1] > MASKS_MAX_PIXELS:
+            raise _malformed(self._url, f"{masks} masks of {size[1]} x {size[0]} pixels")
         found = [self._check(each, size, labels) for each in answer.detections]
         return tuple(sorted((each for each in found if each.score >= self._score_min), key=lambda each: -each.score))
 
@@ -109,9 +112,11 @@ class HttpDetector:
         if encoded is None:
             return None
         try:
-            data = np.frombuffer(base64.b64decode(encoded, validate=True), dtype=np.uint8)
-            mask = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
-        except (binascii.Error, ValueError, cv2.error) as error:
+            data = base64.b64decode(encoded, validate=True)
+            head = _PNG.unpack_from(data)  # before it is unpacked: a small file may hold a picture of gigabytes
+            is_sized = head == (b"\x89PNG\r\n\x1a\n", b"IHDR", size[1], size[0])
+            mask = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if is_sized else None
+        except (binascii.Error, ValueError, struct.error, cv2.error) as error:
             raise _malformed(self._url, f"a mask that is no picture: {error}") from error
         if mask is None or mask.shape != tuple(size):
             raise _malformed(self._url, "a mask that is no picture of the size of the one that was sent")

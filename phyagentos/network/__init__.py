@@ -1,0 +1,1 @@
+"""Exchanges with servers that may be slow or hostile; both planes have clients of such."""

@@ -1,0 +1,173 @@
+"""POST to a server that may be slow or hostile: one deadline, a bounded answer, nothing followed and nothing unpacked.
+
+It is built on httpcore. The limits of a client like httpx are of every single read, so a server that drips is never
+late; here each read, write and handshake gets what is left of the whole. No `Content-Encoding` is asked for and none is
+accepted, so an answer is as large as what was received. Redirects and proxies of the environment are not followed.
+"""
+
+import contextlib
+import select
+import socket
+import ssl
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpcore
+
+from phyagentos.errors import ExecutionError
+from phyagentos.network.deadline import Deadline, connect
+
+OK = 200
+QUOTED_BYTES = 200  # of the body of a refusal
+_ERRORS = (httpcore.NetworkError, httpcore.ProtocolError, httpcore.UnsupportedProtocol, OSError, ValueError)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Codes:
+    """The error codes of one kind of server.
+
+    Attributes:
+        late: No whole answer in time.
+        lost: No connection, or none that speaks HTTP.
+        refused: Another status than 200.
+        malformed: An answer that is too long or encoded.
+    """
+
+    late: str
+    lost: str
+    refused: str
+    malformed: str
+
+
+class HttpClient:
+    """Posts to one URL, one request at a time; the connection is kept between them.
+
+    Args:
+        url: `http://...` or `https://...`.
+        codes: Of its errors.
+        name: Of the server in messages, instead of the URL.
+    """
+
+    def __init__(self, url: str, codes: Codes, name: str = "") -> None:
+        self._url, self._codes, self._name = url, codes, name or url
+        self._backend = _Backend()
+        self._pool = httpcore.ConnectionPool(max_connections=1, network_backend=self._backend)
+
+    def post(self, body: bytes, *, timeout_s: float, max_bytes: int, headers: Sequence[tuple[str, str]] = ()) -> bytes:
+        """The body of the answer, of at most `max_bytes`, after at most `timeout_s` [s].
+
+        Raises:
+            ExecutionError: One of the codes.
+        """
+        deadline = self._backend.begin(timeout_s)
+        try:
+            if not urlsplit(self._url).hostname:
+                raise ValueError("no host in it")
+            sent = [("Accept", "*/*"), ("Accept-Encoding", "identity"), *headers]
+            with self._pool.stream("POST", self._url, headers=sent, content=body) as answer:
+                parts = self._iter_within(answer.iter_stream(), deadline)
+                if answer.status != OK:
+                    raise self._describe_refusal(answer.status, parts)
+                for name, coding in answer.headers:
+                    if name.lower() == b"content-encoding" and coding.strip().lower() not in {b"", b"identity"}:
+                        what = f"a body in the encoding {coding[:40].decode(errors='replace')!r}; none was asked for"
+                        raise ExecutionError(self._codes.malformed, f"{self._name} answered with {what}")
+                return self._collect(parts, max_bytes)
+        except (TimeoutError, httpcore.TimeoutException) as error:
+            silence = deadline.describe_silence(self._backend.received)
+            raise ExecutionError(self._codes.late, f"{self._name} {silence}") from error
+        except _ERRORS as error:
+            raise ExecutionError(self._codes.lost, f"{self._name}: {type(error).__name__} {error}".strip()) from error
+
+    def close(self) -> None:
+        """Close the connection; a request that waits in another thread ends."""
+        self._pool.close()
+
+    def _iter_within(self, parts: Iterable[bytes], deadline: Deadline) -> Iterable[bytes]:
+        for part in parts:
+            yield part
+            deadline.compute_left_s()
+
+    def _collect(self, parts: Iterable[bytes], max_bytes: int) -> bytes:
+        data = bytearray()
+        for part in parts:
+            data += part
+            if len(data) > max_bytes:
+                raise ExecutionError(self._codes.malformed, f"{self._name} answered with more than {max_bytes} bytes")
+        return bytes(data)
+
+    def _describe_refusal(self, status: int, parts: Iterable[bytes]) -> ExecutionError:
+        said = bytearray()
+        with contextlib.suppress(TimeoutError, *_ERRORS):
+            for part in parts:
+                said += part
+                if len(said) >= QUOTED_BYTES:
+                    break
+        quoted = "".join(each if each.isprintable() else " " for each in said[:QUOTED_BYTES].decode(errors="replace"))
+        told = f": {quoted}" if quoted else ""
+        if 300 <= status < 400:
+            told = ", a redirect, which is not followed"
+        return ExecutionError(self._codes.refused, f"{self._name} answered with status {status}{told}")
+
+
+class _Backend(httpcore.NetworkBackend):
+    """Connections of one client, with the deadline of its present request; timeouts of single calls do not count."""
+
+    def __init__(self) -> None:
+        self.deadline, self.received = Deadline(0.0), 0
+
+    def begin(self, timeout_s: float) -> Deadline:
+        self.deadline, self.received = Deadline(timeout_s), 0
+        return self.deadline
+
+    def connect_tcp(self, host: str, port: int, *_: Any, **__: Any) -> "_Stream":
+        return _Stream(connect(host, port, self.deadline), self)
+
+
+class _Stream(httpcore.NetworkStream):
+    def __init__(self, connection: socket.socket, backend: _Backend) -> None:
+        self._socket, self._backend = connection, backend
+
+    def read(self, max_bytes: int, timeout: float | None = None) -> bytes:
+        self._wait_at_most_what_is_left()
+        part = self._socket.recv(max_bytes)
+        self._backend.received += len(part)
+        return part
+
+    def write(self, buffer: bytes, timeout: float | None = None) -> None:
+        left = memoryview(buffer)
+        try:
+            while left:
+                self._wait_at_most_what_is_left()
+                left = left[self._socket.send(left) :]
+        except TimeoutError:
+            raise
+        except OSError as error:
+            raise httpcore.WriteError(str(error)) from error  # the server may have answered before it hung up
+
+    def start_tls(
+        self, ssl_context: ssl.SSLContext, server_hostname: str | None = None, timeout: float | None = None
+    ) -> "_Stream":
+        self._wait_at_most_what_is_left()
+        try:
+            return _Stream(ssl_context.wrap_socket(self._socket, server_hostname=server_hostname), self._backend)
+        except OSError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)  # wakes a thread that waits for an answer
+        self._socket.close()
+
+    def get_extra_info(self, info: str) -> Any:
+        if info != "is_readable":
+            return None
+        poll = select.poll()
+        poll.register(self._socket, select.POLLIN)
+        return bool(poll.poll(0))
+
+    def _wait_at_most_what_is_left(self) -> None:
+        self._socket.settimeout(self._backend.deadline.compute_left_s())
