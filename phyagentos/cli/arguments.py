@@ -1,4 +1,4 @@
-"""What arguments mean: files and names in the library that a command uses, and `--set` for roles of `targets`.
+"""What arguments mean: files and names in the library that a command uses, and `--set` for parameters and roles.
 
 A project is a folder with any of goal_graphs/, trees/, skills/, scenes/, robots/, faults/. The folder of the given file
 comes first, then the working directory, then installed libraries and what ships.
@@ -15,7 +15,10 @@ from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 
 Overrides = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Bind a role: targets.arm=NAME. Repeatable.")
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="A parameter, NAME=VALUE, or a role, targets.ROLE=NAME. Repeatable."
+    ),
 ]
 PREFIX = "targets."
 FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol")
@@ -52,9 +55,9 @@ def get_file(argument: Path, folder: str) -> Path:
 
 
 def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
-    """`["targets.arm=ur5e"]` as `{"targets.arm": "ur5e"}`; raises Exit for anything else."""
+    """`["cube=red", "targets.arm=ur5e"]` as `{"parameters.cube.default": "red", "targets.arm": "ur5e"}`, or Exit."""
     pairs = [text.partition("=") for text in texts or ()]
-    wrong = [key for key, _, value in pairs if not key.startswith(PREFIX) or not value]
+    wrong = [key for key, _, value in pairs if "." in key.removeprefix(PREFIX) or not key or not value]
     if wrong:
-        raise Exit(ExitCode.INVALID_INPUT, f"--set {wrong[0]}: expected {PREFIX}ROLE=NAME")
-    return {key: value for key, _, value in pairs}
+        raise Exit(ExitCode.INVALID_INPUT, f"--set {wrong[0]}: expected PARAMETER=VALUE or {PREFIX}ROLE=NAME")
+    return {key if key.startswith(PREFIX) else f"parameters.{key}.default": value for key, _, value in pairs}

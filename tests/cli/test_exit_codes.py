@@ -33,7 +33,7 @@ def test_a_missing_graph_names_what_would_have_been_found(paos):
 def test_an_unknown_override_is_invalid_input(paos):
     result = paos("compile", "tidy_table", "--set", "arm=panda")
     assert result.code == ExitCode.INVALID_INPUT
-    assert "--set arm: expected targets.ROLE=NAME" in result.err
+    assert "--set arm: INVALID_OVERRIDE: found 'arm'; expected targets.arm" in result.err
 
 
 @pytest.mark.parametrize("command", ["compile", "run"])
