@@ -100,3 +100,12 @@ def test_every_command_explains_itself(paos, word):
     result = paos(word, "--help")
     assert result.code == ExitCode.GOAL_MET
     assert "Usage:" in result.out
+
+
+def test_a_parameter_is_given_by_its_name_and_a_bad_value_is_invalid_input(paos):
+    given = paos("compile", "put_away", "--set", "thing=carton")
+    assert "carry: pick_and_place(object=carton, destination=green_tray)" in given.out
+    assert "push: push(object=carton, to=[0.4, -0.1, 0.02]) on panda  after carry on failure" in given.out
+    refused = paos("compile", "put_away", "--set", "thing=cartn")
+    assert refused.code == ExitCode.INVALID_INPUT
+    assert "--set thing:1:1: UNKNOWN_ENTITY: found 'cartn'" in refused.err

@@ -38,7 +38,7 @@ _COLORS = {
     tasks.NodeState.DONE: "fill:#e8f5e9,stroke:#43a047,color:#1b5e20",
     tasks.NodeState.BLOCKED: "fill:#ffebee,stroke:#e53935,color:#b71c1c",
     tasks.NodeState.INVALIDATED: "fill:#f3e5f5,stroke:#8e24aa,color:#4a148c",
-    tasks.NodeState.SKIPPED: "fill:#fafafa,stroke:#b0bec5,color:#78909c,stroke-dasharray:4",
+    tasks.NodeState.SKIPPED: "fill:#fafafa,stroke:#b0bec5,color:#78909c",
     tasks.NodeState.RESCUED: "fill:#f9fbe7,stroke:#9e9d24,color:#827717",
     tasks.PAST: "fill:#ffffff,stroke:#90a4ae,color:#546e7a",
 }
