@@ -5,18 +5,19 @@ AMBIGUOUS_REFERENCE  A reference names a node that `foreach` made several of.
 API_KEY_MISSING      The environment variable that holds a model's key is not set.
 BROKEN_BEHAVIOURS    A Python package of leaves cannot be imported or registered.
 BROKEN_TREE          A tree uses another one that is wrong itself.
-CYCLE                Nodes wait for each other, or trees contain each other.
+CYCLE                Nodes wait for each other, or goal graphs or trees contain each other.
 DUPLICATE_BLOCK      A document holds the same block twice.
 DUPLICATE_KEY        A mapping holds the same key twice.
 DUPLICATE_LEAF       Two packages offer a leaf of the same name.
 DUPLICATE_VALUE      A `foreach` names the same value twice.
 EMPTY_FOREACH        A `foreach` names no value.
 FRONT_MATTER_MISSING A document does not begin with its front matter.
+INCLUDE_DIFFERS      An included goal graph has another scene, or calls another thing by a name.
 INVALID_CONTRACT     A session's contract lacks something or holds a value of the wrong kind.
 INVALID_ID           A request names an id with characters that no id may have.
 INVALID_LINE         A line of LOG.md is no event.
 INVALID_NAME         A name holds signs that names may not have, or too many.
-INVALID_OVERRIDE     `--set` names a place that is not in the file.
+INVALID_OVERRIDE     `--set` names a role or a parameter that is not in the file.
 INVALID_PARAMETER    An argument is of the wrong type or out of range.
 INVALID_VALUE        A value is of the wrong type or out of range.
 LEADS_OUT            A workspace, or the model of a target, names a file outside.

@@ -9,7 +9,7 @@ from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.agent.mission.worklist import Worklist
 from phyagentos.cli.history import read_ledger
 from phyagentos.protocol.sessions.session import GoalId
-from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, iter_edges, iter_steps
+from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation, iter_edges, iter_steps
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.views.tasks import is_over
 
@@ -24,9 +24,11 @@ def assert_same_graph(dag: GoalDag, goal: GoalStatus) -> None:
         name: (step.node, step.state) for name, step in steps.items()
     }
     assert {(before, step): facts["relation"] for before, step, facts in dag.steps.edges(data=True)} == edges
-    closed = {name for name, step in steps.items() if step.state in {NodeState.DONE, "past"}}
+    over = {NodeState.DONE, NodeState.RESCUED, NodeState.SKIPPED, "past"}
+    closed = {name for name, step in steps.items() if step.state in over}
+    waited_for = [edge for edge, relation in edges.items() if relation is not Relation.ON_FAILURE]
     for name, facts in dag.steps.nodes.items():
-        assert facts["waits"] == sum(step == name and before not in closed for before, step in edges), name
+        assert facts["waits"] == sum(step == name and before not in closed for before, step in waited_for), name
 
 
 def check_recorded_graphs(base: Path) -> None:

@@ -1,4 +1,4 @@
-"""What arguments mean: files and names in the library that a command uses, workspaces, `--set` for roles of `targets`.
+"""What arguments mean: files and names in the library that a command uses, workspaces, parameters and roles of `--set`.
 
 A project is a folder with any of goal_graphs/, trees/, skills/, scenes/, robots/, faults/. The folder of the given file
 comes first, then the working directory, then installed libraries and what ships.
@@ -18,7 +18,10 @@ from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import MARKER
 
 Overrides = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Bind a role: targets.arm=NAME. Repeatable.")
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="A parameter, NAME=VALUE, or a role, targets.ROLE=NAME. Repeatable."
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="As JSON on stdout.")]
 RunPython = Annotated[
@@ -62,12 +65,12 @@ def get_file(argument: Path, folder: str) -> Path:
 
 
 def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
-    """`["targets.arm=ur5e"]` as `{"targets.arm": "ur5e"}`; raises Exit for anything else."""
+    """`["cube=red", "targets.arm=ur5e"]` as `{"parameters.cube.default": "red", "targets.arm": "ur5e"}`, or Exit."""
     pairs = [text.partition("=") for text in texts or ()]
-    wrong = [key for key, _, value in pairs if not key.startswith(PREFIX) or not value]
+    wrong = [key for key, _, value in pairs if "." in key.removeprefix(PREFIX) or not key or not value]
     if wrong:
-        raise Exit(ExitCode.INVALID_INPUT, f"--set {wrong[0]}: expected {PREFIX}ROLE=NAME")
-    return {key: value for key, _, value in pairs}
+        raise Exit(ExitCode.INVALID_INPUT, f"--set {wrong[0]}: expected PARAMETER=VALUE or {PREFIX}ROLE=NAME")
+    return {key if key.startswith(PREFIX) else f"parameters.{key}.default": value for key, _, value in pairs}
 
 
 def find_workspaces() -> list[Path]:

@@ -65,6 +65,7 @@ def _describe_nodes(graph: "GoalGraph") -> list[dict[str, Any]]:
             "target": graph.choices[name].target,
             "parameters": dict(graph.choices[name].parameters),
             "after": list(graph.nodes[name].after),
+            "on_failure": [list(edge) for edge in graph.nodes[name].on_failure],
             "accept": list(graph.nodes[name].spec.accept),
             "because": list(graph.choices[name].reasons),
             "rejected": dict(graph.choices[name].rejected),
@@ -75,9 +76,12 @@ def _describe_nodes(graph: "GoalGraph") -> list[dict[str, Any]]:
 
 def _print_graph(graph: "GoalGraph") -> None:
     print_result(f"{graph.name}: {graph.spec.objective}")
+    for name, parameter in graph.spec.parameters.items():
+        print_result(f"  --set {name}={parameter.default}: {parameter.type}  {parameter.description}".rstrip())
     for node in _describe_nodes(graph):
         arguments = ", ".join(f"{key}={value}" for key, value in node["parameters"].items())
-        after = f"  after {', '.join(node['after'])}" if node["after"] else ""
+        waits = [*node["after"], *(f"{' or '.join(edge)} on failure" for edge in node["on_failure"])]
+        after = f"  after {', '.join(waits)}" if waits else ""
         print_result(f"  {node['node']}: {node['skill']}({arguments}) on {node['target']}{after}")
         for text in node["accept"]:
             print_result(f"      accept {text}")

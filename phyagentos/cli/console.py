@@ -126,7 +126,7 @@ def summarise(row: Row) -> str:
     """Why a row stands where it does, on a third of a line."""
     session = row.session
     if session is None:
-        return f"after {', '.join(row.after)}" if row.after else ""
+        return row.reason or (f"after {', '.join(row.after)}" if row.after else "")
     attempt = session.decision
     if attempt is None:
         return describe(row)

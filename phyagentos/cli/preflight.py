@@ -88,7 +88,7 @@ def _read_graph(path: Path, root: Path | None, seed: int, overrides: Mapping[str
     graph = read_goal_graph(file, catalogue, overrides)
     goal = GoalId(graph.name)
     sessions = SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=seed).preview()
-    after = {str(session.id): tuple(graph.nodes[session.node].after) for session in sessions}
+    after = {str(session.id): graph.nodes[session.node].predecessors for session in sessions}
     return _Order(library=library, source=source, sessions=sessions, after=after, forecasts={})
 
 

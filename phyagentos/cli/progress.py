@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from phyagentos.clock import compute_seconds
@@ -21,6 +22,7 @@ class Row:
         depth: How many nodes come before it on the longest way from the start.
         after: Nodes that it waits for.
         node_state: Of the node, when it has no session.
+        reason: Why it has none, when it is over.
         beat: The heartbeat of the worker that runs it now.
         wall_s: From its claim to its latest record, by the wall clock [s]; the wait for the target is not in it.
     """
@@ -29,6 +31,7 @@ class Row:
     depth: int
     after: tuple[str, ...] = ()
     node_state: str
+    reason: str = ""
     session: SessionStatus | None = None
     beat: Heartbeat | None = None
     wall_s: float = 0.0
@@ -91,7 +94,7 @@ class RunFold:
         goal = self.goal
         if goal is None:
             return []
-        after = {name: node.after for name, node in goal.nodes.items()}
+        after = {name: (*node.after, *chain(*node.on_failure)) for name, node in goal.nodes.items()}
         depths = {name: compute_depth(name, after) for name in after}
         beats = {beat.session: beat for beat in read_heartbeats(self._heartbeats).values()}
         names = sorted(depths, key=lambda name: depths[name])
@@ -100,7 +103,7 @@ class RunFold:
     def _rows_of(self, goal: GoalStatus, name: str, depth: int, beats: Mapping[str, Heartbeat]) -> list[Row]:
         node = goal.nodes[name]
         if not node.sessions:
-            return [Row(node=name, depth=depth, after=node.after, node_state=node.state.value)]
+            return [Row(node=name, depth=depth, after=node.after, node_state=node.state.value, reason=node.reason)]
         return [
             Row(
                 node=name,

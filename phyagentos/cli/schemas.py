@@ -54,7 +54,7 @@ def _write(folder: Path, texts: Mapping[str, str]) -> list[Path]:
 
 
 def _builders() -> dict[str, Callable[[], dict[str, Any]]]:
-    from phyagentos.agent.goals.spec import GoalSpec
+    from phyagentos.agent.goals.spec import GoalFile
     from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
     from phyagentos.protocol.capabilities.targets import TargetProfile
     from phyagentos.protocol.capabilities.trees import TreeHeader
@@ -66,7 +66,7 @@ def _builders() -> dict[str, Callable[[], dict[str, Any]]]:
 
     models: dict[str, type[Authored]] = {
         "faults": FaultFile,
-        "goal_graph": GoalSpec,
+        "goal_graph": GoalFile,
         "scene": SceneSpec,
         "skill": SkillRuntime,
         "target": TargetProfile,

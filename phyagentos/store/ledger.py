@@ -7,9 +7,10 @@ what it forgot see `history`. Bodies that it reads:
 - `submit`: the contract. `amend`: an `Amendment`. `execution`, `attempt`, `reason` in the body of any later session
   record.
 - `goal_submitted`: `graph`, `seed`, `objective`.
-- `goal_compiled`: `nodes` (name -> mapping with `objective`, `skill`, `target`, `after`), `accept`, `constraints`.
-- `node_ready`, `node_done`, `node_blocked`, `invalidated`, `node_waits`, `child_of`: `reason`; the latter three also
-  `child`, `parent`, `relation`, `after`: the next session of the node, see `Replan`.
+- `goal_compiled`: `nodes` (name -> mapping with `objective`, `skill`, `target`, `after`, `on_failure`), `accept`,
+  `constraints`.
+- `node_ready`, `node_done`, `node_blocked`, `node_skipped`, `node_rescued`, `invalidated`, `node_waits`, `child_of`:
+  `reason`; the latter three also `child`, `parent`, `relation`, `after`: the next session of the node, see `Replan`.
 - `budget_spent`: `replans` (how many, 1 by default), `reason`.
 - `goal_verdict`: `verdict`, `criteria`, `reason`. `goal_cancelled`: `reason`.
 """
@@ -77,6 +78,8 @@ _NODE_STATES = {
     GoalEvent.NODE_DONE.value: NodeState.DONE,
     GoalEvent.NODE_BLOCKED.value: NodeState.BLOCKED,
     GoalEvent.INVALIDATED.value: NodeState.INVALIDATED,
+    GoalEvent.NODE_SKIPPED.value: NodeState.SKIPPED,
+    GoalEvent.NODE_RESCUED.value: NodeState.RESCUED,
 }
 
 
@@ -352,5 +355,9 @@ def _add_replan(replans: tuple[Replan, ...], new: Replan) -> tuple[Replan, ...]:
 
 
 def _read_node(node: Any) -> NodeStatus:
-    known = {name: node[name] for name in ("after", "objective", "skill", "target", "reasons") if name in (node or {})}
+    known = {
+        name: node[name]
+        for name in ("after", "on_failure", "objective", "skill", "target", "reasons")
+        if name in (node or {})
+    }
     return msgspec.convert(known, NodeStatus)

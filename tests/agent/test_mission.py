@@ -400,3 +400,13 @@ def test_an_agent_without_news_waits_for_the_disk_once(make_stage, monkeypatch):
 
     assert len(synced) == 1
     assert silence.waited_s == [SYNC_AFTER_S, WAIT_S, WAIT_S]
+
+
+def test_the_reason_of_a_goal_tells_the_first_cause_before_the_last(make_stage, tidy):
+    def stand_still(world, session):
+        return Play(world=world, ended=Ended.STALLED, code="STALLED", leaf="pick_and_place/approach")
+
+    report = make_stage({"red": slip, "red.r1": stand_still, "red.r2": stand_still}).pursue(tidy)
+    first, last = report.sessions[0].reason, report.sessions[-1].reason
+    assert first.rstrip(".") not in last
+    assert report.reason == f"node red cannot be done: {first.rstrip('.')}; in the end: {last}"

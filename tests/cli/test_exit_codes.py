@@ -39,7 +39,7 @@ def test_a_missing_graph_names_what_would_have_been_found(paos):
 def test_an_unknown_override_is_invalid_input(paos):
     result = paos("compile", "tidy_table", "--set", "arm=panda")
     assert result.code == ExitCode.INVALID_INPUT
-    assert "--set arm: expected targets.ROLE=NAME" in result.err
+    assert "--set arm: INVALID_OVERRIDE: found 'arm'; expected targets.arm" in result.err
 
 
 @pytest.mark.parametrize("command", ["compile", "run"])
@@ -114,7 +114,7 @@ def test_every_command_explains_itself(paos, word):
         (("why", "red", "-w", "nowhere"), "NOT_A_WORKSPACE"),
         (("run", "tidy_tabel"), "UNKNOWN_FILE"),
         (("fly",), "No such command 'fly'"),
-        (("compile", "tidy_table", "--set", "arm=panda"), "expected targets.ROLE=NAME"),
+        (("compile", "tidy_table", "--set", "arm=panda"), "INVALID_OVERRIDE"),
     ],
 )
 def test_errors_are_json_where_json_is_asked_for(paos, arguments, said):
@@ -154,3 +154,12 @@ def test_ctrl_c_while_the_program_is_imported_leaves_no_traceback(tmp_path):
     command = [sys.executable, "-m", "phyagentos", "list", "leaves"]
     done = subprocess.run(command, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (ExitCode.INTERRUPTED, "")
+
+
+def test_a_parameter_is_given_by_its_name_and_a_bad_value_is_invalid_input(paos):
+    given = paos("compile", "put_away", "--set", "thing=carton")
+    assert "carry: pick_and_place(object=carton, destination=green_tray)" in given.out
+    assert "push: push(object=carton, to=[0.4, -0.1, 0.02]) on panda  after carry on failure" in given.out
+    refused = paos("compile", "put_away", "--set", "thing=cartn")
+    assert refused.code == ExitCode.INVALID_INPUT
+    assert "--set thing:1:1: UNKNOWN_ENTITY: found 'cartn'" in refused.err

@@ -29,7 +29,7 @@ def judge_from_frames(plane, monkeypatch):
         verifier = build_verifier(plane.workspace, SystemClock())
         evidence = Evidence(plane.workspace.root)
         sessions = read_ledger(plane.workspace.root).sessions.values()
-        done = [status for status in sessions if status.contract.goal == goal]
+        done = [status for status in sessions if status.contract.goal == goal and status.execution]
         assert done
         for status in done:
             bundle = evidence.read(status)
@@ -40,6 +40,10 @@ def judge_from_frames(plane, monkeypatch):
 
 
 COVERED = {"close_drawer"}  # its one session is the first of drawer_round
+BRANCHES = {  # nodes that are not done: the carton is too wide for the hand, the cube is not
+    "clear_bench": {"cube-push": "skipped", "carton-carry": "rescued"},
+    "put_away": {"push": "skipped"},
+}
 SHIPPED = sorted((find_shipped_root() / "goal_graphs").glob("*.yaml"))
 GRAPHS = [path for path in SHIPPED if path.stem not in COVERED]
 
@@ -49,8 +53,9 @@ def test_a_shipped_goal_graph_is_met_and_its_frames_give_the_same_verdicts(plane
     report = plane.mission.run(graph, seed=2)
 
     assert report.verdict == "success", report
-    assert all(report.first_attempt_success.values()), report
-    assert set(report.nodes.values()) == {"done"}
+    states = BRANCHES.get(graph.stem, {})
+    assert all(done for node, done in report.first_attempt_success.items() if node not in states), report
+    assert dict(report.nodes) == dict.fromkeys(report.nodes, "done") | states
     for again in judge_from_frames(report.goal):
         assert (again.verdict, again.differences) == ("success", ()), again
     if graph.stem == "carry_cup":

@@ -1,6 +1,8 @@
 """Checks of a goal graph beyond its form: names, types, predicates, promises; every problem in one reading."""
 
+import itertools
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 import networkx as nx
 from msgspec.structs import replace
@@ -10,7 +12,7 @@ from phyagentos.agent.goals.expansion import DataEdge, Node, Path
 from phyagentos.agent.goals.selector import ANY, Choice, select
 from phyagentos.agent.goals.spec import NAME_MAX, REFERENCE, GoalSpec, Promise
 from phyagentos.errors import DefinitionError, Problem, format_names
-from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_mismatch
+from phyagentos.protocol.capabilities.skill_runtimes import Parameter, SkillRuntime, find_mismatch
 from phyagentos.protocol.capabilities.targets import find_unshared
 from phyagentos.protocol.documents.schema import Located
 from phyagentos.protocol.world.descriptions import parse_description
@@ -39,10 +41,14 @@ class Checks:
         for role, target in self.spec.targets.items():
             if target != ANY and target not in self.catalogue.targets:
                 yield self.located.unknown("UNKNOWN_TARGET", ("targets", role), target, [*self.catalogue.targets, ANY])
+        for node in self.nodes.values() if not self.spec.accept else ():
+            if node.on_failure:  # only the goal's own acceptance can say that it is met although a node failed
+                path: Path = (*node.path, "after")
+                yield self.located.problem("NOTHING_TO_ACCEPT", path, "an edge on failure", "'accept' of the goal")
         yield from self._check_worlds()
         yield from self._check_interchangeable()
         for name, text in self.spec.described.items():
-            path: Path = ("described", name)
+            path = ("described", name)
             if name in (self._listed or ()) or name.startswith(UNNAMED):
                 yield self.located.problem("INVALID_NAME", path, repr(name), "a name that nothing else may have")
             try:
@@ -92,7 +98,8 @@ class Checks:
                 skill.guarantees, address=self.located.address_of((*node.path, "skill", "guarantees")), template=True
             )
         established: list[str] = []
-        for before in sorted(nx.ancestors(dag, node.name) & choices.keys()) if isinstance(skill, Promise) else ():
+        earlier = nx.ancestors(dag, node.name) & choices.keys() - itertools.chain(*node.on_failure)
+        for before in sorted(earlier) if isinstance(skill, Promise) else ():
             done = choices[before]
             values = {"target": done.target, **done.parameters}
             promised = (substitute(text, values) for text in self.catalogue.skills[done.skill].guarantees)
@@ -193,17 +200,8 @@ class Checks:
                     yield self.located.problem("MISSING_PARAMETER", (*node.path, "with"), found, parameter.type, hint)
             elif isinstance(value, str) and REFERENCE.search(value):
                 continue  # a data edge: its type is checked with the output
-            elif expected := find_mismatch(parameter, value):
-                yield self.located.problem("INVALID_PARAMETER", path, repr(value), expected, parameter.description)
-            elif parameter.type in {"entity", "entities", "place"} and self._kinds is not None:
-                for name in [value] if isinstance(value, str) else value:
-                    if name not in self._kinds:
-                        yield self.located.unknown("UNKNOWN_ENTITY", path, str(name), self._kinds)
-                    elif parameter.kinds and (kind := self._kinds[name]) and kind not in parameter.kinds:
-                        fitting = [each for each, other in self._kinds.items() if other in parameter.kinds]
-                        expected = f"of kind {' or '.join(parameter.kinds)}: {format_names(fitting)}"
-                        found = f"{name!r}, of kind {kind}"
-                        yield self.located.problem("INVALID_PARAMETER", path, found, expected, parameter.description)
+            else:
+                yield from iter_mismatches(self.located, path, parameter, value, self._kinds)
 
     def _check_data_edges(self, node: Node, runtime: SkillRuntime, choices: Mapping[str, Choice]) -> Iterator[Problem]:
         for edge in node.data:
@@ -219,6 +217,23 @@ class Checks:
             }:
                 found = f"output '{edge.node}.outputs.{edge.output}', which is a {output.type}"
                 yield self.located.problem("INVALID_PARAMETER", edge.path, found, f"a {wanted}")
+
+
+def iter_mismatches(
+    located: Located, path: Path, parameter: Parameter, value: Any, kinds: Mapping[str, str] | None
+) -> Iterator[Problem]:
+    """What is wrong with a value: type, bounds, or a name that is not in the scene (`kinds`: name -> kind)."""
+    if expected := find_mismatch(parameter, value):
+        yield located.problem("INVALID_PARAMETER", path, repr(value), expected, parameter.description)
+    elif parameter.type in {"entity", "entities", "place"} and kinds is not None:
+        for name in [value] if isinstance(value, str) else value:
+            if name not in kinds:
+                yield located.unknown("UNKNOWN_ENTITY", path, str(name), kinds)
+            elif parameter.kinds and (kind := kinds[name]) and kind not in parameter.kinds:
+                fitting = [each for each, other in kinds.items() if other in parameter.kinds]
+                expected = f"of kind {' or '.join(parameter.kinds)}: {format_names(fitting)}"
+                found = f"{name!r}, of kind {kind}"
+                yield located.problem("INVALID_PARAMETER", path, found, expected, parameter.description)
 
 
 def _find_wanted_type(edge: DataEdge, node: Node, runtime: SkillRuntime) -> str | None:

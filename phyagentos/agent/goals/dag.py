@@ -10,12 +10,15 @@ from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.tasks import PAST, GoalStatus, NodeState, NodeStatus, Relation, Replan, get_step_name
 
+_CLOSED = frozenset({NodeState.DONE, NodeState.RESCUED, NodeState.SKIPPED})
+
 
 class GoalDag:
     """A `networkx.DiGraph` that follows the records of one goal.
 
     A vertex has `node`, `rank` (position of the node in the order of the graph), `state` and `waits`: the number of its
-    open predecessors. An attempt is open while it is the latest of a node that is not done. An edge has `relation`.
+    open predecessors, edges on failure left out. An attempt is open while it is the latest of a node that is not done.
+    An edge has `relation`.
 
     Args:
         status: As the ledger holds it; None before the goal is submitted.
@@ -33,6 +36,12 @@ class GoalDag:
             before = graph.nodes[name].after
             self.steps.add_node(name, node=name, rank=rank, state=NodeState.WAITING, waits=len(before))
             self.steps.add_edges_from(((each, name) for each in before), relation=Relation.AFTER)
+            failed = [each for edge in graph.nodes[name].on_failure for each in edge]
+            self.steps.add_edges_from(((each, name) for each in failed), relation=Relation.ON_FAILURE)
+        waits = nx.subgraph_view(
+            self.steps, filter_edge=lambda a, b: self.steps[a][b]["relation"] != Relation.ON_FAILURE
+        )
+        self._waits = waits if graph.rescuers else self.steps
         for name, node in status.nodes.items() if status else ():
             self.follow(name, node)
 
@@ -49,15 +58,19 @@ class GoalDag:
                 self._attach(name, replan)
             self._replans[name] = status.replans
         attempt = self.steps.nodes[self._latest[name]]
-        change = (attempt["state"] is NodeState.DONE) - (status.state is NodeState.DONE)
+        change = (attempt["state"] in _CLOSED) - (status.state in _CLOSED)
         attempt["state"] = status.state
         if not change and status.state is not NodeState.BLOCKED:
             return [name]
         touched = [name]
-        for step in map(self.steps.nodes.__getitem__, self.steps[self._latest[name]]):
-            step["waits"] += change
+        for after, facts in self.steps[self._latest[name]].items():
+            step = self.steps.nodes[after]
+            step["waits"] += change if facts["relation"] is not Relation.ON_FAILURE else 0
             if not step["waits"] or status.state is NodeState.BLOCKED:
                 touched.append(step["node"])
+        failed = [before for before, facts in self.steps.pred[name].items() if facts["relation"] is Relation.ON_FAILURE]
+        for before in (self.steps.nodes[each]["node"] for each in failed):  # what waits for it waits for this one, too
+            touched += (before, *self.find_next(before))
         return touched
 
     def get_rank(self, name: str) -> int:
@@ -75,7 +88,7 @@ class GoalDag:
     def find_open(self, name: str, *, further: bool = False) -> list[str]:
         """Open predecessors of a node's latest attempt, in the order of the graph; `further` includes indirect ones."""
         latest = self._latest[name]
-        steps = nx.ancestors(self.steps, latest) if further else self.steps.pred[latest]
+        steps = nx.ancestors(self._waits, latest) if further else self._waits.pred[latest]
         nodes = {self.steps.nodes[step]["node"] for step in steps if self._is_open(step)} - {name}
         return sorted(nodes, key=self.get_rank)
 
@@ -88,7 +101,7 @@ class GoalDag:
         return {self.steps.nodes[step]["node"] for step in nx.descendants(self.steps, self._latest[name])}
 
     def _is_open(self, step: str) -> bool:
-        return self.steps.nodes[step]["state"] not in {NodeState.DONE, PAST}
+        return self.steps.nodes[step]["state"] not in {*_CLOSED, PAST}
 
     def _attach(self, name: str, replan: Replan) -> None:
         """Add the next attempt of a node, or the edges of the one that was added last."""

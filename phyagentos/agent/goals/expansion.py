@@ -6,11 +6,11 @@ equal to an authored name, which cannot hold a hyphen.
 
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from phyagentos.agent.goals.spec import NAME_MAX, NODE_NAME, REFERENCE, GoalSpec, NodeSpec, Promise
+from phyagentos.agent.goals.spec import REFERENCE, GoalSpec, NodeSpec, Promise
 from phyagentos.errors import Problem
 from phyagentos.protocol.documents.schema import Located
 from phyagentos.protocol.sessions.session import NODE_MAX
@@ -36,7 +36,8 @@ class Node:
         name: The authored name, plus the values of its fan-out.
         authored: Name under `sessions`.
         spec: As authored, with the fan-out variables substituted.
-        after: Direct predecessors by precedence or by data, in authored order.
+        after: Direct predecessors by precedence or by data, in authored order; it waits for their success.
+        on_failure: Edges on failure: of each one the nodes of which at least one must have failed.
     """
 
     name: str
@@ -44,6 +45,12 @@ class Node:
     spec: NodeSpec
     after: tuple[str, ...]
     data: tuple[DataEdge, ...]
+    on_failure: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def predecessors(self) -> tuple[str, ...]:
+        """Every node that it waits for."""
+        return tuple(dict.fromkeys((*self.after, *itertools.chain(*self.on_failure))))
 
     @property
     def path(self) -> Path:
@@ -51,21 +58,28 @@ class Node:
         return ("sessions", self.authored)
 
 
-def expand_nodes(spec: GoalSpec, located: Located, problems: list[Problem]) -> dict[str, Node]:
-    """Every node of the graph by name, in authored order; what cannot be resolved is added to `problems`."""
+def expand_nodes(
+    spec: GoalSpec, located: Located, problems: list[Problem], includes: Mapping[str, Sequence[str]]
+) -> dict[str, Node]:
+    """Every node of the graph by name, in authored order; adds to `problems`. `includes`: include -> its nodes."""
     expanded: dict[str, list[tuple[str, NodeSpec]]] = {
         name: list(_iter_fan_out(name, node, located, problems)) for name, node in spec.sessions.items()
     }
     groups = {authored: [name for name, _ in members] for authored, members in expanded.items()}
     names = {name: (name,) for members in groups.values() for name in members}
     known: dict[str, tuple[str, ...]] = {**{group: tuple(members) for group, members in groups.items()}, **names}
+    known |= {name: tuple(itertools.chain(*(groups.get(each, ()) for each in m))) for name, m in includes.items()}
     nodes = {}
     for authored, members in expanded.items():
         for name, node in members:
-            variables = spec.sessions[authored].foreach
+            variables = (*spec.sessions[authored].foreach, *spec.parameters)
             data = tuple(_iter_data_edges(authored, node, variables, known, located, problems))
-            after = [*_iter_predecessors(authored, node, known, located, problems), *(edge.node for edge in data)]
-            nodes[name] = Node(name=name, authored=authored, spec=node, after=tuple(dict.fromkeys(after)), data=data)
+            waits = [*_iter_predecessors(authored, node, known, located, problems)]
+            after = [*(each for on, names in waits if on == "success" for each in names), *(edge.node for edge in data)]
+            failed = tuple(names for on, names in waits if on == "failure")
+            nodes[name] = Node(
+                name=name, authored=authored, spec=node, after=tuple(dict.fromkeys(after)), data=data, on_failure=failed
+            )
     return nodes
 
 
@@ -98,10 +112,10 @@ def iter_strings(value: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
 def _iter_fan_out(
     name: str, node: NodeSpec, located: Located, problems: list[Problem]
 ) -> Iterator[tuple[str, NodeSpec]]:
-    if len(name) > NAME_MAX or not re.fullmatch(NODE_NAME, name):
-        expected = f"at most {NAME_MAX} lower-case letters, digits and underscores, beginning with a letter"
-        problems.append(located.problem("INVALID_NAME", ("sessions", name), repr(name), expected))
     if not node.foreach:
+        if len(name) > NODE_MAX:
+            expected = f"names that make one of at most {NODE_MAX} letters"
+            problems.append(located.problem("INVALID_NAME", ("sessions", name), repr(name), expected))
         yield name, node
         return
     seen: set[str] = set()
@@ -124,12 +138,12 @@ def _iter_fan_out(
 
 def _iter_predecessors(
     authored: str, node: NodeSpec, known: Mapping[str, tuple[str, ...]], located: Located, problems: list[Problem]
-) -> Iterator[str]:
-    for index, name in enumerate(node.after):
-        if name in known:
-            yield from known[name]
+) -> Iterator[tuple[str, tuple[str, ...]]]:
+    for index, edge in enumerate(node.after):
+        if edge.node in known:
+            yield edge.on, known[edge.node]
         else:
-            problems.append(located.unknown("UNKNOWN_NODE", ("sessions", authored, "after", index), name, known))
+            problems.append(located.unknown("UNKNOWN_NODE", ("sessions", authored, "after", index), edge.node, known))
 
 
 def _iter_data_edges(

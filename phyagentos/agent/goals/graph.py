@@ -1,7 +1,8 @@
 """The goal graph: a checked DAG of nodes, each bound to a skill and a target. Paper sections 3.3 and 4.1."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import networkx as nx
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.checks import Checks
+from phyagentos.agent.goals.composition import Composer, as_dict
 from phyagentos.agent.goals.expansion import Node, expand_nodes
 from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.goals.spec import GoalSpec
@@ -28,11 +30,13 @@ class GoalGraph:
     """One goal as a DAG.
 
     Attributes:
-        spec: As authored, overrides applied.
+        spec: As authored, overrides applied, includes expanded.
+        bundle: As authored, overrides applied, included graphs in their places; None where the file says the same.
         nodes: By name, in authored order.
         dag: Edges lead to the nodes that wait; the attribute `data` names the outputs that flow.
         order: Topological; authored order decides between nodes without an edge.
         brought: Node -> the thing that it brings to a place, and the place; for nodes that bring anything.
+        rescuers: Node -> nodes that run when it has failed.
         kept: Things that are not moved to make room: some condition names them, and no node brings them anywhere.
         warnings: What may not be decided when it runs; it can run.
     """
@@ -46,6 +50,8 @@ class GoalGraph:
     brought: Mapping[str, tuple[str, str]]
     kept: tuple[str, ...]
     warnings: tuple[Problem, ...] = ()
+    bundle: Any = None
+    rescuers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -87,7 +93,7 @@ def check_goal_graph(path: Path, catalogue: Catalogue) -> list[Problem]:
 
 
 def render_mermaid(graph: GoalGraph) -> str:
-    """The DAG as a Mermaid flowchart; data edges carry the names of their outputs."""
+    """The DAG as a Mermaid flowchart; data edges carry the names of their outputs, those on failure are dotted."""
     ids = {name: f"n{index}" for index, name in enumerate(graph.nodes)}
     lines = ["flowchart LR"]
     for name, choice in graph.choices.items():
@@ -96,39 +102,45 @@ def render_mermaid(graph: GoalGraph) -> str:
     for before, after, facts in graph.dag.edges(data=True):
         outputs = facts["data"]
         arrow = f'-- "{escape_label(", ".join(outputs))}" -->' if outputs else "-->"
+        arrow = '-. "on failure" .->' if facts["on_failure"] else arrow
         lines.append(f"    {ids[before]} {arrow} {ids[after]}")
     return "\n".join(lines) + "\n"
 
 
 def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tuple[GoalGraph | None, list[Problem]]:
     try:
-        located = override_yaml(read_yaml(path), overrides)
+        written = read_yaml(path)
+        composed = Composer(override_yaml(written, overrides), catalogue)
     except DefinitionError as error:
         return None, list(error.problems)
-    spec, problems = salvage(GoalSpec, located)
+    spec, problems = salvage(GoalSpec, located := composed.flat)
+    problems = [*composed.problems, *problems]
     if spec is None:
         return None, problems
     problems += catalogue.problems
-    nodes = expand_nodes(spec, located, problems)
+    nodes = expand_nodes(spec, located, problems, composed.groups)
     dag = _build_dag(nodes)
-    while not nx.is_directed_acyclic_graph(dag):
-        edges = nx.find_cycle(dag)
+    failing = {each: () for node in nodes.values() for edge in node.on_failure for each in edge}
+    rescuers = {each: tuple(n for n, node in nodes.items() if each in chain(*node.on_failure)) for each in failing}
+    order_dag = dag.copy()  # what waits for a node waits for those that run when it has failed, too
+    order_dag.add_edges_from((r, name) for name, node in nodes.items() for b in node.after for r in rescuers.get(b, ()))
+    while not nx.is_directed_acyclic_graph(order_dag):
+        edges = nx.find_cycle(order_dag)
         cycle = [*(edge[0] for edge in edges), edges[0][0]]
         start = nodes[cycle[0]]
         problems.append(
             located.problem("CYCLE", start.path, " -> ".join(cycle), "no way back", "Remove one of these edges.")
         )
-        dag.remove_edge(cycle[-2], cycle[-1])  # only to find what else is wrong
+        order_dag.remove_edge(cycle[-2], cycle[-1])  # only to find what else is wrong
     checks = Checks(spec, nodes, located, catalogue)
     problems += checks.check_spec()
     rank = {name: index for index, name in enumerate(nodes)}
-    order = tuple(nx.lexicographical_topological_sort(dag, key=rank.__getitem__))
+    order = tuple(nx.lexicographical_topological_sort(order_dag, key=rank.__getitem__))
     choices, more = checks.check_bindings(dag, order)
     by_finding = {(problem.code, problem.address, problem.found): problem for problem in reversed([*problems, *more])}
     unique = list(reversed(by_finding.values()))
-    if len(choices) < len(nodes):
+    if unique or len(choices) < len(nodes):
         return None, unique
-    warnings = () if unique else tuple(checks.iter_warnings())
     graph = GoalGraph(
         spec=spec,
         source=located.source,
@@ -138,7 +150,9 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
         order=order,
         brought=(brought := _find_brought(choices, catalogue)),
         kept=_find_kept(spec, nodes, choices, {thing for thing, _ in brought.values()}),
-        warnings=warnings,
+        warnings=tuple(checks.iter_warnings()),
+        bundle=composed.bundle if composed.bundle != written.data else None,
+        rescuers=rescuers,
     )
     return graph, unique
 
@@ -168,9 +182,9 @@ def _build_dag(nodes: Mapping[str, Node]) -> "nx.DiGraph[str]":
     dag: nx.DiGraph[str] = nx.DiGraph()
     dag.add_nodes_from(nodes)
     for node in nodes.values():
-        for before in node.after:
+        for before in node.predecessors:
             outputs = tuple(dict.fromkeys(edge.output for edge in node.data if edge.node == before))
-            dag.add_edge(before, node.name, data=outputs)
+            dag.add_edge(before, node.name, data=outputs, on_failure=before not in node.after)
     return dag
 
 
@@ -178,7 +192,7 @@ def override_yaml(located: Located, overrides: Mapping[str, str]) -> Located:
     """The same data with single values replaced; `targets.arm` names a place by its keys."""
     if not overrides or not isinstance(located.data, dict):
         return located
-    data = dict(located.data)
+    data, origins = dict(located.data), dict(located.origins)
     for dotted, text in overrides.items():
         *parents, key = dotted.split(".")
         place: dict[str, Any] = data
@@ -190,5 +204,12 @@ def override_yaml(located: Located, overrides: Mapping[str, str]) -> Located:
             place = place[parent]
         if parents == ["targets"] and key not in place:  # a role that no node names binds nothing
             raise DefinitionError.unknown("INVALID_OVERRIDE", dotted, key, map(str, place))
-        place[key] = parse_yaml(text, f"--set {dotted}").data
-    return Located(data=data, source=located.source, marks=located.marks)
+        shown = dotted
+        if parents[:1] == ["parameters"]:
+            shown, declared = parents[-1], as_dict(located.data.get("parameters"))
+            if shown not in declared:
+                known = [*declared, *(f"targets.{role}" for role in as_dict(located.data.get("targets")))]
+                raise DefinitionError.unknown("INVALID_OVERRIDE", f"--set {shown}", shown, known)
+        given = parse_yaml(text, f"--set {shown}")
+        place[key], origins[(*parents, key)] = given.data, (given, ())
+    return replace(located, data=data, origins=origins)

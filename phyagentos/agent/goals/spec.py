@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 import pydantic
 
+from phyagentos.protocol.capabilities.skill_runtimes import Parameter
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.sessions.session import PRIORITY_MAX, ResetPolicy
 
@@ -78,6 +79,28 @@ class Budget(Authored):
         return self.sessions is None and self.sim_time_s is None
 
 
+class After(Authored):
+    """An edge from the node that comes first; a bare name is one that waits for its success.
+
+    Attributes:
+        node: Name under `sessions`, or of one of the nodes that it became.
+        on: What must have become of it.
+    """
+
+    node: str
+    on: Literal["success", "failure"] = "success"
+
+
+def _read_edge(value: Any) -> Any:
+    """A bare name as a mapping; and the key `on`, which YAML 1.1 takes for a truth value."""
+    if isinstance(value, dict):
+        return {"on" if key is True else key: item for key, item in value.items()}
+    return {"node": value} if isinstance(value, str) else value
+
+
+Edge = Annotated[After, pydantic.BeforeValidator(_read_edge, json_schema_input_type=str | After)]
+
+
 class NodeSpec(Authored):
     """One node as authored.
 
@@ -85,7 +108,7 @@ class NodeSpec(Authored):
         skill: Name in SKILLRUNTIME.md, or what it must guarantee.
         target: A role of `targets`, a name in TARGETS.md, or `any`.
         arguments: Arguments of the skill (`with`); may hold `${variable}` and `${node.outputs.name}`.
-        after: Nodes that must be done before.
+        after: Nodes that must be done before; `{node: x, on: failure}` for one that must have failed.
         foreach: Variable -> values; one node per value (per combination when there are several variables).
         requires: Preconditions, beside those of the skill.
         hold: Conditions that must hold all through, beside those of the skill and the goal's constraints.
@@ -102,7 +125,7 @@ class NodeSpec(Authored):
     skill: str | Promise
     target: str = "any"
     arguments: dict[str, Any] = pydantic.Field(default_factory=dict, alias="with")
-    after: tuple[str, ...] = ()
+    after: tuple[Edge, ...] = ()
     foreach: dict[str, tuple[str | int | float | bool, ...]] = {}
     requires: tuple[str, ...] = ()
     hold: tuple[str, ...] = ()
@@ -116,10 +139,34 @@ class NodeSpec(Authored):
     even_if_met: bool = False
 
 
-class GoalSpec(Authored):
-    """One goal graph as authored.
+class GraphParameter(Parameter):
+    """A parameter of a goal graph; with its default the graph can be checked, and run alone."""
+
+    default: Any
+
+
+class Include(Authored):
+    """Another goal graph as a node; the names of its nodes begin with the name of this one.
 
     Attributes:
+        include: Name of a goal graph beside this one, else of the library; or the graph itself.
+        arguments: Values of its parameters (`with`); may hold `${parameter}` and `${node.outputs.name}`.
+        after: Edges to what begins in it; those on failure to every node of it.
+        accept: Judged at the end of the goal; without it the graph's own acceptance is, unless the include waits for a
+            failure.
+    """
+
+    include: str | dict[str, Any]
+    arguments: dict[str, Any] = pydantic.Field(default_factory=dict, alias="with")
+    after: tuple[Edge, ...] = ()
+    accept: tuple[str, ...] | None = None
+
+
+class GoalSpec(Authored):
+    """One goal graph as it is pursued: each parameter has its value, and each include has become its nodes.
+
+    Attributes:
+        parameters: Values that `--set NAME=VALUE` or an `include` gives; `${name}` stands for one, wherever it is used.
         targets: Role -> name in TARGETS.md, or `any`.
         worlds: World -> roles or targets that stand in it together, as their profiles declare (`world`); a target that
             is not named stands in the world of its profile.
@@ -136,6 +183,7 @@ class GoalSpec(Authored):
     goal: str = pydantic.Field(pattern=NODE_NAME)
     objective: str
     scene: str
+    parameters: dict[Annotated[str, pydantic.Field(pattern=NODE_NAME)], GraphParameter] = {}
     targets: dict[str, str] = {}
     worlds: dict[str, tuple[str, ...]] = {}
     constraints: tuple[str, ...] = ()
@@ -145,3 +193,9 @@ class GoalSpec(Authored):
     budget: Budget = Budget()
     interchangeable: tuple[tuple[str, ...], ...] = ()
     described: dict[Annotated[str, pydantic.Field(pattern=NODE_NAME)], str] = {}
+
+
+class GoalFile(GoalSpec):
+    """One goal graph as authored: `sessions` may hold includes."""
+
+    sessions: dict[str, NodeSpec | Include] = pydantic.Field(min_length=1)  # type: ignore[assignment]  # only wider

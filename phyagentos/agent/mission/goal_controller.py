@@ -89,6 +89,7 @@ class GoalController:
                 "skill": self.graph.choices[name].skill,
                 "target": self.graph.choices[name].target,
                 "after": list(node.after),
+                **({"on_failure": node.on_failure} if node.on_failure else {}),
                 "reasons": list(self.graph.choices[name].reasons),
             }
             for name, node in self.graph.nodes.items()
@@ -97,7 +98,7 @@ class GoalController:
         judged = {"accept": list(spec.accept), "constraints": list(spec.constraints)}
         names = list(nodes)
         parts = [names[index : index + NODES_A_RECORD] for index in range(0, len(names), NODES_A_RECORD)]
-        first = [name for name in self.graph.order if not self.graph.nodes[name].after]
+        first = [name for name in self.graph.order if not self.graph.nodes[name].predecessors]
         return [
             self._note(GoalEvent.GOAL_SUBMITTED, asked),
             *(self._note(GoalEvent.GOAL_COMPILED, {"nodes": {n: nodes[n] for n in part}, **judged}) for part in parts),
@@ -200,18 +201,28 @@ class GoalController:
         if latest is not None and latest.state == SessionState.CANCELLED:
             return [self._drafter.note(name, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
         waits_for_restoration = latest is not None and latest.state == SessionState.REPLANNED
+        if node.state is NodeState.BLOCKED and self._facts.is_rescued(name):
+            by = join((node.reason, f"made up for by {', '.join(self.graph.rescuers[name])}"))
+            return [self._drafter.note(name, GoalEvent.NODE_RESCUED, by)]
         if node.state not in _OPEN and not waits_for_restoration:
             return []
+        if (is_taken := self._facts.is_taken(name)) is not True:
+            why = "its branch is not taken: what it waits for did not fail"
+            return [self._drafter.note(name, GoalEvent.NODE_SKIPPED, why)] if is_taken is False else []
         dag = self.worklist.dag
         waits = dag.count_open(name) > 0
         missing = dag.find_open(name, further=not waits) if waits or node.sessions else []
         for before in missing:
-            if before in blocked or self._facts.get_state(before) is NodeState.BLOCKED:
+            is_blocked = before in blocked or self._facts.get_state(before) is NodeState.BLOCKED
+            if is_blocked and self._facts.is_rescued(before) is False:
                 return [self._drafter.note(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
         if waits:
             return []
         if missing:  # what it had begun with has been undone further back
             return [self._recovery.wait_for(missing, name)]
+        if self._facts.is_left_out(name):
+            why = "its branch is not taken: what it waits for was not done either"
+            return [self._drafter.note(name, GoalEvent.NODE_SKIPPED, why)]
         return self._start((name,), {}) if latest is None else self._recovery.go_on(latest)
 
     def _start(self, names: Iterable[str], fresh: Mapping[str, Mapping[str, Any]]) -> list[Entry]:
@@ -268,7 +279,7 @@ class GoalController:
             return []
         for status in self._facts.find_ended():
             self._evidence.take_in(status)
-        blocked = {name: n.reason for name, n in self.status.nodes.items() if n.state is NodeState.BLOCKED}
+        blocked = self._facts.find_first_cause()
         outcome = judge_goal(self.graph, self._evidence, blocked)
         mode = self._verifier.mode
         if mode is VerificationMode.OFF and not blocked:
@@ -293,11 +304,12 @@ class GoalController:
         return [self._note(GoalEvent.GOAL_VERDICT, body)]
 
     def _find_freed_by(self, node: str, fresh: Mapping[str, Any]) -> list[str]:
-        """Nodes that wait for nothing else once `node` and the other `fresh` ones are done."""
+        """Nodes that wait for nothing else once `node` and the other `fresh` ones are done; branches come later."""
         return [
             name
             for name in self.worklist.dag.find_next(node)
-            if self._facts.get_state(name) is NodeState.WAITING
+            if not self.graph.rescuers
+            and self._facts.get_state(name) is NodeState.WAITING
             and self.worklist.dag.count_open(name) <= len(fresh)
             and fresh.keys() >= set(self.worklist.dag.find_open(name))
         ]

@@ -15,7 +15,8 @@ from phyagentos.protocol.world.predicates.predicate import iter_entities, parse_
 from phyagentos.store.ledger import Ledger
 
 LOOKAHEAD_LOW = "LOOKAHEAD_LOW"  # preflight's code for a session whose simulation went too badly
-_BEGUN = (NodeState.ACTIVE, NodeState.DONE, NodeState.BLOCKED)
+_OVER = frozenset({NodeState.DONE, NodeState.BLOCKED, NodeState.SKIPPED, NodeState.RESCUED})
+_BEGUN = _OVER | {NodeState.ACTIVE}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +40,36 @@ class GoalFacts:
     def get_state(self, name: str) -> NodeState:
         """Of a node."""
         return self.ledger.goals[self.goal].nodes[name].state
+
+    def is_taken(self, name: str) -> bool | None:
+        """Whether every edge on failure to a node has a failure; None while one is undecided."""
+        edges = [[self.get_state(each) for each in edge] for edge in self.graph.nodes[name].on_failure]
+        if any(state not in _OVER for edge in edges for state in edge):
+            return None
+        return all(NodeState.BLOCKED in edge or NodeState.RESCUED in edge for edge in edges)
+
+    def is_left_out(self, name: str) -> bool:
+        """Whether of all that a node waits for, or takes an output of, nothing was to be done."""
+        node = self.graph.nodes[name]
+        skipped = {each for each in node.after if self.get_state(each) is NodeState.SKIPPED}
+        return bool(skipped) and (skipped >= set(node.after) or any(edge.node in skipped for edge in node.data))
+
+    def is_rescued(self, name: str) -> bool | None:
+        """Whether the branches on the failure of a node succeeded; None while one is open."""
+        states = {self.get_state(each) for each in self.graph.rescuers.get(name, ())}
+        return NodeState.BLOCKED not in states and NodeState.DONE in states if states <= _OVER else None
+
+    def find_first_cause(self) -> dict[str, str]:
+        """Of the nodes that cannot be done the one that failed first -> why, its first failure before its last one."""
+        nodes = self.ledger.goals[self.goal].nodes
+        blocked = [name for name in self.graph.order if nodes[name].state is NodeState.BLOCKED]
+        own = [each for name in blocked for each in self.get_sessions(name) if not each.contract.purpose]
+        missed = [each for each in own if each.state in FINAL_STATES and each.state != SessionState.SUCCEEDED]
+        first = min(missed, key=lambda each: each.updated_at, default=None)
+        if first is None:
+            return {name: nodes[name].reason for name in blocked[:1]}
+        why, last = (first.decision or first).reason.rstrip("."), nodes[first.contract.node].reason
+        return {first.contract.node: last if why in last else f"{why}; in the end: {last}"}
 
     def find_own(self, name: str) -> SessionStatus | None:
         """The latest session of a node that pursued its objective."""

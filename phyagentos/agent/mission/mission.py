@@ -13,8 +13,7 @@ import yaml
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.compiler import SessionCompiler
-from phyagentos.agent.goals.graph import GoalGraph, override_yaml, read_goal_graph
-from phyagentos.agent.goals.spec import GoalSpec
+from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.memory.advice import Advisor, NoAdvice
@@ -25,7 +24,6 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.markdown import publish
-from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.sessions.lifecycle import Fenced, IllegalTransition
 from phyagentos.protocol.sessions.session import GoalId, check_goal_id
 from phyagentos.protocol.sessions.tasks import GoalStatus
@@ -112,11 +110,10 @@ class Mission:
         id = check_goal_id(chosen, "goal id")
         file = self._workspace.goal_file_of(id)
         if self._journal.knows(f"goal:{id}"):
-            self._check_same(graph, graph_file, id, file)
+            self._check_same(graph, read_goal_graph(file, catalogue), graph_file, id)
             return self.resume(id)
-        if overrides:
-            data = override_yaml(read_yaml(graph_file), overrides).data
-            replace_durably(file, yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode())
+        if graph.bundle is not None:
+            replace_durably(file, yaml.safe_dump(graph.bundle, sort_keys=False, allow_unicode=True).encode())
         elif file.resolve() != graph_file.resolve():
             replace_durably(file, graph_file.read_bytes())
         controller = self._make_controller(SessionCompiler(graph=graph, catalogue=catalogue, goal=id, seed=seed))
@@ -163,10 +160,11 @@ class Mission:
             policy=self._policy,
         )
 
-    def _check_same(self, graph: GoalGraph, graph_file: Path, goal: GoalId, file: Path) -> None:
-        """Refuse a goal id that belongs to another graph."""
-        if validate(GoalSpec, read_yaml(file)) == graph.spec:
+    def _check_same(self, graph: GoalGraph, own: GoalGraph, graph_file: Path, goal: GoalId) -> None:
+        """Refuse a goal id that belongs to another graph (`own`)."""
+        if own.spec == graph.spec:
             return
+        file = self._workspace.goal_file_of(goal)
         state, hint = "over", "Name another goal with --goal or --seed."
         if not is_spent(goal, self.ledger, self._journal):
             state = "open"

@@ -6,7 +6,7 @@ are refused and the JSON Schema for editors comes from the same source.
 
 import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,15 +32,22 @@ class Authored(pydantic.BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """A YAML value; `marks` gives (line, column) of each path in it, counted from 1, of the key for mapping values."""
+    """A YAML value; `marks` gives (line, column) of each path in it, counted from 1, of the key for mapping values.
+
+    `origins` gives the values that come from elsewhere: where each one stands there.
+    """
 
     data: Any
     source: str
     marks: Mapping[Address, tuple[int, int]] = field(default_factory=dict)
+    origins: dict[Address, tuple["Located", Address]] = field(default_factory=dict)
 
     def address_of(self, path: Address) -> str:
         """`file:line:column` of the nearest enclosing value that is in the file."""
         for length in range(len(path), -1, -1):
+            if path[:length] in self.origins:
+                origin, place = self.origins[path[:length]]
+                return origin.address_of((*place, *path[length:]))
             mark = self.marks.get(path[:length])
             if mark:
                 return f"{self.source}:{mark[0]}:{mark[1]}"
@@ -176,7 +183,7 @@ def salvage(model: type[ModelT], located: Located, path: Address = ()) -> tuple[
     data = located.data
     for _ in range(SALVAGE_ROUNDS):
         try:
-            return validate(model, Located(data, located.source, located.marks), path), problems
+            return validate(model, replace(located, data=data), path), problems
         except DefinitionError as error:
             cause = error.__cause__
             data = data if problems else copy.deepcopy(data)

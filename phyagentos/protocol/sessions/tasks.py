@@ -28,6 +28,10 @@ class NodeState(StrEnum):
     """It cannot be done."""
     INVALIDATED = "invalidated"
     """It was done, and holds no longer."""
+    SKIPPED = "skipped"
+    """Its branch is not taken: what it waits for did not fail."""
+    RESCUED = "rescued"
+    """It failed, and the branch on its failure succeeded."""
 
 
 class Relation(StrEnum):
@@ -35,6 +39,8 @@ class Relation(StrEnum):
 
     AFTER = "after"
     """As authored."""
+    ON_FAILURE = "on failure"
+    """As authored: the step is taken when the other one cannot be done."""
     REPLAN = "replan"
     """The child does differently what its parent did not achieve."""
     CLEARS = "clears"
@@ -71,6 +77,7 @@ class NodeStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         state: See `NodeState`.
         after: Nodes that come first.
+        on_failure: Edges on failure: of each one the nodes of which at least one must have failed.
         sessions: Its sessions, oldest first.
         objective: In words, for people.
         skill: As compiled.
@@ -82,6 +89,7 @@ class NodeStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     state: NodeState = NodeState.WAITING
     after: tuple[str, ...] = ()
+    on_failure: tuple[tuple[str, ...], ...] = ()
     sessions: tuple[SessionId, ...] = ()
     objective: str = ""
     skill: str = ""
@@ -189,6 +197,7 @@ def iter_edges(goal: GoalStatus) -> Iterator[Edge]:
     }
     for name, node in goal.nodes.items():
         found = [(before, name, Relation.AFTER) for before in node.after]
+        found += [(before, name, Relation.ON_FAILURE) for edge in node.on_failure for before in edge]
         for each in node.replans:
             step, parent = get_step_name(goal.id, each.child), get_step_name(goal.id, each.session)
             found += [(before, step, Relation.RESTORES) for before in each.after]

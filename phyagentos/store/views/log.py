@@ -39,6 +39,8 @@ _PLAIN = {
     GoalEvent.NODE_READY.value: "ready",
     GoalEvent.NODE_DONE.value: "done",
     GoalEvent.NODE_BLOCKED.value: "cannot be done",
+    GoalEvent.NODE_SKIPPED.value: "not taken",
+    GoalEvent.NODE_RESCUED.value: "made up for",
     GoalEvent.INVALIDATED.value: "holds no longer",
     GoalEvent.NODE_WAITS.value: "waits",
     GoalEvent.BUDGET_SPENT.value: "a replan was paid for",

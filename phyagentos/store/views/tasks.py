@@ -38,6 +38,8 @@ _COLORS = {
     tasks.NodeState.DONE: "fill:#e8f5e9,stroke:#43a047,color:#1b5e20",
     tasks.NodeState.BLOCKED: "fill:#ffebee,stroke:#e53935,color:#b71c1c",
     tasks.NodeState.INVALIDATED: "fill:#f3e5f5,stroke:#8e24aa,color:#4a148c",
+    tasks.NodeState.SKIPPED: "fill:#fafafa,stroke:#b0bec5,color:#78909c",
+    tasks.NodeState.RESCUED: "fill:#f9fbe7,stroke:#9e9d24,color:#827717",
     tasks.PAST: "fill:#ffffff,stroke:#90a4ae,color:#546e7a",
 }
 
@@ -119,7 +121,7 @@ def _render_nodes(goal: tasks.GoalStatus, ledger: Ledger) -> str:
             node.state.value,
             node.objective,
             f"{node.skill} on {node.target}" if node.target else node.skill,
-            ", ".join(node.after),
+            ", ".join((*node.after, *(f"{' or '.join(edge)} on failure" for edge in node.on_failure))),
             ", ".join(_describe_session(ledger, id) for id in node.sessions),
             "; ".join((node.reason, *node.reasons)) if node.reason else "; ".join(node.reasons),
         )
