@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from phyagentos.cli.arguments import FOLDERS, open_library
-from phyagentos.errors import DefinitionError, Problem, format_hint
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
 from phyagentos.protocol.capabilities.targets import TARGETS, find_unshared
-from phyagentos.protocol.documents.schema import read_text, read_yaml
+from phyagentos.protocol.documents.schema import Located, read_text, read_yaml
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
 from phyagentos.store.document_registry import FORMATS, check_document
 
@@ -108,6 +108,18 @@ def find_kind(path: Path) -> FileKind | None:
     return _FOLDERS.get(parents[-1]) if parents else None
 
 
+def find_other_kind(path: Path, wanted: FileKind) -> list[Problem]:
+    """The problem of a file that is of another kind than is asked for; none where its kind is not known."""
+    kind = find_kind(path)
+    if kind in (None, wanted):
+        return []
+    folder = next(name for name, each in _FOLDERS.items() if each is wanted)
+    names = {each.stem for root in open_library(path).roots for each in (root / folder).glob("*.yaml")}
+    located = read_yaml(path) if path.suffix in {".yaml", ".yml"} else Located(None, f"{path}:1:1")
+    key = next((key for key, each in _KEYS.items() if each is kind), "")
+    return [located.problem("WRONG_KIND", (key,), f"a file of kind {kind}", f"{wanted}, as {format_names(names)}")]
+
+
 def _read_keys(path: Path) -> list[str]:
     try:
         data: Any = read_yaml(path).data
@@ -154,9 +166,9 @@ def _check(kind: FileKind, path: Path, library: Library) -> None:
             found = check_loaded_tree(tree, library, build_registry(library)) if tree is not None else ()
             problems = [*problems, *found]
         case FileKind.SCENE:
-            from phyagentos.protocol.world.scenes import read_scene
+            from phyagentos.runtime.models.scene_start import find_start_problems
 
-            read_scene(path)
+            problems = find_start_problems(path)
         case FileKind.TARGET:
             from phyagentos.agent.goals.catalogue import Catalogue
 

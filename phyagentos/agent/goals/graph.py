@@ -76,7 +76,7 @@ def read_goal_graph(path: Path, catalogue: Catalogue, overrides: Mapping[str, st
         DefinitionError: With every problem of the file.
     """
     graph, problems = _load(path, catalogue, overrides or {})
-    if graph is None or problems:
+    if graph is None:
         raise DefinitionError(problems)
     return graph
 
@@ -126,9 +126,8 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
     choices, more = checks.check_bindings(dag, order)
     by_finding = {(problem.code, problem.address, problem.found): problem for problem in reversed([*problems, *more])}
     unique = list(reversed(by_finding.values()))
-    if len(choices) < len(nodes):
+    if unique or len(choices) < len(nodes):
         return None, unique
-    warnings = () if unique else tuple(checks.iter_warnings())
     graph = GoalGraph(
         spec=spec,
         source=located.source,
@@ -138,9 +137,9 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
         order=order,
         brought=(brought := _find_brought(choices, catalogue)),
         kept=_find_kept(spec, nodes, choices, {thing for thing, _ in brought.values()}),
-        warnings=warnings,
+        warnings=tuple(checks.iter_warnings()),
     )
-    return graph, unique
+    return graph, []
 
 
 def _find_brought(choices: Mapping[str, Choice], catalogue: Catalogue) -> dict[str, tuple[str, str]]:
