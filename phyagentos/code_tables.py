@@ -158,6 +158,7 @@ LIMIT_EMPTY              The least value of a limit is not below its greatest.
 LIMIT_TOO_NARROW         A limit of safety.yaml leaves no session room to do anything.
 LIMIT_UNENFORCEABLE      The live target does not declare what a limit of safety.yaml is compared with, or falsely.
 LIMIT_WIDER              A limit of safety.yaml is wider than the target's own.
+NEVER_SEEN               An argument names a thing of the scene that no look has shown.
 NO_TOKEN                 The key of a target that is served elsewhere is missing, or others can read it.
 NO_DRIVER                No driver moves a target of this kind, or none of the name that the profile gives.
 NOT_CHECKED              A session was to run without a preflight.

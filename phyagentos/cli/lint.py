@@ -13,7 +13,7 @@ from phyagentos.errors import DefinitionError, Problem, format_hint, format_name
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
 from phyagentos.protocol.capabilities.targets import TARGETS, find_unshared
-from phyagentos.protocol.documents.schema import Located, read_text, read_yaml
+from phyagentos.protocol.documents.schema import read_text, read_yaml
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
 from phyagentos.store.document_registry import FORMATS, check_document
 
@@ -115,9 +115,7 @@ def find_other_kind(path: Path, wanted: FileKind) -> list[Problem]:
         return []
     folder = next(name for name, each in _FOLDERS.items() if each is wanted)
     names = {each.stem for root in open_library(path).roots for each in (root / folder).glob("*.yaml")}
-    located = read_yaml(path) if path.suffix in {".yaml", ".yml"} else Located(None, f"{path}:1:1")
-    key = next((key for key, each in _KEYS.items() if each is kind), "")
-    return [located.problem("WRONG_KIND", (key,), f"a file of kind {kind}", f"{wanted}, as {format_names(names)}")]
+    return [Problem("WRONG_KIND", f"{path}:1:1", f"a file of kind {kind}", f"{wanted}, as {format_names(names)}")]
 
 
 def _read_keys(path: Path) -> list[str]:

@@ -294,49 +294,34 @@ def _strip_tags(data: Any, path: Address) -> Address:
     return tuple(kept)
 
 
-_PHRASES = {  # by pydantic's type of error, as far as it ends; its sentences are written for programmers
+_PHRASES = {  # by pydantic's kind of error; its own sentences are written for programmers
     "greater_than": "a number greater than {gt}",
     "greater_than_equal": "a number of at least {ge}",
     "less_than": "a number less than {lt}",
     "less_than_equal": "a number of at most {le}",
     "finite_number": "a finite number",
-    "float_type": "a number",
-    "float_parsing": "a number",
-    "int_type": "a whole number",
-    "int_parsing": "a whole number",
+    "float": "a number",
+    "int": "a whole number",
     "int_from_float": "a whole number",
-    "bool_type": "true or false",
-    "bool_parsing": "true or false",
-    "string_type": "a text",
-    "string_too_short": "at least {min_length} letters",
-    "string_too_long": "at most {max_length} letters",
+    "bool": "true or false",
+    "string": "a text",
     "string_pattern_mismatch": "a text that matches {pattern}",
     "too_short": "at least {min_length} of them",
     "too_long": "{max_length} values",
-    "tuple_type": "a list",
-    "list_type": "a list",
-    "frozen_set_type": "a list",
-    "dict_type": "a mapping",
-    "model_type": "a mapping",
+    "tuple": "a list",
+    "list": "a list",
+    "dict": "a mapping",
+    "model": "a mapping",
     "value_error": "{error}",
 }
 
 
 def _phrase(kind: str, facts: Mapping[str, Any]) -> str:
+    kind = kind.removesuffix("_type").removesuffix("_parsing")
     return _PHRASES.get(kind, f"another value ({kind.replace('_', ' ')})").format_map(facts)
 
 
-_UNITS = {
-    "m": "m",
-    "kg": "kg",
-    "s": "s",
-    "rad": "rad",
-    "deg": "degrees",
-    "hz": "Hz",
-    "n": "N",
-    "nm": "N m",
-    "px": "pixels",
-}
+_UNITS = frozenset({"m", "kg", "s", "rad", "deg", "hz", "n", "nm", "px"})  # at the end of a key
 
 
 def _advise(kind: str, key: str, facts: Mapping[str, Any]) -> str:
@@ -344,8 +329,8 @@ def _advise(kind: str, key: str, facts: Mapping[str, Any]) -> str:
     if kind == "too_long":
         more = facts["max_length"] - facts["actual_length"]
         return f"Add {more}." if more > 0 else f"Remove {-more}."
-    unit = _UNITS.get(key.rpartition("_")[2], "") if "_" in key else ""
-    return f"{key!r} is in {unit}; write the number alone." if unit else ""
+    _, mark, unit = key.rpartition("_")
+    return f"{key!r} is in {unit}; write the number alone." if mark and unit in _UNITS else ""
 
 
 def _show(value: object) -> str:

@@ -32,7 +32,9 @@ def find_start_problems(path: Path, seed: int | None = None, robot: Robot | None
     spec, located = read_scene(path), read_yaml(path)
     for each in SEEDS if seed is None else (seed,):
         try:
-            model = _compile(spec, each, robot)
+            if robot is None:
+                add_scene(world := mujoco.MjSpec(), spec, draw_bodies(spec, each))
+            model = compile_scene([robot], spec, each).model if robot is not None else world.compile()
         except ExecutionError as error:
             return [located.problem(error.code, ("areas",), str(error).partition(": ")[2])]
         data = mujoco.MjData(model)
@@ -40,14 +42,6 @@ def find_start_problems(path: Path, seed: int | None = None, robot: Robot | None
         if problems := [*_iter_overlaps(spec, located, model, data), *_iter_unsupported(spec, located, model, data)]:
             return problems
     return []
-
-
-def _compile(spec: SceneSpec, seed: int, robot: Robot | None) -> mujoco.MjModel:
-    if robot is not None:
-        return compile_scene([robot], spec, seed).model
-    world = mujoco.MjSpec()
-    add_scene(world, spec, draw_bodies(spec, seed))
-    return world.compile()
 
 
 def _iter_overlaps(spec: SceneSpec, located: Located, model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[Problem]:
