@@ -40,12 +40,14 @@ NOT_A_WIRING         The ports of a node are no mapping.
 NOT_COMPARED         A number stands without a comparison, or a truth with one.
 NO_CANDIDATE         No skill and target together guarantee what is asked.
 NO_SERIAL_CHAIN      The model's arm is no serial chain from base to tool.
+OVERLAP              Two bodies of a scene begin inside of each other, or one inside the robot.
 PERIODS_DIFFER       Targets of one world count on different control periods or physics steps.
 PREDICATE_SYNTAX     A predicate cannot be parsed.
 RECURSION            A tree contains itself.
 SCENE_OVERFULL       The bodies of a scene find no room without touching.
 TARGET_IN_TWO_WORLDS A goal puts one target into two worlds.
 UNCLOSED_FENCE       Nothing closes a fenced block of a document.
+UNSUPPORTED          A movable body of a scene begins in the air, with nothing below it to stand on.
 VISION_NOT_CONFIGURED The judge `vision` was asked for, and no model is configured.
 TWO_ACTIONS          A reactive composite has more than one child that takes time.
 UNKNOWN_JUDGE        An unknown judge.
@@ -77,8 +79,10 @@ WORLD_DIFFERS        A goal puts a target into another world than the target's p
 WORLD_NOT_SHARED     A driver cannot put several targets into one world.
 WORLD_SHARED         A session of a shared world cannot be repeated alone.
 WRONG_DOCUMENT       The front matter names another document.
+WRONG_KIND           A file is of another kind than a command takes.
 WRONG_LENGTH         A list has not one value per joint.
 WRONG_TYPE           A mapping, list or text stands where another kind belongs.
+WRONG_SCALE          A movable body of a scene is so large that its sizes are probably no metres.
 WRONG_UNIT           A limit is given in another unit than its check uses.
 YAML_SYNTAX          The text is not YAML, holds a value that does not fit its form or tag, or stands for too many.
 """
@@ -159,6 +163,7 @@ LIMIT_EMPTY              The least value of a limit is not below its greatest.
 LIMIT_TOO_NARROW         A limit of safety.yaml leaves no session room to do anything.
 LIMIT_UNENFORCEABLE      The live target does not declare what a limit of safety.yaml is compared with, or falsely.
 LIMIT_WIDER              A limit of safety.yaml is wider than the target's own.
+NEVER_SEEN               An argument names a thing of the scene that no look has shown.
 NO_TOKEN                 The key of a target that is served elsewhere is missing, or others can read it.
 NO_DRIVER                No driver moves a target of this kind, or none of the name that the profile gives.
 NOT_CHECKED              A session was to run without a preflight.

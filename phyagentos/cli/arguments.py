@@ -64,6 +64,12 @@ def get_file(argument: Path, folder: str) -> Path:
     raise DefinitionError.of("UNKNOWN_FILE", str(argument), "no such file", expected, format_hint(argument.stem, known))
 
 
+def get_settings(name: str, library: Library, workspace: Path | None) -> Path | None:
+    """A settings file of a workspace that is there already, else the one that a new workspace gets."""
+    folders = (*([workspace] if workspace is not None else []), *(root / "protocol" for root in library.roots))
+    return next((folder / name for folder in folders if (folder / name).is_file()), None)
+
+
 def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
     """`["cube=red", "targets.arm=ur5e"]` as `{"parameters.cube.default": "red", "targets.arm": "ur5e"}`, or Exit."""
     pairs = [text.partition("=") for text in texts or ()]

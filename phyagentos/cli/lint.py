@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from phyagentos.cli.arguments import FOLDERS, open_library
-from phyagentos.errors import DefinitionError, Problem, format_hint
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
 from phyagentos.protocol.capabilities.targets import TARGETS, find_unshared
@@ -114,6 +114,16 @@ def find_kind(path: Path) -> FileKind | None:
     return _FOLDERS.get(parents[-1]) if parents else None
 
 
+def find_other_kind(path: Path, wanted: FileKind) -> list[Problem]:
+    """The problem of a file that is of another kind than is asked for; none where its kind is not known."""
+    kind = find_kind(path)
+    if kind in (None, wanted):
+        return []
+    folder = next(name for name, each in _FOLDERS.items() if each is wanted)
+    names = {each.stem for root in open_library(path).roots for each in (root / folder).glob("*.yaml")}
+    return [Problem("WRONG_KIND", f"{path}:1:1", f"a file of kind {kind}", f"{wanted}, as {format_names(names)}")]
+
+
 def _read_keys(path: Path) -> list[str]:
     try:
         data: Any = read_yaml(path).data
@@ -161,9 +171,9 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             found = check_loaded_tree(tree, library, registry) if tree is not None else ()
             problems = [*problems, *found]
         case FileKind.SCENE:
-            from phyagentos.protocol.world.scenes import read_scene
+            from phyagentos.runtime.models.scene_start import find_start_problems
 
-            read_scene(path)
+            problems = find_start_problems(path)
         case FileKind.TARGET:
             from phyagentos.agent.goals.catalogue import Catalogue
 

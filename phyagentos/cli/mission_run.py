@@ -20,24 +20,26 @@ from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.mission.mission import choose_goal
 from phyagentos.assembly.paths import choose_folder, serve_alone
 from phyagentos.assembly.planes import Plane, start_watch
-from phyagentos.cli.arguments import get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import get_file, get_settings, open_library, parse_overrides
 from phyagentos.cli.console import CleanConsole, RunConsole
-from phyagentos.cli.lint import lint_file
+from phyagentos.cli.lint import FileKind, find_other_kind, lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note
+from phyagentos.cli.planted_faults import iter_misses
 from phyagentos.cli.progress import RunFold
 from phyagentos.cli.report import build_report, compute_exit_code, print_report
 from phyagentos.cli.stopping import cancel_unheld
 from phyagentos.cli.trusting import admit_python
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError, ExecutionError, Problem
-from phyagentos.protocol.documents.schema import Address, read_yaml
+from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions.estop import read_latch
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.perception import Prior, Sensing, declare_sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode, declare_world_mode
+from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.store.admission import GOAL_PREFIX, GoalEvent
 from phyagentos.store.journal import Entry, IllegalEvent, Journal
 from phyagentos.store.watch import Watch
@@ -116,7 +118,7 @@ def run_mission(order: Order, clock: Clock | None = None) -> int:
     clock = clock or SystemClock()
     graph = get_file(order.graph, "goal_graphs")
     faults = get_file(order.faults, "faults") if order.faults is not None else None
-    compiled = lint_order(graph, faults, parse_overrides(order.overrides))
+    compiled = lint_order(graph, faults, parse_overrides(order.overrides), order.workspace)
     root = order.workspace or choose_workspace(graph.stem, order.seed)
     admit_python(root, graph, is_trusted=order.trusts_python)
     workspace = Workspace.create(root, open_library(graph))
@@ -167,44 +169,39 @@ def run_planes(
     return fold
 
 
-def lint_order(graph: Path, faults: Path | None, overrides: Mapping[str, str]) -> GoalGraph:
+def lint_order(
+    graph: Path, faults: Path | None, overrides: Mapping[str, str], workspace: Path | None = None
+) -> GoalGraph:
     """The graph, once it, the scene and skills that it names, and the faults are in order; loads no simulator.
 
-    Ports of trees against leaves are left to preflight, which knows the leaves of the worker.
+    Ports of trees against leaves, and how the scene begins, are left to preflight.
 
     Raises:
         DefinitionError: With every problem.
     """
     library = open_library(graph)
-    problems = lint_file(faults) if faults is not None else []
+    if problems := find_other_kind(graph, FileKind.GOAL_GRAPH):
+        raise DefinitionError(problems)
+    if faults is not None:
+        problems = find_other_kind(faults, FileKind.FAULTS) or lint_file(faults)
     try:
-        compiled = read_goal_graph(graph, Catalogue.read(library), overrides)
+        compiled = read_goal_graph(graph, catalogue := Catalogue.read(library), overrides)
     except DefinitionError as error:
         raise DefinitionError([*error.problems, *problems]) from error
-    scene = library.get_scene(compiled.spec.scene)
-    if faults is not None and not problems:
-        problems += iter_misses(faults, scene)
-    files = [scene]
-    files += [library.get_skill(skill) for skill in sorted({choice.skill for choice in compiled.choices.values()})]
+    try:
+        bodies = read_scene(library.get_scene(compiled.spec.scene)).bodies
+        if faults is not None and not problems:
+            targets = {catalogue.targets[choice.target] for choice in compiled.choices.values()}
+            joints = {joint for target in targets for joint in target.arm.joints}
+            sensors = get_settings("sensors.yaml", library, workspace)
+            cameras = read_sensors(sensors).cameras if sensors is not None else None
+            problems += iter_misses(faults, bodies, joints, cameras)
+    except DefinitionError as error:
+        problems += error.problems
+    files = [library.get_skill(skill) for skill in sorted({choice.skill for choice in compiled.choices.values()})]
     if problems := [*(problem for file in files for problem in lint_file(file)), *problems]:
         raise DefinitionError(problems)
     return compiled
-
-
-def iter_misses(faults: Path, scene: Path) -> Iterator[Problem]:
-    """Faults on things that the scene does not have: they would never strike."""
-    located = read_yaml(faults)
-    bodies = read_yaml(scene).data.get("bodies", {})
-    named: list[tuple[Address, str]] = [
-        (("faults", index, "object"), fault["object"])
-        for index, fault in enumerate(located.data.get("faults") or ())
-        if fault.get("object")
-    ]
-    drawn = (located.data.get("draw") or {}).get("objects", ())
-    named += [(("draw", "objects", index), name) for index, name in enumerate(drawn)]
-    for path, name in named:
-        if name not in bodies:
-            yield located.unknown("UNKNOWN_ENTITY", path, name, bodies)
 
 
 def choose_workspace(name: str, seed: int) -> Path:

@@ -1,21 +1,41 @@
-"""Which faults of a run's fault file never struck: a run that met its goal without them shows nothing about them."""
+"""Which faults of a run's fault file cannot strike, and which never struck: about them a run shows nothing."""
 
+import fnmatch
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import msgspec
 
 from phyagentos.assembly.paths import FAULTS as FILE
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions.evidence import FAULTS
-from phyagentos.protocol.world.faults import Stall, read_faults
+from phyagentos.protocol.world.faults import CameraFault, Stall, read_faults
 
 
 class _Strike(msgspec.Struct, frozen=True):
     kind: str
     time_s: float
     details: dict[str, object]
+
+
+def iter_misses(
+    path: Path, bodies: Collection[str], joints: Collection[str], cameras: Collection[str] | None
+) -> Iterator[Problem]:
+    """Names of a sound fault file that scene, robot and sensors.yaml do not have; None for cameras not known."""
+    located, file = read_yaml(path), read_faults(path)
+    for index, fault in enumerate(file.faults):
+        place = ("faults", index)
+        if fault.object and fault.object not in bodies:
+            yield located.unknown("UNKNOWN_ENTITY", (*place, "object"), fault.object, bodies)
+        if isinstance(fault, Stall) and fault.joint not in joints:
+            yield located.unknown("JOINT_UNKNOWN", (*place, "joint"), fault.joint, joints)
+        if isinstance(fault, CameraFault) and cameras is not None and not fnmatch.filter(cameras, fault.camera):
+            yield located.unknown("UNKNOWN_SENSOR", (*place, "camera"), fault.camera, cameras)
+    for index, name in enumerate(file.draw.objects if file.draw is not None else ()):
+        if name not in bodies:
+            yield located.unknown("UNKNOWN_ENTITY", ("draw", "objects", index), name, bodies)
 
 
 def find_unstruck(workspace: Path) -> tuple[str, ...]:

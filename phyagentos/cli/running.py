@@ -12,6 +12,7 @@ import typer
 
 from phyagentos.cli.arguments import Overrides, TrustPython, get_file, open_library, parse_overrides
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.settings.perception import Prior, Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.settings.verification_mode import VerificationMode
@@ -112,13 +113,17 @@ def watch(
 ) -> None:
     """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
     from phyagentos.assembly.runtime_plane import run_watch
+    from phyagentos.cli.lint import FileKind, find_other_kind, lint_file
     from phyagentos.cli.trusting import admit_python
 
+    file = get_file(faults, "faults") if faults is not None else None
+    if file is not None and (problems := find_other_kind(file, FileKind.FAULTS) or lint_file(file)):
+        raise DefinitionError(problems)
     _prepare(with_parent, f"runtime of {workspace}: claims, checks and runs what an agent submits; Ctrl-C ends")
     admit_python(workspace, is_trusted=trust_python)
     run_watch(
         workspace,
-        faults=get_file(faults, "faults") if faults is not None else None,
+        faults=file,
         pictures=not no_pictures,
         once_idle=once_idle,
         world_mode=world_mode,

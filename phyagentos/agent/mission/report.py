@@ -13,7 +13,9 @@ from phyagentos.store.ledger import Ledger
 
 CANCELLED = "cancelled"
 
-_OF_WORLD = frozenset({"PRECONDITION_UNMET", "HOLD_BROKEN", "ENTITY_UNKNOWN"})  # found in the world, not on paper
+_OF_WORLD = frozenset(
+    {"PRECONDITION_UNMET", "HOLD_BROKEN", "ENTITY_UNKNOWN", "NEVER_SEEN"}
+)  # found in the world, not on paper
 
 
 class SessionReport(msgspec.Struct, frozen=True, kw_only=True):

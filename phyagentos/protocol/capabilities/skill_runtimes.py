@@ -43,6 +43,7 @@ class Parameter(Authored):
         optional: Whether it may be left out without a default.
         choices: The only values, where there are few.
         kinds: Kinds of the things that it may name; any without.
+        mechanism: How the thing that it names has to move, where that matters.
         minimum: Smallest number.
         maximum: Largest number.
     """
@@ -54,6 +55,7 @@ class Parameter(Authored):
     optional: bool = False
     choices: tuple[str, ...] = ()
     kinds: tuple[str, ...] = ()
+    mechanism: Literal["slide", "hinge"] | None = None
     minimum: float | None = None
     maximum: float | None = None
 

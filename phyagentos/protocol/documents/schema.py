@@ -5,13 +5,14 @@ are refused and the JSON Schema for editors comes from the same source.
 """
 
 import copy
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import pydantic
 import yaml
+from pydantic_core import PydanticCustomError
 
 from phyagentos.errors import DefinitionError, Problem, find_nearest, format_hint
 from phyagentos.protocol.documents.regular_files import read_regular
@@ -21,6 +22,7 @@ Loader: type[yaml.SafeLoader] = type("Loader", (getattr(yaml, "CSafeLoader", yam
 NUMBER_LETTERS_MAX = 400  # of a number, date or truth value; a million letters would be worked on for hours
 Address = tuple[str | int, ...]
 ModelT = TypeVar("ModelT", bound="Authored")
+SHOWN = 12  # values of a list that a message shows
 SALVAGE_ROUNDS = 4  # dropping a value may make its owner incomplete, and so on up
 
 
@@ -168,7 +170,8 @@ def validate(model: type[ModelT], located: Located, path: Address = ()) -> Model
     try:
         return model.model_validate(data)
     except pydantic.ValidationError as error:
-        raise DefinitionError([_to_problem(model, located, path, item) for item in error.errors()]) from error
+        items = _join_arities(error.errors())
+        raise DefinitionError([_to_problem(model, located, path, item) for item in items]) from error
 
 
 def salvage(model: type[ModelT], located: Located, path: Address = ()) -> tuple[ModelT | None, list[Problem]]:
@@ -190,7 +193,7 @@ def salvage(model: type[ModelT], located: Located, path: Address = ()) -> tuple[
             problems = problems or list(error.problems)
         if not isinstance(cause, pydantic.ValidationError):
             break
-        errors = cause.errors()
+        errors = list(_join_arities(cause.errors()))
         renamed = {loc for item in errors if item["type"] == "missing" for loc in _rename(data, path, item, errors)}
         for item in errors:  # without a key that it needs, a value goes as a whole
             if item["loc"] not in renamed:
@@ -214,56 +217,147 @@ def _rename(data: Any, path: Address, missing: Any, errors: Sequence[Any]) -> tu
 
 
 def _drop(data: Any, path: Address) -> None:
-    """Remove the value at a path; steps that are not in the data (tags of a union) are passed over."""
+    """Remove the value at a path from the innermost mapping on the way."""
     owner: dict[Any, Any] | None = None
     key: str | int = ""
-    for step in path:
-        if isinstance(data, dict) and step in data:
-            owner, key, data = data, step, data[step]
-        elif isinstance(data, list) and isinstance(step, int) and step < len(data):
-            data = data[step]
+    for step in _strip_tags(data, path):
+        owner, key = (data, step) if isinstance(data, dict) else (owner, key)
+        data = data[step]
     if owner is not None:
         owner.pop(key, None)
 
 
+def misfit(key: str, expected: str, hint: str = "") -> PydanticCustomError:
+    """What a validator of a model raises about the value of one of its keys, so that the problem stands there."""
+    return PydanticCustomError("misfit", "{wanted}", {"key": key, "wanted": expected, "hint": hint})
+
+
+def _check_rising(span: tuple[float, float]) -> tuple[float, float]:
+    if span[0] > span[1]:
+        raise misfit("", "the least value first, then the greatest", f"Write [{span[1]:g}, {span[0]:g}].")
+    return span
+
+
+Span = Annotated[tuple[float, float], pydantic.AfterValidator(_check_rising)]
+"""Least and greatest value."""
+
+
+def _join_arities(errors: Sequence[Any]) -> Iterator[Any]:
+    """The same errors; a tuple that is too short is one, as is one that is too long."""
+    for item in errors:
+        *owner, last = item["loc"] or ("",)
+        if item["type"] != "missing" or not isinstance(last, int):
+            yield item
+        elif last == len(item["input"]):  # the first value that is missing
+            wanted = 1 + max(each["loc"][-1] for each in errors if each["loc"][:-1] == (*owner,))
+            facts = {"max_length": wanted, "actual_length": last}
+            yield {**item, "type": "too_long", "loc": (*owner,), "ctx": facts}
+
+
 def _to_problem(model: type[Authored], located: Located, base: Address, item: Any) -> Problem:
-    path = (*base, *item["loc"])
-    kind = item["type"]
-    key = str(item["loc"][-1]) if item["loc"] else ""
+    loc, kind, facts, found = item["loc"], item["type"], item.get("ctx", {}), item.get("input")
+    path = _strip_tags(located.data, (*base, *loc))
+    key = str(loc[-1]) if loc else ""
     if kind == "extra_forbidden":
-        return located.unknown("UNKNOWN_KEY", path, key, find_fields(model, item["loc"][:-1]))
+        return located.unknown("UNKNOWN_KEY", path, key, find_fields(model, loc[:-1]))
     if kind == "missing":
-        return located.problem("MISSING_KEY", path[:-1], "nothing", f"key {key!r}", f"Add {key!r}.")
-    found = item.get("input")
-    shown = repr(found) if isinstance(found, str | int | float | bool) or found is None else type(found).__name__
-    expected = item.get("ctx", {}).get("expected") or item["msg"]
-    hint = (
-        format_hint(found, str(expected).replace("'", "").replace(" or ", ", ").split(", "))
-        if isinstance(found, str)
-        else ""
-    )
-    return located.problem("INVALID_VALUE", path, shown, str(expected), hint)
+        return located.problem("MISSING_KEY", path, "nothing", f"key {key!r}", f"Add {key!r}.")
+    if kind == "misfit":
+        path, found = ((*path, facts["key"]), found.get(facts["key"])) if facts["key"] else (path, found)
+        return located.problem("INVALID_VALUE", path, _show(found), facts["wanted"], facts["hint"])
+    if kind in {"union_tag_invalid", "union_tag_not_found"}:
+        tag = facts["discriminator"].strip("'")
+        if kind == "union_tag_not_found":
+            return located.problem("MISSING_KEY", path, "nothing", f"key {tag!r}", f"Add {tag!r}.")
+        path, found, facts = (*path, tag), facts["tag"], {"expected": facts["expected_tags"]}
+    expected = str(facts.get("expected") or _phrase(kind, facts))
+    names = expected.replace("'", "").replace(" or ", ", ").split(", ")
+    hint = format_hint(found, names) if isinstance(found, str) else ""
+    return located.problem("INVALID_VALUE", path, _show(found), expected, hint or _advise(kind, key, facts))
+
+
+def _strip_tags(data: Any, path: Address) -> Address:
+    """The steps of a path that are in the data; pydantic adds the tags of unions, and keys that are missing."""
+    kept: list[str | int] = []
+    for step in path:
+        if step in (data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ()):
+            kept.append(step)
+            data = data[step]
+    return tuple(kept)
+
+
+_PHRASES = {  # by pydantic's kind of error; its own sentences are written for programmers
+    "greater_than": "a number greater than {gt}",
+    "greater_than_equal": "a number of at least {ge}",
+    "less_than": "a number less than {lt}",
+    "less_than_equal": "a number of at most {le}",
+    "finite_number": "a finite number",
+    "float": "a number",
+    "int": "a whole number",
+    "int_from_float": "a whole number",
+    "bool": "true or false",
+    "string": "a text",
+    "string_pattern_mismatch": "a text that matches {pattern}",
+    "too_short": "at least {min_length} of them",
+    "too_long": "{max_length} values",
+    "tuple": "a list",
+    "list": "a list",
+    "dict": "a mapping",
+    "model": "a mapping",
+    "value_error": "{error}",
+}
+
+
+def _phrase(kind: str, facts: Mapping[str, Any]) -> str:
+    kind = kind.removesuffix("_type").removesuffix("_parsing")
+    return _PHRASES.get(kind, f"another value ({kind.replace('_', ' ')})").format_map(facts)
+
+
+_UNITS = frozenset({"m", "kg", "s", "rad", "deg", "hz", "n", "nm", "px"})  # at the end of a key
+
+
+def _advise(kind: str, key: str, facts: Mapping[str, Any]) -> str:
+    """What to do about a value of the wrong form; empty where what is expected says it."""
+    if kind == "too_long":
+        more = facts["max_length"] - facts["actual_length"]
+        return f"Add {more}." if more > 0 else f"Remove {-more}."
+    _, mark, unit = key.rpartition("_")
+    return f"{key!r} is in {unit}; write the number alone." if mark and unit in _UNITS else ""
+
+
+def _show(value: object) -> str:
+    """A value as it stands in a file; only the kind of what is long or nested."""
+    if isinstance(value, list | tuple) and len(value) <= SHOWN and not any(isinstance(each, dict) for each in value):
+        return f"[{', '.join(map(_show, value))}]"
+    if isinstance(value, list | tuple | dict):
+        return "a mapping" if isinstance(value, dict) else "a list"
+    return "nothing" if value is None else repr(value)
 
 
 def find_fields(model: type[Authored], loc: tuple[Any, ...]) -> list[str]:
     """Names that are possible inside `model` at the place `loc`; empty when the place is free-form."""
-    current: Any = model
+    found: list[Any] = [model]
     for step in loc:
-        if not (isinstance(current, type) and issubclass(current, pydantic.BaseModel)):
-            current = _find_model(current, step)
-            continue
-        info = next((f for n, f in current.model_fields.items() if step in (n, f.alias)), None)
-        current = info.annotation if info is not None else None
-    if not (isinstance(current, type) and issubclass(current, pydantic.BaseModel)):
-        current = _find_model(current, "")
-    if current is None:
-        return []
-    return [info.alias or name for name, info in current.model_fields.items()]
+        found = [inner for each in found for inner in _enter(each, step)]
+    models = [inner for each in found for inner in _iter_models(each)]
+    return [info.alias or name for name, info in models[0].model_fields.items()] if models else []
 
 
-def _find_model(annotation: Any, step: Any) -> Any:
-    """The model class inside an annotation such as `dict[str, Node] | None` (or the one a union tag names)."""
+def _enter(annotation: Any, step: Any) -> list[Any]:
+    """Annotations of the value at one step of pydantic's paths; the tag of a union leads to the model itself."""
     if isinstance(annotation, type) and issubclass(annotation, pydantic.BaseModel):
-        return annotation
-    candidates = [found for arg in getattr(annotation, "__args__", ()) if (found := _find_model(arg, step)) is not None]
-    return next((each for each in candidates if each.__name__ == step), candidates[0] if candidates else None)
+        fields = annotation.model_fields
+        inner = [info.annotation for name, info in fields.items() if step in (name, info.alias)]
+        is_tag = step == annotation.__name__ or any(step in get_args(info.annotation) for info in fields.values())
+        return inner or ([annotation] if is_tag else [])
+    if get_origin(annotation) in {dict, tuple, list}:
+        return [get_args(annotation)[1 if get_origin(annotation) is dict else 0]]
+    return [inner for each in get_args(annotation) for inner in _enter(each, step)]
+
+
+def _iter_models(annotation: Any) -> Iterator[type[pydantic.BaseModel]]:
+    """The models inside an annotation such as `Texture | None`."""
+    if isinstance(annotation, type) and issubclass(annotation, pydantic.BaseModel):
+        yield annotation
+    for each in get_args(annotation):
+        yield from _iter_models(each)

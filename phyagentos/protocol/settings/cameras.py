@@ -7,10 +7,9 @@ from typing import Literal
 
 import pydantic
 
-from phyagentos.protocol.documents.schema import Authored
+from phyagentos.protocol.documents.schema import Authored, Span, misfit
 
 Number3 = tuple[float, float, float]
-Span = tuple[float, float]
 CameraBackend = Literal["ray", "render"]
 
 MAX_PIXELS = 2048  # of one side
@@ -82,7 +81,7 @@ class CameraSettings(Authored):
             raise ValueError("a camera needs either fovy_deg or fx, fy, cx and cy")
         low, high = self.range_m
         if not 0.0 < low < high <= 100.0:
-            raise ValueError(f"range_m rises from above 0 to at most 100 m, found {self.range_m}")
+            raise misfit("range_m", "two rising distances above 0, at most 100 m")
         return self
 
 

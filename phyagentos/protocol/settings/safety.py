@@ -27,6 +27,7 @@ UNITS = {
     "session_duration_max": "s",
     "tracking_error_max": "rad",
 }
+CONVERSIONS = {"deg": "Multiply degrees by pi / 180.", "mm": "Divide by 1000.", "cm": "Divide by 100."}
 BOXES = ("workspace_box", "keep_out")
 PER_JOINT = tuple(name for name in UNITS if name.startswith("joint_"))  # one number, or one per joint
 NO_SOURCE = {"", "?", "-", "n/a", "none", "unknown", "tbd", "todo", "guess", "guessed"}
@@ -135,7 +136,9 @@ def _check_limits(located: Located, target: str, limits: TargetLimits) -> Iterat
         if limit.source.strip().lower() in NO_SOURCE:
             yield located.problem("UNSOURCED_LIMIT", (*at, "source"), repr(limit.source), "where the number comes from")
         if limit.unit != unit:
-            yield located.problem("WRONG_UNIT", (*at, "unit"), repr(limit.unit), unit)
+            yield located.problem(
+                "WRONG_UNIT", (*at, "unit"), repr(limit.unit), repr(unit), CONVERSIONS.get(limit.unit.split("/")[0], "")
+            )
         if path[0] in BOXES:
             yield from _check_box(located, (*at, "value"), limit)
         elif isinstance(limit.value, tuple) and not _is_per_joint(path[0], limit.value):

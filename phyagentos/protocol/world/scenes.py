@@ -4,6 +4,8 @@ Sizes are half extents in metres, angles radians, poses in the frame `world` (z 
 """
 
 import math
+import re
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -11,17 +13,24 @@ from typing import Literal
 import pydantic
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.documents.schema import Authored, Located, parse_yaml, read_text, salvage
+from phyagentos.protocol.documents.schema import Authored, Located, Span, misfit, parse_yaml, read_text, salvage
 from phyagentos.protocol.world.environment import ShapeKind
 from phyagentos.protocol.world.friction import PAIRS, Surface
 
 Number3 = tuple[float, float, float]
-Span = tuple[float, float]
+Number2 = tuple[float, float]
 Color = tuple[float, float, float, float]
 
+NAME = re.compile(r"(?!(and|or|not|count)$)[A-Za-z_][A-Za-z0-9_]*")  # as in predicates
+MOVABLE_M = 0.5  # half a metre each way: more than an arm of this size could handle
 GOLDEN_RAD = 2.399963  # between two balls of a layer: in a lattice, pixels would count them wrongly
 APART, LAYER = 1.32, 2.04  # scale of the spiral, and height of a layer, in radii of a ball: they do not touch
-_SIZES = {ShapeKind.BOX: 3, ShapeKind.CYLINDER: 2, ShapeKind.CAPSULE: 2, ShapeKind.SPHERE: 1}
+_SIZES = {
+    ShapeKind.BOX: ("half x", "half y", "half z"),
+    ShapeKind.CYLINDER: ("radius", "half height"),
+    ShapeKind.CAPSULE: ("radius", "half height"),
+    ShapeKind.SPHERE: ("radius",),
+}
 
 
 class Texture(Authored):
@@ -30,7 +39,7 @@ class Texture(Authored):
     builtin: Literal["flat", "gradient", "checker"] = "flat"
     rgb1: Number3 = (1.0, 1.0, 1.0)
     rgb2: Number3 = (0.5, 0.5, 0.5)
-    repeat: Span = (1.0, 1.0)
+    repeat: Number2 = (1.0, 1.0)
     random: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
 
 
@@ -57,8 +66,10 @@ class Solid(Authored):
 
     @pydantic.model_validator(mode="after")
     def _check_size(self) -> "Solid":
-        if len(self.size_m) != _SIZES[self.kind] or min(self.size_m) <= 0.0:
-            raise ValueError(f"a {self.kind} has {_SIZES[self.kind]} positive half sizes [m], found {self.size_m}")
+        names = _SIZES[self.kind]
+        if len(self.size_m) != len(names) or min(self.size_m) <= 0.0:
+            expected = f"the {len(names)} positive half sizes of a {self.kind} [m]"
+            raise misfit("size_m", expected, f"Write [{', '.join(names)}].")
         return self
 
 
@@ -124,10 +135,11 @@ class Joint(Authored):
 
     @pydantic.model_validator(mode="after")
     def _check_joint(self) -> "Joint":
-        if abs(sum(value * value for value in self.axis) - 1.0) > 1e-6:
-            raise ValueError(f"the axis of a joint has length 1, found {self.axis}")
+        if abs((length := math.hypot(*self.axis)) - 1.0) > 1e-6:
+            hint = f"Write [{', '.join(f'{value / length:g}' for value in self.axis)}]." if length else ""
+            raise misfit("axis", "a direction of length 1", hint)
         if not 0.0 <= self.opening[0] <= self.opening[1] <= 1.0:
-            raise ValueError(f"opening is two rising fractions, found {self.opening}")
+            raise misfit("opening", "two fractions of the travel, 0 closed to 1 open")
         return self
 
 
@@ -239,7 +251,7 @@ class SceneSpec(Authored):
     @pydantic.model_validator(mode="after")
     def _check_friction(self) -> "SceneSpec":
         if unknown := sorted(set(self.friction) - set(PAIRS)):
-            raise ValueError(f"friction: unknown pairs {', '.join(unknown)}; a pair is written as {PAIRS[1]!r}")
+            raise misfit("friction", f"pairs of surfaces, written as {PAIRS[1]!r}, not {', '.join(unknown)}")
         return self
 
     def list_balls(self) -> dict[str, Body]:
@@ -270,12 +282,34 @@ def _parse_scene(text: str, path: Path) -> SceneSpec:
     spec, problems = salvage(SceneSpec, located)
     if spec is None:
         raise DefinitionError(problems)
-    problems += _find_dangling(spec, located)
+    problems += [*_find_dangling(spec, located), *_iter_misnamed(spec, located), *_iter_oversized(spec, located)]
     if not path.with_suffix("").as_posix().endswith(f"scenes/{spec.scene}"):
         problems.append(located.problem("NAME_MISMATCH", ("scene",), repr(spec.scene), "the file's path below scenes/"))
     if problems:
         raise DefinitionError(problems)
     return spec
+
+
+def _iter_misnamed(spec: SceneSpec, located: Located) -> Iterator[Problem]:
+    """Names that no predicate could hold."""
+    for kind, names in (("bodies", spec.bodies), ("regions", spec.regions)):
+        for name in names:
+            if not NAME.fullmatch(name):
+                hint = f"Write {(re.sub(r'[^A-Za-z0-9_]+', '_', name).strip('_') or 'thing')!r}."
+                expected = "letters, digits and '_', with a letter first, as in predicates"
+                yield located.problem("INVALID_NAME", (kind, name), repr(name), expected, hint)
+
+
+def _iter_oversized(spec: SceneSpec, located: Located) -> Iterator[Problem]:
+    """Movable things that are larger than any hand could move: sizes in centimetres, probably."""
+    for name, body in spec.bodies.items():
+        for index, solid in enumerate(() if body.fixed or body.joint else body.shapes):
+            if max(solid.size_m) > MOVABLE_M:
+                found = f"[{', '.join(f'{value:g}' for value in solid.size_m)}]"
+                expected = f"half sizes in metres, at most {MOVABLE_M:g} for what can be moved"
+                hint = f"For centimetres write [{', '.join(f'{value / 100:g}' for value in solid.size_m)}]."
+                path = ("bodies", name, "shapes", index, "size_m")
+                yield located.problem("WRONG_SCALE", path, found, expected, hint)
 
 
 def _find_dangling(spec: SceneSpec, located: Located) -> list[Problem]:

@@ -107,15 +107,9 @@ def _iter_tree_problems(
     if tree is None:
         return
     yield from check_loaded_tree(tree, library, registry)
-    below: dict[str, Node] = {}
-    for node in iter_nodes(tree.root):
-        if node.kind is NodeKind.SUBTREE:
-            below.setdefault(node.type, node)
-    for subtree, node in below.items():
-        if subtree in (*above, name):
-            cycle = " -> ".join((*above, name, subtree))
-            yield tree.located.problem("RECURSION", node.address, cycle, "a tree that does not contain itself")
-        elif subtree in library.names_of_trees():
+    below = (node.type for node in iter_nodes(tree.root) if node.kind is NodeKind.SUBTREE)
+    for subtree in dict.fromkeys(below):
+        if subtree not in (*above, name) and subtree in library.names_of_trees():
             yield from _iter_tree_problems(subtree, library, registry, (*above, name))
 
 
@@ -145,6 +139,10 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
                 problems += _iter_wiring_problems(tree, node, ports, written)
             elif not _is_unread(node, registry):
                 problems.append(_problem_unknown(tree, node, library, registry))
+            if node.kind is NodeKind.SUBTREE and (way := _find_way(node.type, tree.header.tree, library)):
+                cycle = " -> ".join((tree.header.tree, *way))
+                expected, hint = "another tree, without a way back", "For what is done again use 'repeat' or 'retry'."
+                problems.append(tree.located.problem("RECURSION", node.address, cycle, expected, hint))
     for name in tree.header.outputs:
         if name not in written:
             problems.append(tree.located.unknown("UNWRITTEN_OUTPUT", ("outputs", name), name, written))
@@ -154,6 +152,18 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
 def _is_unread(node: Node, registry: LeafRegistry) -> bool:
     """Whether it is a leaf whose Python was not executed, so that its ports are unknown."""
     return node.kind is NodeKind.LEAF and registry.is_announced(node.type)
+
+
+def _find_way(start: str, goal: str, library: Library, above: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Names of trees from one to another, along subtrees; empty where none leads there."""
+    if start == goal:
+        return (goal,)
+    if start in above or start not in library.names_of_trees():
+        return ()
+    tree, _ = load_tree(library.get_tree(start))
+    below = [node.type for node in iter_nodes(tree.root) if node.kind is NodeKind.SUBTREE] if tree is not None else []
+    ways = (_find_way(each, goal, library, (*above, start)) for each in dict.fromkeys(below))
+    return next(((start, *way) for way in ways if way), ())
 
 
 def _iter_list_problems(tree: Tree, node: Node, written: dict[str, type]) -> Iterator[Problem]:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Iterator
 from itertools import combinations
 
+import msgspec
 import numpy as np
 
 from phyagentos.errors import DefinitionError, Problem
@@ -81,7 +82,12 @@ def iter_name_problems(
         for value in named if parameter.type in known else ():
             by = f"skill {session.skill}: parameters.{name}"
             if value in known[parameter.type]:
-                kind = now.entities[value].kind if value in now.entities else ""
+                entity = now.entities.get(value)
+                kind, moves = (entity.kind, entity.mechanism) if entity is not None else ("", None)
+                if parameter.mechanism not in (None, moves and moves.kind):
+                    found = f"{value}, which has {f'a {moves.kind}' if moves else 'no joint'}"
+                    expected, fix = f"a thing with a {parameter.mechanism}", "Choose another thing, or another skill."
+                    yield make_problem("PARAMETER_INVALID", f"parameters.{name}", found, expected, by, fix)
                 if parameter.kinds and kind not in parameter.kinds:
                     yield make_problem(
                         "PARAMETER_INVALID", f"parameters.{name}", f"{value}: {kind}", " or ".join(parameter.kinds), by
@@ -104,7 +110,7 @@ def _make_missing(
 ) -> Problem:
     """A name that the world does not hold; where it stands for a description, with what that fits."""
     if (text := session.scene.described.get(name)) is None:
-        return Problem.unknown("ENTITY_UNKNOWN", address, name, known, by=by)
+        return msgspec.structs.replace(Problem.unknown("ENTITY_UNKNOWN", address, name, known, by=by), subject=name)
     fitting = find_candidates(text, now.entities)
     several = len(fitting) > 1 and Truth.TRUE in fitting.values()
     shown = [each for each in now.entities.values() if (each.name in fitting if fitting else each.kind == UNNAMED)]

@@ -4,7 +4,7 @@ Three answers: possible, impossible, undecided; only what is proved impossible r
 way within its budget is no proof.
 """
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -20,6 +20,8 @@ from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import STILL, Role
 from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.protocol.world.predicates.geometry import find_tops_below
+from phyagentos.protocol.world.predicates.predicate import find_formula
+from phyagentos.protocol.world.predicates.syntax import Call, Name, Point
 from phyagentos.runtime.execution.context import compute_leaf_seed
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.leaves.plan_room import list_removable
@@ -51,6 +53,7 @@ ANSWER_S = 60.0  # by the wall clock; at the first session the planner may still
 SHARE = 0.5  # of the time that the contract allows the whole examination
 PATH_SPEED = 1.0
 NUDGE_RAD = 0.01  # the shortest line that there is to time
+AROUND_M = 0.3  # tolerance of a place, and half of what is pushed there
 HAND_M = 0.05  # a tool point that grasps a thing is this near to its solids at most
 PROOFS = {  # codes of the planner that prove a motion impossible -> code of the problem
     "TOO_WIDE": "TOO_WIDE",
@@ -161,6 +164,7 @@ class DryRun:
         start = self._try_posture(session, "start", world, q_rad)
         if start.outcome != "possible" or thorough:
             trials.append(start)
+        trials += self._iter_beyond(session)
         for motion in find_motions(tree, session.parameters, self.library, self.registry):
             if isinstance(motion, Home):
                 home_rad = np.asarray(self.home_rad, dtype=np.float64)
@@ -194,6 +198,17 @@ class DryRun:
             elif grasped is not None:
                 trials.append(Trial(motion=_name_place(grasped, motion), outcome="possible"))
         return tuple(trials)
+
+    def _iter_beyond(self, session: Session) -> Iterator[Trial]:
+        """Points where the acceptance wants a thing, and where no tool brings anything; heights do not matter."""
+        for text in session.accept:
+            match find_formula(text), self.reach:
+                case Call("at", (Name(thing), Point((x_m, y_m, _)), *_)), Reach() as reach:
+                    excess_m = reach.compute_excess((x_m, y_m, reach.center_m[2])) - AROUND_M
+                    name = f"{thing} to ({x_m:g}, {y_m:g})"
+                    message = f"the point lies {excess_m:.3f} m beyond the longest reach of {session.target}"
+                    if excess_m > 0.0:
+                        yield Trial(motion=name, outcome="impossible", code="OUT_OF_REACH", message=message)
 
     def _try_posture(self, session: Session, name: str, world: World, q_rad: "np.ndarray") -> Trial:
         """Contacts of the arm with itself and with fixed entities, where it stands or where the tree sends it.
@@ -238,7 +253,7 @@ class DryRun:
         name = _name_place(payload, to)
         place = now.entities.get(to.name) or now.regions.get(to.name)
         if place is None:
-            return Trial(motion=name, outcome="undecided", message="the destination is not in the world")
+            return Trial(motion=name, outcome="undecided", message="the destination is not in the world as observed")
         if to.relation == "on" and isinstance(place, Entity) and not _has_face(place):
             message = f"{to.name} has no level face on which anything could stand"
             return Trial(motion=name, outcome="impossible", code="NO_SPACE", message=message)

@@ -12,13 +12,18 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import ALREADY_MET, Session
+from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.predicate import find_entities
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.execution.already_met import weigh_before
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import check_tree
+from phyagentos.runtime.models.scene_start import find_start_problems
+from phyagentos.runtime.models.sight import explain_unseen
+from phyagentos.runtime.models.world import Robot
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.perception.world_model import WORLD, WorldModel
 from phyagentos.runtime.preflight.adapter_plan import Finding, Trial
@@ -37,6 +42,7 @@ from phyagentos.runtime.preflight.needs import iter_payload_problems
 from phyagentos.runtime.targets.wire import Description
 
 _UNMET = "PRECONDITION_UNMET"  # matters to what acts
+_UNKNOWN = "ENTITY_UNKNOWN"
 _OTHER_TARGET = frozenset({"TARGET_MISMATCH", "VERSION_MISMATCH"})  # its world is not looked at
 
 
@@ -57,6 +63,7 @@ class Examiner:
     registry: LeafRegistry
     clock: Clock
     _episode: str = field(default="", init=False)
+    _flaws: tuple[Problem, ...] = field(default=(), init=False)
 
     def examine(
         self, session: Session, *, snapshot: bytes = b"", thorough: bool = False, may_reset: bool = True
@@ -107,7 +114,13 @@ class Examiner:
         self._episode = session.scene.episode
         self.world.enter(session.scene)
         now = self.world.observe(WORLD)
-        problems = self.preflight.find_world_problems(session, live, now, is_fresh=is_first)
+        found = self.preflight.find_world_problems(session, live, now, is_fresh=is_first)
+        problems = [self._tell_unseen(session, now, problem) for problem in found]
+        if is_first and self.preflight.profile.model:  # what is sunk is thrown about: a flaw for every session
+            path = self.library.get_scene(session.scene.name)
+            flaws = find_start_problems(path, session.scene.seed, self._robot)
+            self._flaws = tuple(each for each in flaws if each.code == "OVERLAP")
+        problems += locate(session, self._flaws)
         met = weigh_before(session, now)
         if met is Truth.TRUE and all(each.code == _UNMET for each in problems):
             seen = make_problem(ALREADY_MET, f"{session.id}: accept", "true in preflight, not any more", "true")
@@ -120,6 +133,24 @@ class Examiner:
         if met is Truth.UNKNOWN:  # it may rest in its place already
             return problems, tuple(refused), trials
         return [*problems, *refused], (), trials
+
+    @property
+    def _robot(self) -> Robot:
+        profile = self.preflight.profile
+        return profile, self.library.get_target(profile.target).parent
+
+    def _tell_unseen(self, session: Session, now: Environment, problem: Problem) -> Problem:
+        """What is in the scene and was not seen is not called unknown: where it starts, and why no camera shows it."""
+        spec = read_scene(self.library.get_scene(session.scene.name))
+        names = (problem.subject, *find_entities(problem.subject)) if problem.code in {_UNMET, _UNKNOWN} else ()
+        name = next((each for each in names if each in spec.bodies and not now.shows(each)), None)
+        if name is None or now.sensing != Sensing.PERCEIVED or not self.preflight.profile.model:
+            return problem
+        why = explain_unseen(spec, name, session.scene.seed, self._robot, self.preflight.settings.sensors)
+        if problem.code == _UNMET:
+            return msgspec.structs.replace(problem, hint=f"{problem.hint}. {why}")
+        found, expected = f"{name!r}, which is in the scene and in no picture", "a thing that was seen"
+        return msgspec.structs.replace(problem, code="NEVER_SEEN", found=found, expected=expected, hint=why)
 
     def _find_tree_problems(self, session: Session) -> list[Problem]:
         skill = self.preflight.skills.get(session.skill)

@@ -162,14 +162,14 @@ def test_all_problems_come_at_once(check):
         ("timeout: {second: 2, child: open_gripper}", r"UNKNOWN_KEY: found 'second'.*Did you mean 'seconds'"),
         ("parallel: {policy: some, children: [wait]}", r"INVALID_VALUE: found 'some'; expected 'all' or 'one'"),
         ("{locate: {}, wait: {}}", r"NOT_A_NODE: found a mapping with keys locate, wait; expected a mapping with one"),
-        ("sequence: {children: []}", r"INVALID_VALUE.*at least 1 item"),
+        ("sequence: {children: []}", r"INVALID_VALUE.*at least 1 of them"),
         ("locate: [red_cube]", r"NOT_A_WIRING: found \['red_cube'\]; expected a mapping of ports"),
         ('condition: ""', r"NOT_A_PREDICATE"),
         ("repeat: {times: 0, child: open_gripper}", r"mine.yaml:7:18: INVALID_VALUE: found 0"),
         ("cooldown: {seconds: 0, child: open_gripper}", r"mine.yaml:7:20: INVALID_VALUE: found 0"),
         ("for_each: {each: one, in: $all, child: open_gripper}", r"mine.yaml:7:20: INVALID_VALUE: found 'one'"),
         ("for_each: {each: $one, child: open_gripper}", r"MISSING_KEY: found nothing; expected key 'in'"),
-        ("reactive_sequence: {children: []}", r"INVALID_VALUE.*at least 1 item"),
+        ("reactive_sequence: {children: []}", r"INVALID_VALUE.*at least 1 of them"),
     ],
 )
 def test_structural_errors_say_where_and_what_is_possible(tmp_path, child, message):

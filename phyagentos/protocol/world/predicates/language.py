@@ -26,10 +26,10 @@ _VARIABLE = re.compile(r"\$\{([^{}]+)\}")
 
 
 class PredicateSyntaxError(ValueError):
-    """Text that is no predicate; `column` counts from 1."""
+    """Text that is no predicate; `column` counts from 1, `hint` says what was probably meant."""
 
-    def __init__(self, column: int, found: str, expected: str) -> None:
-        self.column, self.found, self.expected = column, found, expected
+    def __init__(self, column: int, found: str, expected: str, hint: str = "") -> None:
+        self.column, self.found, self.expected, self.hint = column, found, expected, hint
         super().__init__(f"column {column}: found {found}; expected {expected}")
 
 
@@ -66,7 +66,9 @@ def _iter_tokens(text: str) -> Iterator[_Token]:
         else:
             sign = next((sign for sign in (*RELATIONS, "(", ")", ",", "*") if text.startswith(sign, position)), None)
             if sign is None:
-                raise PredicateSyntaxError(column, repr(text[position]), "a name, a number, '*', '(', or a comparison")
+                hint = "Write '==' for equal." if text[position] == "=" else ""
+                expected = "a name, a number, '*', '(', or a comparison"
+                raise PredicateSyntaxError(column, repr(text[position]), expected, hint)
             yield _Token(sign, sign, column)
             position += len(sign)
     yield _Token("end", "the end", len(text) + 1)
@@ -89,9 +91,20 @@ class _Parser:
         token = self._now
         if token.kind not in kinds:
             found = token.text if token.kind == "end" else repr(token.text)
-            raise PredicateSyntaxError(token.column, found, what or " or ".join(map(repr, kinds)))
+            expected = what or " or ".join("the end" if kind == "end" else repr(kind) for kind in kinds)
+            raise PredicateSyntaxError(token.column, found, expected, self._advise(token))
         self._position = min(self._position + 1, len(self._tokens) - 1)
         return token
+
+    def _advise(self, token: _Token) -> str:
+        """What was probably meant by a piece that does not belong where it stands."""
+        before = self._tokens[self._position - 1] if self._position else token
+        if token.kind == "end":
+            return "Put the whole predicate in quotes: between [ ] a comma begins the next value."
+        if token.kind == "name" and before.kind == "number":
+            return "Write numbers without units: metres, radians, seconds."
+        both = token.kind == before.kind == "name" and token is not before
+        return f"Write '{before.text}_{token.text}': names have no spaces." if both else ""
 
     def _take(self, *kinds: str) -> _Token | None:
         return self.expect(*kinds) if self._now.kind in kinds else None

@@ -188,7 +188,7 @@ def _parse(text: str, template: bool) -> tuple[Predicate | None, tuple[_Finding,
     try:
         formula = parse(text)
     except PredicateSyntaxError as error:
-        return None, (("PREDICATE_SYNTAX", error.column, error.found, error.expected, ""),)
+        return None, (("PREDICATE_SYNTAX", error.column, error.found, error.expected, error.hint),)
     findings = [finding for call in syntax.iter_calls(formula) for finding in _iter_call_findings(call, template)]
     findings += _iter_use_findings(formula)
     return Predicate(formula), tuple(sorted(findings, key=lambda finding: finding[1]))

@@ -19,7 +19,7 @@ class Attach(Leaf):
         environment = self.context.world.observe(BELIEF)
         entity = environment.entities.get(name)
         if entity is None:
-            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
+            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
         if not self.context.is_holding(name):
             return self.fail(FailureCode.GRASP_MISSED, f"{name} is not between the fingers", object=name)
         payload = measure_payload(entity, self.context.step.target, self.context.profile)

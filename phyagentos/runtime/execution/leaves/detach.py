@@ -20,6 +20,6 @@ class Detach(Leaf):
             return self.fail(FailureCode.STILL_HELD, f"{name} is still between the fingers", object=name)
         entity = self.context.world.observe(BELIEF).entities.get(name)
         if entity is None:
-            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
+            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
         self.write("site", entity.pose.position_m)
         return self.succeed("", object=name, position_m=list(entity.pose.position_m))

@@ -46,7 +46,7 @@ class FindOpening(Leaf):
         for name in (self.read("object"), self.read("part")):
             entity = entities.get(name)
             if entity is None:
-                return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
+                return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
             found.append(entity)
         whole, part = found
         mechanism = whole.mechanism

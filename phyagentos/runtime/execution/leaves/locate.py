@@ -26,5 +26,5 @@ def find_visible(leaf: Leaf) -> Entity | Status:
     name = leaf.read("object")
     entity = leaf.context.world.observe(WORLD).entities.get(name)
     if entity is None:
-        return leaf.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
+        return leaf.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
     return entity if entity.visible else leaf.fail(FailureCode.NOT_VISIBLE, f"{name} was not seen", object=name)

@@ -24,7 +24,7 @@ class PlanPush(PlanningLeaf[Approaches]):
         name, to = self.read("object"), self.read("to")
         entity = self.context.world.observe(BELIEF).entities.get(name)
         if entity is None:
-            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
+            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
         return FindPush(
             world=self.world(),
             object=name,

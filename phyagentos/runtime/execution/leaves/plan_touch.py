@@ -25,7 +25,7 @@ class PlanTouch(ApproachPlanningLeaf):
         name = self.read("object")
         entity = self.context.world.observe(BELIEF).entities.get(name)
         if entity is None:
-            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
+            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
         x, y, z = self.find("to") or entity.pose.position_m
         return FindTouch(
             world=self.world(),

@@ -1,0 +1,94 @@
+"""How a scene begins: which of its bodies are sunk into each other, or have nothing to stand on.
+
+Authors are told by lint, which draws a few seeds; preflight asks for the seed of the session, with the robot.
+"""
+
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from phyagentos.errors import ExecutionError, Problem
+from phyagentos.protocol.documents.schema import Located, read_yaml
+from phyagentos.protocol.world.scenes import SceneSpec, read_scene
+from phyagentos.runtime.models.scene import add_scene, draw_bodies
+from phyagentos.runtime.models.world import Robot, compile_scene
+
+SUNK_M = 0.003  # what physics pushes apart gently; resting bodies are sunk by less
+DROP_M = 0.03  # a fall that may be meant, into a tray for instance
+LEVEL = 0.9  # cosine between a contact's normal and the vertical: one body lies on the other
+SEEDS = (0, 1, 2)
+_SOLID = np.array([1, 1, 0, 1, 1, 1], dtype=np.uint8)  # groups of geoms that touch; decor is in group 2
+
+
+def find_start_problems(path: Path, seed: int | None = None, robot: Robot | None = None) -> list[Problem]:
+    """Every problem of how a scene begins, at file:line:column, with the given seed, else with a few of them.
+
+    Raises:
+        DefinitionError: The scene cannot be read.
+    """
+    spec, located = read_scene(path), read_yaml(path)
+    for each in SEEDS if seed is None else (seed,):
+        try:
+            if robot is None:
+                add_scene(world := mujoco.MjSpec(), spec, draw_bodies(spec, each))
+            model = compile_scene([robot], spec, each).model if robot is not None else world.compile()
+        except ExecutionError as error:
+            return [located.problem(error.code, ("areas",), str(error).partition(": ")[2])]
+        data = mujoco.MjData(model)
+        mujoco.mj_fwdPosition(model, data)
+        if problems := [*_iter_overlaps(spec, located, model, data), *_iter_unsupported(spec, located, model, data)]:
+            return problems
+    return []
+
+
+def _iter_overlaps(spec: SceneSpec, located: Located, model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[Problem]:
+    """Pairs of bodies of which a movable one is sunk into the other, each once, with the deepest contact."""
+    deepest: dict[tuple[str, str], tuple[float, float]] = {}
+    for contact in data.contact:
+        names = [model.body(model.geom_bodyid[geom]).name for geom in contact.geom]
+        own = [name for name in names if name in spec.bodies and not spec.bodies[name].fixed]
+        if not own or spec.bodies[own[-1]].joint or spec.bodies[own[-1]].part_of or contact.dist > -SUNK_M:
+            continue
+        body = own[-1]
+        pair = (body, names[0] if names[1] == body else names[1])
+        deepest[pair] = max(deepest.get(pair, (0.0, 0.0)), (-contact.dist, abs(contact.frame[2])))
+    for (body, other), (depth_m, upright) in deepest.items():
+        is_robot = other.partition(".")[0] not in spec.bodies  # a ball of its contents is `cup.1`
+        found = f"{body!r}, {depth_m:.3f} m inside of {other!r}" + (", which is the robot's" if is_robot else "")
+        lies = upright > LEVEL and other in spec.bodies and spec.bodies[other].fixed
+        hint = f"Raise it by {depth_m:.3f} m." if lies else "Move one of them."
+        yield located.problem("OVERLAP", ("bodies", body, "place"), found, "bodies that touch at most", hint)
+
+
+def _iter_unsupported(
+    spec: SceneSpec, located: Located, model: mujoco.MjModel, data: mujoco.MjData
+) -> Iterator[Problem]:
+    """Movable bodies that would fall: below their middle and the corners of their bounds is nothing near."""
+    for name, body in spec.bodies.items():
+        if body.fixed or body.joint or body.part_of or all(solid.decor for solid in body.shapes):
+            continue
+        low_m, high_m = _compute_bounds(model, data, model.body(name).id)
+        (x_m, y_m), geom = (low_m + high_m)[:2] / 2.0, np.zeros(1, dtype=np.int32)
+        corners = [(x_m, y_m), *product((low_m[0], high_m[0]), (low_m[1], high_m[1]))]
+        gaps: list[tuple[float, str]] = []
+        for x, y in corners:
+            start_m = np.array((x, y, low_m[2] + SUNK_M))
+            down = np.array((0.0, 0.0, -1.0))
+            gap_m = mujoco.mj_ray(model, data, start_m, down, _SOLID, 1, model.body(name).id, geom) - SUNK_M
+            gaps += [(gap_m, model.body(model.geom_bodyid[geom[0]]).name)] if geom[0] >= 0 else []
+        gap_m, below = min(gaps, default=(np.inf, ""))
+        if gap_m > DROP_M:
+            found = f"{name!r}, {f'{gap_m:.3f} m above {below!r}' if gaps else 'with nothing below it'}"
+            hint = f"Lower it by {gap_m:.3f} m, or move it to where something bears it." if gaps else "Move it."
+            yield located.problem("UNSUPPORTED", ("bodies", name, "place"), found, "something to stand on", hint)
+
+
+def _compute_bounds(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest coordinates (3,) of what of a body touches, in the world [m]."""
+    geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == body and model.geom_contype[geom]]
+    turns = [np.abs(data.geom_xmat[geom].reshape(3, 3)) for geom in geoms]
+    halves = np.array([turn @ model.geom_aabb[geom][3:] for geom, turn in zip(geoms, turns, strict=True)])
+    return (data.geom_xpos[geoms] - halves).min(axis=0), (data.geom_xpos[geoms] + halves).max(axis=0)
