@@ -97,7 +97,9 @@ def test_an_output_of_a_branch_that_is_not_taken_is_not_waited_for(make_stage, w
     assert (report.nodes["last"], report.verdict) == ("skipped", "failure")  # by the goal's own acceptance
 
 
-@pytest.mark.parametrize("script", [{}, {"main": slip}, {"main": slip, "other": slip}], ids=lambda script: "-".join(script) or "all well")
+@pytest.mark.parametrize(
+    "script", [{}, {"main": slip}, {"main": slip, "other": slip}], ids=lambda script: "-".join(script) or "all well"
+)
 def test_an_agent_that_starts_anew_comes_to_the_same_end(make_stage, write_graph, script):
     whole = make_stage(script).pursue(write_graph(GRAPH))
     for killed_after in range(1, 12):
@@ -139,7 +141,7 @@ def test_documents_and_drawings_say_which_branch_is_not_taken(make_stage, write_
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("on: failure", "on: fail", r"graph.yaml:15:26: INVALID_VALUE: found 'fail'; expected 'success' or 'failure'"),
+        ("on: failure", "on: fail", r"graph.yaml:15:13: INVALID_VALUE: found 'fail'; expected 'success' or 'failure'"),
         ("{node: main, on", "{node: mian, on", r"graph.yaml:15:13: UNKNOWN_NODE: found 'mian'"),
         (
             "{node: main, on: failure}",
