@@ -125,8 +125,17 @@ def test_errors_are_json_where_json_is_asked_for(paos, arguments, said):
     assert said in result.err
 
 
+def test_the_list_of_commands_loads_none_of_them_and_says_what_each_says_of_itself(paos):
+    code = "import sys, phyagentos.cli.app as a; sys.argv = ['paos', '-h']\ntry: a.main()\nfinally: print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "Behaviour trees." in done.stdout
+    assert not {"pydantic", "numpy", "yaml", "rich"} & set(done.stdout.split())
+    for name, (_, line) in COMMANDS.items():
+        assert line in " ".join(paos(name, "--help").out.split()), name
+
+
 def test_every_command_has_json(paos):
-    commands = [(name,) for name in COMMANDS] + [(group, each) for group, (_, of) in GROUPS.items() for each, _ in of]
+    commands = [(name,) for name in COMMANDS] + [(group, each) for group, (_, of) in GROUPS.items() for each in of]
     for words in commands:
         assert "--json" in paos(*words, "--help").out, words
     assert json.loads(paos("list", "scenes", "--json").out)["result"] == paos("list", "scenes").out.splitlines()

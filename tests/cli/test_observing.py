@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -109,8 +110,7 @@ def test_stops_without_a_workspace_reach_every_running_one(running, paos):
 
 def test_one_that_cannot_be_stopped_holds_up_no_other_and_is_told(running, paos):
     folder = running[0].signals.parent
-    running[0].signals.rmdir()
-    folder.rmdir()
+    shutil.rmtree(folder)
     folder.write_text("in the way")
     result = paos("estop")
     assert (result.code, is_latched(running[1].signals.parent)) == (ExitCode.INTERNAL_ERROR, True)
