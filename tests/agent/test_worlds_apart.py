@@ -43,6 +43,7 @@ def judge(accept, *constraints, worlds=None, **heights_m):
         evidence.read(SessionStatus(contract=contract, state="awaiting_verification", execution=execution))
     choices = {id: SimpleNamespace(target=f"{id}_arm") for id in heights_m}
     graph = SimpleNamespace(
+        rescuers={},
         spec=SimpleNamespace(
             accept=(accept,), constraints=constraints, targets={}, worlds=worlds or {}, interchangeable=()
         ),

@@ -12,7 +12,7 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
 from phyagentos.runtime.supervision import liveness, watchdog
-from phyagentos.runtime.supervision import operator_signals as requests
+from phyagentos.runtime.targets import stop_listener
 from phyagentos.runtime.worker.orders import Reconcile, Renew, Run, Stop, encode
 from phyagentos.store.journal import Entry, Journal
 
@@ -182,10 +182,10 @@ def test_a_stop_that_no_disk_takes_keeps_every_session_waiting_and_is_latched_as
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as full:
-        full.setattr(requests, "latch", refuse)
+        full.setattr(stop_listener, "latch", refuse)
         drop_signal(stand.workspace.signals, Signal(kind="estop", by="a button"), stand.clock)
         stand.watch(worker := ScriptedWorker())
-        while stand.watchdog._operator._unkept is None:
+        while not hasattr(stand.watchdog, "_operator") or stand.watchdog._operator._stops._heard is None:
             stand.clock.sleep(0.01)
         stand.submit(make_session())
         stand.clock.sleep(0.1)

@@ -289,7 +289,8 @@ class TargetSupervisor:
     def _lose(self, reason: str, ended: Ended = Ended.RUNNER_LOST, code: str = "") -> None:
         """The worker is gone or silent: record it, replace it, observe the world before anything else."""
         session, log = self.session, self._shared.logs / f"worker-{self.target}.log"
-        reason += f"; logs/{log.name} ends with {read_end(log)!r}" if ended is Ended.RUNNER_LOST else ""
+        if ended is Ended.RUNNER_LOST and (words := read_end(log)):
+            reason += f"; logs/{log.name} ends with {words!r}"
         self.worker.kill()  # before it is recorded: a worker that is only slow must not go on afterwards
         if session is not None and (state := self._journal.get_state(session.id)) not in FINAL_STATES:
             if state is not SessionState.OUTCOME_UNKNOWN:
