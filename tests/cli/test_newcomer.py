@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.cli.app import app
+from phyagentos.cli.app import GROUPS
 from phyagentos.cli.outcome import ExitCode
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,7 +21,6 @@ TEXTS = sorted(
 )
 FENCE = re.compile(r"^```(?P<kind>\w*)\n(?P<text>.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\((?!https?:|#)([^)#]+)")
-GROUPS = {group.name for group in app.registered_groups}  # `paos tree show`
 PLACEHOLDERS = {"GRAPH", "SESSION", "FILE…", "DIR"}
 
 
