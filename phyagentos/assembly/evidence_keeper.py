@@ -1,5 +1,6 @@
 """Old evidence is thinned while the runtime plane works: by a process of its own, which gives way to every other."""
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -29,14 +30,14 @@ class EvidenceKeeper:
         if self._ended >= self._every and (self._process is None or self._process.poll() is not None):
             self._ended = 0
             command = ["-m", "phyagentos", "evidence", "prune", "--workspace", str(self._workspace.root)]
-            with (self._workspace.logs / "prune.log").open("wb") as log:
+            with contextlib.suppress(OSError), (self._workspace.logs / "prune.log").open("wb") as log:  # else the next
                 self._process = subprocess.Popen(
                     [sys.executable, *command], stdin=subprocess.DEVNULL, stdout=log, stderr=log
                 )
-            os.setpriority(os.PRIO_PROCESS, self._process.pid, LOWEST)
+                os.setpriority(os.PRIO_PROCESS, self._process.pid, LOWEST)
 
     def close(self) -> None:
         """End a clean-up that still runs; the next one goes on from there."""
         if self._process is not None:
-            self._process.terminate()
+            self._process.kill()  # manifests are replaced as a whole before anything is deleted
             self._process.wait()

@@ -141,7 +141,7 @@ def test_documents_and_drawings_say_which_branch_is_not_taken(make_stage, write_
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("on: failure", "on: fail", r"graph.yaml:15:13: INVALID_VALUE: found 'fail'; expected 'success' or 'failure'"),
+        ("on: failure", "on: fail", r"graph.yaml:15:26: INVALID_VALUE: found 'fail'; expected 'success' or 'failure'"),
         ("{node: main, on", "{node: mian, on", r"graph.yaml:15:13: UNKNOWN_NODE: found 'mian'"),
         (
             "{node: main, on: failure}",

@@ -59,7 +59,7 @@ def test_each_shipped_noise_level_is_at_least_as_bad_as_the_one_before():
         (f"{CAMERA}, width: 0", "at least 8"),
         (f"{CAMERA}, height: 99999", "at most 2048"),
         (f"{CAMERA}, latency_s: -0.1", "at least 0"),
-        (f"{CAMERA}, range_m: [1.0, 0.5]", "the least value first|rises|greatest"),
+        (f"{CAMERA}, range_m: [1.0, 0.5]", "the least value first, then the greatest"),
         (f"{CAMERA}, fx: 100", "given together"),
         (f"{CAMERA}, fx: 100, fy: 100, cx: 9, cy: 9", "either fovy_deg or fx"),
         ("position_m: [0, 0, 1], target_m: [0.1, 0, 0]", "either fovy_deg or fx"),

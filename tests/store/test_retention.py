@@ -350,3 +350,11 @@ def test_sessions_whose_journal_is_archived_are_thinned_all_the_same(store):
 
     assert [each.session for each in store.prune().thinned] == ["g.a"]
     assert not names_in(folder) & HEAVY
+
+
+def test_a_clean_up_that_cannot_begin_does_not_end_the_plane(store):
+    (store.workspace.logs / "prune.log").mkdir()
+    keeper = EvidenceKeeper(store.workspace, every=1)
+    keeper.take_in(SimpleNamespace(to="failed"))
+    keeper.refresh()
+    keeper.close()

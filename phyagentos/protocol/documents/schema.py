@@ -156,6 +156,8 @@ def _collect_marks(
             if key.value in seen:
                 problems.append(Problem("DUPLICATE_KEY", f"{source}:{line}:{column}", repr(key.value)))
             seen.add(key.value)
+            if key.value == "on":  # a word, as in YAML 1.2; 1.1 takes it for a truth value
+                key.tag = "tag:yaml.org,2002:str"
             marks[(*path, key.value)] = (line, column)
             _collect_marks(child, (*path, key.value), source, offset, marks, problems)
 
