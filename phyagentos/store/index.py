@@ -21,6 +21,7 @@ from phyagentos.store.records import iter_places
 
 _CRC_MASK = 0xFFFFFFFF
 _ROTTEN = (sqlite3.Error, OSError, TypeError, ValueError)  # what reading a file of arbitrary bytes may raise
+_BUFFER_BYTES = 2**20
 _WAIT_S = 30.0  # while another process reads segments in
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS segment
@@ -149,21 +150,21 @@ class HistoryIndex(CacheFile):
         return name if name is not None and segments.find_next_segment(self._folder, name) is not None else None
 
     def _read_in(self, connection: sqlite3.Connection, name: str, number: int) -> _Segment:
-        data = segments.read_segment(self._folder, name)
         spots: dict[str, list[str]] = {}
-        front = segments.read_front(self._folder / f"{name}.md", data)
-        last_seq = front.first_seq - 1
-        end = len(front.encode())
-        for id, seq, offset, length in iter_places(data, end):
-            spots.setdefault(id, []).append(f"{offset}:{length}")
-            last_seq, end = seq, offset + length
-        if end != len(data):
-            raise segments.damage(
-                segments.locate(self._folder, name), end, f"record {last_seq + 1} is not as it was written"
-            )
+        with os.fdopen(segments.open_segment(self._folder, name), "rb", buffering=_BUFFER_BYTES) as file:
+            front = segments.read_front(self._folder / f"{name}.md", file.read(segments.FRONT_MAX_BYTES))
+            last_seq, end = front.first_seq - 1, len(front.encode())
+            file.seek(end)
+            for id, seq, offset, length in iter_places(file):
+                spots.setdefault(id, []).append(f"{offset}:{length}")
+                last_seq, end = seq, offset + length
+            size = os.fstat(file.fileno()).st_size
+        if end != size:
+            what = f"record {last_seq + 1} is not as it was written"
+            raise segments.damage(segments.locate(self._folder, name), end, what)
         places = [(id, number, " ".join(each)) for id, each in spots.items()]
         connection.executemany("INSERT INTO place VALUES (?, ?, ?)", places)
-        row = _Segment(number, name, len(data), last_seq)
+        row = _Segment(number, name, size, last_seq)
         crc = sum(map(_compute_crc, places), _compute_crc(row)) & _CRC_MASK
         connection.execute("INSERT INTO segment VALUES (?, ?, ?, ?, ?)", (*row, crc))
         return row

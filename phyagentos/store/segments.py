@@ -17,7 +17,7 @@ _FRONT = re.compile(
     rb"---\nphy: journal/1\nlane: (?P<lane>[^\n]+)\nsegment: (?P<name>[^\n]+)\nfirst_seq: (?P<first>\d+)\n"
     rb"prev: (?P<prev>[^\n]+)\nprev_sha256: (?P<hash>[^\n]+)\n---\n\n# Session journal (?P=name)\n\n"
 )
-_FRONT_MAX_BYTES = 2048
+FRONT_MAX_BYTES = 2048
 ARCHIVE = "archive"  # beside the partitions
 _NO_PARTITIONS = frozenset({ARCHIVE, "claims", "inbox"})  # other folders beside them
 NONE = "none"  # in place of the segment before the first
@@ -168,7 +168,7 @@ def _order(name: str) -> tuple[str, int, str]:
 
 def read_front(path: Path, data: bytes) -> Front:
     """Parse the first bytes of a segment; raises `JOURNAL_DAMAGED` when they are not a segment's."""
-    match = _FRONT.match(data[:_FRONT_MAX_BYTES])
+    match = _FRONT.match(data[:FRONT_MAX_BYTES])
     if match is None:
         raise damage(path, 0, "the front matter is not that of a journal segment")
     return Front(

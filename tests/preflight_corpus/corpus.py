@@ -329,6 +329,9 @@ def _apply(data: Any, edits: Sequence[Edit]) -> Any:
     return data
 
 
+RESCUED = {"clear_bench": {("clear_bench.carton-carry", "TOO_WIDE")}}  # by design: another node runs instead
+
+
 def iter_shipped() -> Iterator[str]:
     """Every goal graph that ships, and the sound policy of the corpus."""
     yield from (path.stem for path in sorted((find_shipped_root() / "goal_graphs").glob("*.yaml")))

@@ -12,12 +12,10 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 
-from .corpus import SIDES, carry, iter_shipped, make_control, read_cases, read_sound
+from .corpus import RESCUED, SIDES, carry, iter_shipped, make_control, read_cases, read_sound
 from .recording import read_recorded, record
 
 CASES = read_cases()
-
-RESCUED = {"clear_bench": {("clear_bench.carton-carry", "TOO_WIDE")}}  # by design: another node runs instead
 
 
 @pytest.fixture(scope="session")
