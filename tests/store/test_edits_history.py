@@ -5,7 +5,7 @@ import pytest
 from phyagentos.store.journal import Entry
 from phyagentos.store.views import history
 from phyagentos.store.views.history import History
-from phyagentos.store.views.sessions import render_page
+from phyagentos.store.views.sessions import FINISHED_SHOWN, render_page
 
 
 @pytest.fixture
@@ -35,10 +35,10 @@ def story(open_journal, submit):
     return agent.folder, texts
 
 
-@pytest.mark.parametrize("statuses_kept", [0, 100, 100_000])
-def test_every_earlier_rendering_is_told_again(story, open_history, statuses_kept):
+@pytest.mark.parametrize("kept", [0, 100, 100_000])
+def test_every_earlier_rendering_is_told_again(story, open_history, kept):
     lane, texts = story
-    late = open_history(lane, statuses_kept=statuses_kept)
+    late = open_history(lane, kept=kept)
     late.read_new()
 
     for seq in (1, 2, 59, 119, 120):
@@ -55,6 +55,21 @@ def test_what_was_rendered_lately_is_remembered(open_journal, submit, open_histo
     monkeypatch.setattr(history, "_begin", None)
 
     assert [len(watched.find_page(seq).shown) for seq in range(1, 11)] == list(range(1, 11))
+
+
+def test_what_each_rendering_adds_to_memory_is_let_go_again(open_journal, submit, open_history):
+    agent = open_journal()
+    watched = open_history(agent.folder, kept=20 * history.STATUS)
+    shown = {}
+    for number in range(100):
+        agent.commit([submit(f"s{number}"), Entry(f"s{number}", "cancel")])
+        watched.read_new()
+        shown |= {id(status): status for status in watched.build_page().shown}
+
+    remembered = {id(status) for page, _ in watched._pages.values() for status in page.shown}
+    assert len(shown) == 100
+    assert remembered <= shown.keys()
+    assert len(remembered) <= FINISHED_SHOWN + 20
 
 
 def test_a_record_that_is_still_to_come_is_not_told(story, open_history):

@@ -16,7 +16,8 @@ from phyagentos.store.segments import list_all_segments, locate
 from phyagentos.store.views.sessions import Cache, Page, build_page, render_page
 
 SMALL_BYTES = 8 << 20  # a journal up to this size is read from its first record, in a fraction of a second
-STATUSES_KEPT = 500_000  # 4 MB of references: 100 sessions for a quarter of an hour at five renderings a second
+KEPT = 500_000  # references, 4 MB: 100 sessions for a quarter of an hour at five renderings a second
+STATUS = 250  # references, about as much as a status takes that no earlier rendering showed
 
 
 class History:
@@ -25,7 +26,7 @@ class History:
     Args:
         partition: Folder of the journal.
         on_record: Called with each record, once it is applied.
-        statuses_kept: How many statuses the remembered renderings may show, all together.
+        kept: How much the remembered renderings may take [references].
     """
 
     def __init__(
@@ -33,7 +34,7 @@ class History:
         partition: Path,
         *,
         on_record: Callable[[Record, Ledger], None] | None = None,
-        statuses_kept: int = STATUSES_KEPT,
+        kept: int = KEPT,
     ) -> None:
         self._partition = partition
         self.ledger, self._follower = _begin(partition)
@@ -41,8 +42,8 @@ class History:
         self._follow: Callable[[], None] | None = None  # of the owner of a shared fold
         self._reported_seq = 0
         self._texts: Cache = {}
-        self._pages: dict[int, Page] = {}  # the oldest first
-        self._statuses_kept, self._statuses = statuses_kept, 0
+        self._pages: dict[int, tuple[Page, int]] = {}  # with its weight, the oldest first
+        self._kept, self._weight, self._shown = kept, 0, frozenset[int]()
 
     def share(self, ledger: Ledger, follow: Callable[[], None]) -> None:
         """Use the fold of another owner in this thread, so that no record is read and applied twice.
@@ -83,11 +84,12 @@ class History:
         """What is to be shown now; it is remembered."""
         page = build_page(self.ledger, notes)
         if page.seq not in self._pages:
-            self._pages[page.seq] = page
-            self._statuses += len(page.shown)
-        while self._statuses > self._statuses_kept and len(self._pages) > 1:
-            oldest = self._pages.pop(next(iter(self._pages)))
-            self._statuses -= len(oldest.shown)
+            before, self._shown = self._shown, frozenset(map(id, page.shown))
+            weight = len(page.shown) + STATUS * len(self._shown - before)
+            self._pages[page.seq] = page, weight
+            self._weight += weight
+        while self._weight > self._kept and len(self._pages) > 1:
+            self._weight -= self._pages.pop(next(iter(self._pages)))[1]
         return page
 
     def render(self, page: Page) -> str:
@@ -99,7 +101,9 @@ class History:
         """What was shown at record `seq`; None when the journal has not come so far, or it is too far back."""
         if seq >= self.ledger.seq:
             return build_page(self.ledger) if seq == self.ledger.seq else None
-        return self._pages.get(seq) or (self._read_again(seq) if seq > 0 else build_page(Ledger()))
+        if seq in self._pages:
+            return self._pages[seq][0]
+        return self._read_again(seq) if seq > 0 else build_page(Ledger())
 
     def _read_again(self, seq: int) -> Page | None:
         ledger, follower = _begin(self._partition)
