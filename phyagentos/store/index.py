@@ -150,22 +150,21 @@ class HistoryIndex(CacheFile):
         return name if name is not None and segments.find_next_segment(self._folder, name) is not None else None
 
     def _read_in(self, connection: sqlite3.Connection, name: str, number: int) -> _Segment:
-        spots: dict[str, list[str]] = {}
+        spots: dict[str, str] = {}  # one text an id: the supervisor keeps what it takes here at most
         with os.fdopen(segments.open_segment(self._folder, name), "rb", buffering=_BUFFER_BYTES) as file:
             front = segments.read_front(self._folder / f"{name}.md", file.read(segments.FRONT_MAX_BYTES))
             last_seq, end = front.first_seq - 1, len(front.encode())
             file.seek(end)
             for id, seq, offset, length in iter_places(file):
-                spots.setdefault(id, []).append(f"{offset}:{length}")
+                spots[id] = f"{spots[id]} {offset}:{length}" if id in spots else f"{offset}:{length}"
                 last_seq, end = seq, offset + length
             size = os.fstat(file.fileno()).st_size
         if end != size:
             what = f"record {last_seq + 1} is not as it was written"
             raise segments.damage(segments.locate(self._folder, name), end, what)
-        places = [(id, number, " ".join(each)) for id, each in spots.items()]
-        connection.executemany("INSERT INTO place VALUES (?, ?, ?)", places)
+        connection.executemany("INSERT INTO place VALUES (?, ?, ?)", ((id, number, text) for id, text in spots.items()))
         row = _Segment(number, name, size, last_seq)
-        crc = sum(map(_compute_crc, places), _compute_crc(row)) & _CRC_MASK
+        crc = sum((_compute_crc((id, number, text)) for id, text in spots.items()), _compute_crc(row)) & _CRC_MASK
         connection.execute("INSERT INTO segment VALUES (?, ?, ?, ?, ?)", (*row, crc))
         return row
 

@@ -17,7 +17,7 @@ from phyagentos.store.views.sessions import Cache, Page, build_page, render_page
 
 SMALL_BYTES = 8 << 20  # a journal up to this size is read from its first record, in a fraction of a second
 KEPT = 500_000  # references, 4 MB: 100 sessions for a quarter of an hour at five renderings a second
-STATUS = 250  # references, about as much as a status takes that no earlier rendering showed
+STATUS = 500  # references, about as much as a status takes that no earlier rendering showed
 
 
 class History:
