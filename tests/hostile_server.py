@@ -1,6 +1,7 @@
 """A server that holds on to its clients: each way to do it, over real sockets, for tests of every client."""
 
 import contextlib
+import functools
 import gzip
 import itertools
 import socket
@@ -17,6 +18,7 @@ CHUNK = b"10000\r\n" + bytes(65536) + b"\r\n"
 BOMB_BYTES = 2**28
 
 
+@functools.cache  # it takes a while to pack
 def _make_bomb(rounds: int) -> bytes:
     data = bytes(BOMB_BYTES)
     for _ in range(rounds):
@@ -63,7 +65,7 @@ class HostileServer:
 
     def __init__(self, way: str, elsewhere: str = "", polite: Callable[[bytes], bytes | None] = lambda _: None) -> None:
         self.way, self.requests, self._polite = way, 0, polite
-        self.parts = WAYS[way]() if way in WAYS else iter(())  # a bomb takes a while to pack
+        self.parts = WAYS[way]() if way in WAYS else iter(())
         if way == "redirect":
             head = f"HTTP/1.1 307 Temporary Redirect\r\nLocation: {elsewhere}\r\nContent-Length: 0\r\n\r\n"
             self.parts = iter([head.encode()])

@@ -19,8 +19,9 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.regular_files import read_regular
-from phyagentos.protocol.sessions.evidence_manifest import Sealer
+from phyagentos.protocol.sessions.evidence_manifest import Sealer, list_unsealed
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, Side
+from phyagentos.protocol.sessions.session import SessionId
 from phyagentos.protocol.settings.perception import Sensing, declare_sensing
 from phyagentos.protocol.settings.runtime_contract import (
     RuntimeContract,
@@ -183,10 +184,12 @@ def open_shared_time(
 def seal_rest(workspace: Workspace, ledger: Ledger) -> None:
     """Record the hashes of bundles that no worker will: it was lost, stopped or busy, or its disk was full."""
     sealer = Sealer(workspace.evidence)
-    for id, status in ledger.sessions.items():
-        if status.execution is not None or status.state in FINAL_STATES:  # one that was refused has its look-ahead
+    for folder in list_unsealed(workspace.evidence):
+        status = ledger.sessions.get(SessionId(folder.name))  # None: it was over long ago
+        is_live = status is not None and status.execution is None and status.state not in FINAL_STATES
+        if not is_live:  # one that was refused has its look-ahead
             with contextlib.suppress(OSError, ExecutionError):  # then the next start does
-                sealer.seal(workspace.evidence_of(id), late=True)
+                sealer.seal(folder, late=True)
 
 
 def _read_rules(workspace: Workspace) -> RuntimeContract:

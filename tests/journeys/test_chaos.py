@@ -1,5 +1,6 @@
 """Processes that are killed, stopped, or find the disk full: the goal still ends, and nothing happens twice."""
 
+import contextlib
 import json
 import os
 import signal
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from phyagentos.clock import SystemClock
+from phyagentos.protocol.sessions.evidence_manifest import iter_bundles, list_unsealed
 from phyagentos.protocol.sessions.heartbeats import find_heartbeat
 from tests.following import wait_until
 
@@ -17,7 +19,7 @@ BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
 import chaos  # noqa: E402 - lies with the benchmark
-from chaos_planes import Planes, find_processes  # noqa: E402
+from chaos_planes import Planes, allow_writes, fill, find_processes, refuse_writes, small_disk  # noqa: E402
 
 GRAPH = Path(__file__).resolve().parents[2] / "goal_graphs" / "tidy_table.yaml"
 LIMIT_S = 200.0
@@ -64,6 +66,20 @@ def find_broken_promises(planes) -> list[str]:
     chaos.judge_log(case, planes.root)
     assert case.commands > 100
     return case.notes
+
+
+def check_bundles(planes) -> None:
+    """Once the planes have ended, every session that was carried out has its bundle, and each is sealed."""
+    assert planes.stop() == []
+    goal, sessions = planes.read_goal()
+    command = [sys.executable, "-m", "phyagentos", "evidence", "verify", "--json", "--workspace", str(planes.root)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+
+    assert goal.verdict == "success"
+    assert find_broken_promises(planes) == []
+    assert (done.returncode, json.loads(done.stdout)["problems"]) == (0, []), done.stdout
+    bundles = {folder.name for folder in iter_bundles(planes.root / "evidence")}
+    assert bundles == {status.contract.id for status in sessions if status.execution is not None}
 
 
 def test_every_promise_is_kept_when_a_planner_dies_and_when_the_disk_is_full():
@@ -119,3 +135,33 @@ def test_a_second_watchdog_is_refused_and_a_world_that_nobody_supervises_is_ende
     assert len(orphans) == 1
     tend_until(planes, lambda: planes.restarts["watchdog"] == 1 and planes.is_watched())
     assert planes.stop() == []
+
+
+def test_every_bundle_is_sealed_after_all_processes_were_killed_at_once(planes):
+    """In the second session, while the worker is too busy to have sealed the bundle of the first."""
+    tend_until(planes, lambda: len(list_unsealed(planes.root / "evidence")) > 1 and is_moving(planes))
+    for pid in find_processes(planes.root):
+        with contextlib.suppress(ProcessLookupError):  # it ended with its parent
+            os.kill(pid, signal.SIGKILL)
+    tend_until(planes, planes.tend)
+
+    assert planes.restarts == {"watchdog": 1, "agent": 1}
+    check_bundles(planes)
+
+
+def test_every_bundle_is_sealed_after_the_disk_was_full(tmp_path):
+    """Where no file system can be mounted, no process that is there may write instead."""
+    with small_disk(tmp_path, chaos.DISK_MB) as has_disk:
+        planes = Planes(tmp_path / "w", GRAPH, 1, SystemClock())
+        try:
+            tend_until(planes, lambda: is_moving(planes))
+            ballast = fill(tmp_path) if has_disk else tmp_path / "none"
+            for pid in [] if has_disk else find_processes(planes.root):
+                refuse_writes(pid)
+            chaos.wait(planes, chaos.FULL_S, SystemClock())
+            ballast.unlink(missing_ok=True)
+            allow_writes(planes.root)
+            tend_until(planes, planes.tend)
+            check_bundles(planes)
+        finally:
+            planes.stop()

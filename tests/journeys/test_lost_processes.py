@@ -1,17 +1,14 @@
 """Processes that die: nothing is lost, nothing is repeated, every session reaches an end."""
 
-import contextlib
 import os
 import signal
 import threading
-from multiprocessing.connection import Client
 
 import pytest
 
 from phyagentos.assembly.paths import make_socket_folder
-from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.heartbeats import find_heartbeat
-from phyagentos.runtime.targets import wire
+from tests.strangers import wait_in_the_backlog
 
 pytestmark = pytest.mark.journey
 
@@ -57,24 +54,11 @@ def test_what_the_hand_holds_when_its_worker_dies_is_carried_on_and_not_dropped(
 
 
 def test_who_waits_in_the_backlog_when_the_worker_is_killed_gets_nothing(rough_plane):
-    socket, over = make_socket_folder(rough_plane.workspace.root) / "panda.world", threading.Event()
-    hunter, sent, heard = kill_worker_when(rough_plane, "executing"), [], []
-
-    def wait_in_the_backlog() -> None:
-        while not over.is_set():
-            with contextlib.suppress(OSError, EOFError), Client(str(socket), "AF_UNIX") as stranger:
-                stranger.send_bytes(wire.REQUESTS.encode(wire.Begin(session="killed-3.red", epoch=2)))
-                sent.append(True)
-                heard.append(stranger.recv_bytes())
-            SystemClock().sleep(0.05)
-
-    strangers = [threading.Thread(target=wait_in_the_backlog, daemon=True) for _ in range(2)]
-    for each in strangers:
-        each.start()
-    report = rough_plane.run("killed-3")
-    over.set()
+    hunter = kill_worker_when(rough_plane, "executing")
+    with wait_in_the_backlog(make_socket_folder(rough_plane.workspace.root) / "panda.world", "killed-3.red") as told:
+        report = rough_plane.run("killed-3")
 
     assert not hunter.is_alive()
     assert report.sessions[0].ended == "runner_lost", report
     assert report.verdict == "success"
-    assert (len(sent) > 2, heard) == (True, [])
+    assert (told.sent > 2, told.heard) == (True, [])

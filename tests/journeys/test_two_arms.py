@@ -11,6 +11,7 @@ from functools import cache
 import msgspec
 import pytest
 
+from phyagentos.assembly.paths import make_socket_folder
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.sessions.heartbeats import find_heartbeat
@@ -21,6 +22,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.admission import Entry
 from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Journal
+from tests.strangers import wait_in_the_backlog
 
 pytestmark = pytest.mark.journey
 
@@ -37,12 +39,16 @@ class TwoArms:
         self.scene = scene
         self.workspace = Workspace.create(root / "w", Library.open(project))
         command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(root / "w"), "--no-pictures"]
-        with (root / "watch.log").open("wb") as log:
-            self.process = subprocess.Popen([*command, *options], stdout=log, stderr=log)
+        self._command, self._log = [*command, *options], root / "watch.log"
+        self.start()
         self.journal = Journal(self.workspace.root, side=Side.AGENT, by="journey", clock=CLOCK)
         self.follower = Follower(self.journal.folder)
         self.round = 0
         self.begin_round()
+
+    def start(self):
+        with self._log.open("ab") as log:
+            self.process = subprocess.Popen(self._command, stdout=log, stderr=log)
 
     def begin_round(self):
         """Sessions from now on are of a scene of their own; what others did is forgotten."""
@@ -229,6 +235,27 @@ def test_at_one_table_a_killed_worker_leaves_its_arm_holding_and_the_other_goes_
     arms.submit("again", "right_arm", "home")
     arms.wait_for("again", "finish")
     assert arms.executions["again"]["ended"] == "completed"
+
+
+def test_at_one_table_an_adopted_world_listens_to_no_stranger_while_its_workers_are_replaced(one_table):
+    """First all of them, with their watchdog; then one, which has its key over the socket."""
+    arms = one_table()
+    starts = arms.read_log("right_arm").count('"process_start"')
+    socket = make_socket_folder(arms.workspace.root) / "right_arm.world"
+    with wait_in_the_backlog(socket, arms.name("right")) as told:
+        arms.process.kill()
+        arms.process.wait()
+        arms.start()
+        arms.end_round()
+        assert {arms.executions[name]["ended"] for name in ("left", "right")} == {"runner_lost"}
+
+        one_table()
+        os.kill(find_heartbeat(arms.workspace.heartbeats, "right_arm").pid, signal.SIGKILL)
+        arms.end_round()
+
+    assert [arms.executions[name]["ended"] for name in ("left", "right")] == ["completed", "runner_lost"]
+    assert (told.sent > 2, told.heard) == (True, [])
+    assert arms.read_log("right_arm").count('"process_start"') == starts, "it is the same world"
 
 
 @pytest.mark.parametrize(("how", "event"), [("cancel", "confirm_cancel"), ("estop", "finish"), ("kill", "reconcile")])

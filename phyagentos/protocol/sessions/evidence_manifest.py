@@ -203,6 +203,13 @@ def iter_bundles(evidence: Path) -> Iterator[Path]:
         yield from (path for path in sorted(evidence.iterdir()) if path.is_dir() and path.name != OBJECTS)
 
 
+def list_unsealed(evidence: Path) -> list[Path]:
+    """The bundles without a manifest; none where the folder cannot be read."""
+    with contextlib.suppress(OSError):
+        return [folder for folder in iter_bundles(evidence) if not (folder / MANIFEST).exists()]
+    return []
+
+
 def iter_objects(evidence: Path) -> Iterator[Path]:
     """The large files that are kept once."""
     yield from sorted((evidence / OBJECTS).glob("??/*"))

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import threading
+from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Client
 
@@ -20,6 +21,7 @@ from phyagentos.runtime.channel import Link
 from phyagentos.runtime.drivers.debug import DebugDriver
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.handshake import Grant, Hello, Tokens, grant, greet, make_key, mint
+from phyagentos.runtime.targets.realtime import serve_realtime
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import UnixDoor, serve
@@ -44,6 +46,18 @@ class Acknowledging:
 
     def withdraw(self):
         self.withdrawn.set()
+
+
+class Standing(Acknowledging):
+    """As `serve_realtime` needs it."""
+
+    control_period_s, time_s, is_moving = 0.02, 0.0, False
+
+    def coast(self):
+        self.time_s += self.control_period_s
+
+    def look_for_stops(self):
+        return False
 
 
 @pytest.fixture(params=["unix", "websocket"])
@@ -209,12 +223,13 @@ def test_a_client_that_says_nothing_does_not_keep_others_out(stand):
     silent.close()
 
 
-def test_a_process_that_waits_in_the_backlog_gets_nothing_and_holds_nobody(tmp_path):
+@pytest.mark.parametrize("serve_so", [serve, partial(serve_realtime, clock=CLOCK)], ids=["lockstep", "realtime"])
+def test_a_process_that_waits_in_the_backlog_gets_nothing_and_holds_nobody(tmp_path, serve_so):
     """It knows the token, even, and says half a message: only the process that the key is for is listened to."""
     door, key = UnixDoor(str(tmp_path / "s")), make_key()
-    target, tokens = Acknowledging(), Tokens(key)
+    target, tokens = Standing(), Tokens(key)
     tokens.renew(key, os.getppid())
-    thread = threading.Thread(target=serve, args=(target, door, tokens), daemon=True)
+    thread = threading.Thread(target=serve_so, args=(target, door, tokens), daemon=True)
     thread.start()
     for said in (b"", b"\0\0", msgspec.msgpack.encode(Hello(version=wire.WIRE_VERSION, token=mint(key)))):
         with Client(str(tmp_path / "s"), "AF_UNIX") as stranger:

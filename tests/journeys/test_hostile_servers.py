@@ -1,0 +1,204 @@
+"""Servers that turn hostile in the midst of a session: it ends in time with a code, and the next one is sound."""
+
+import base64
+import contextlib
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from phyagentos.assembly.agent_plane import MemoryUse
+from phyagentos.bench.suite import open_bench
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.skill_runtimes import read_skill
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.perception.inventory import build_inventory
+from phyagentos.runtime.perception.segmentation import Palette
+from phyagentos.runtime.policies import wire
+from phyagentos.runtime.policies.server import answer
+from tests.hostile_server import WAYS, HostileServer
+
+pytestmark = pytest.mark.journey
+
+POLICY = find_shipped_root() / "examples" / "03_policy_server"
+SCENE = "tabletop/cubes_and_trays"
+WAITS_S = 2.0  # for a server, by the settings of these workspaces
+LIMIT_S = 40.0  # of a whole goal on a busy machine
+DRIP, BOMB, SILENCE = "a drip of a body", "a gzip bomb", "silence"
+GRAPH = f"""
+goal: hostile
+objective: Put the red cube into the red tray.
+scene: {SCENE}
+targets: {{arm: panda}}
+defaults: {{max_replans: 0, policy_s: {WAITS_S}}}
+budget: {{sessions: 1}}
+sessions:
+  red:
+    skill: pick_and_place
+    target: arm
+    with: {{object: red_cube, destination: red_tray}}
+    accept: ["inside(red_cube, red_tray)", "not moved(green_cube)"]
+"""
+
+
+class Turncoat(HostileServer):
+    """Answers every request by `reply`; once it is told to, only so many more of them."""
+
+    def __init__(self, reply) -> None:
+        super().__init__(SILENCE, polite=self._reply_or_turn)
+        self._reply, self._turns_at = reply, float("inf")
+
+    def turn(self, way: str, after: int) -> None:
+        self.way, self.parts, self._turns_at = way, WAYS[way](), self.requests + after
+
+    def turn_back(self) -> None:
+        self._turns_at = float("inf")
+
+    def _reply_or_turn(self, request: bytes) -> bytes | None:
+        if self.requests <= self._turns_at:
+            return self._reply(request)
+        self.parts = WAYS[self.way]()
+        return None
+
+
+class Stand:
+    """A workspace whose planes run, and the server that it asks; each goal is of one session in a world of its own."""
+
+    def __init__(self, root, server, workspace, mission, skill) -> None:
+        self.server, self.workspace, self._mission, self._count = server, workspace, mission, 0
+        self._graph = root / "goal.yaml"
+        self._graph.write_text(GRAPH.replace("pick_and_place", skill))
+
+    def run(self):
+        self._count += 1
+        report = self._mission.run(self._graph, seed=1, goal=f"goal-{self._count}")
+        assert report.wall_s < LIMIT_S
+        (session,) = report.sessions
+        return report, session
+
+    def run_against(self, way, after):
+        """With a server that turns hostile after so many requests; and then with one that is polite again."""
+        before = self.server.requests
+        self.server.turn(way, after)
+        report, session = self.run()
+        assert self.server.requests > before + after
+        assert report.exit_code == 1
+        self.server.turn_back()
+        next_report, next_session = self.run()
+        assert next_session.ended == "completed"
+        logs = self.workspace.logs.glob("*.log")
+        assert [log.name for log in logs if "Traceback" in log.read_text()] == []
+        return session, next_report
+
+
+@pytest.fixture(scope="module")
+def open_stand(tmp_path_factory):
+    with contextlib.ExitStack() as stack:
+
+        def open_one(reply, change, *projects, skill="pick_and_place"):
+            root, server = tmp_path_factory.mktemp("hostile"), Turncoat(reply)
+            stack.callback(server.close)
+            workspace = Workspace.create(root / "w", Library.open(*projects))
+            change(workspace, server.url)
+            agent = stack.enter_context(open_bench(workspace, SystemClock(), memory_use=MemoryUse.NONE))
+            return Stand(root, server, workspace, agent.mission, skill)
+
+        yield open_one
+
+
+class Rest:
+    """A policy that stays where it is, for three chunks."""
+
+    def start(self, request):
+        pass
+
+    def infer(self, request):
+        return np.tile(np.append(request.observations["joint_state"], 0.08), (25, 1)), request.sequence == 2
+
+
+@pytest.fixture(scope="module")
+def policy(open_stand):
+    skill, _ = read_skill(POLICY / "skills" / "imitate" / "SKILL.md")
+
+    def change(workspace, url):
+        text = workspace.skill_registry.read_text()
+        workspace.skill_registry.write_text(text.replace(skill.policy.endpoint, url))
+
+    def reply(data):
+        return wire.encode(answer(wire.decode_request(data), Rest(), skill.policy))
+
+    return open_stand(reply, change, POLICY, skill="imitate")
+
+
+@pytest.mark.parametrize(("way", "code"), [(DRIP, "POLICY_LOST"), (BOMB, "POLICY_FAULT"), (SILENCE, "POLICY_LOST")])
+def test_a_policy_server(policy, way, code):
+    session, _ = policy.run_against(way, after=3)  # what it is, a start, one chunk
+
+    assert (session.ended, session.code, session.cause) == ("skill_failed", code, "POLICY_FAILED"), session
+    assert session.ticks > 10, "it was in motion"
+
+
+def detect_by_colour():
+    """The replies of a detector that knows the colours of the scene."""
+    inventory = build_inventory(read_scene(Library.open().get_scene(SCENE)))
+    palette, things = Palette(inventory.palette), [thing for thing in inventory.things.values() if thing.colors]
+    colors = {f"{thing.template.color} {thing.template.kind}".strip(): thing.colors[0] for thing in things}
+
+    def encode(mask):
+        png = cv2.imencode(".png", mask.astype(np.uint8) * 255)[1].tobytes()
+        return {"box": [0, 0, *mask.shape[::-1]], "mask_png": base64.b64encode(png).decode()}
+
+    def reply(data):
+        asked = json.loads(data)
+        png = np.frombuffer(base64.b64decode(asked["image_png"]), np.uint8)
+        labels = palette.label(cv2.imdecode(png, cv2.IMREAD_COLOR)[..., ::-1])
+        found = [{"label": word, "score": 0.9} | encode(labels == colors[word]) for word in asked["labels"]]
+        return json.dumps({"version": 1, "detections": found}).encode()
+
+    return reply
+
+
+@pytest.fixture(scope="module")
+def detector(open_stand):
+    def change(workspace, url):
+        with workspace.perception.open("a") as file:
+            file.write(f"detector: {{name: http, settings: {{url: '{url}', timeout_s: {WAITS_S}}}}}\n")
+
+    return open_stand(detect_by_colour(), change)
+
+
+@pytest.mark.parametrize(("way", "code"), [(DRIP, "DETECTOR_TIMEOUT"), (BOMB, "DETECTOR_MALFORMED")])
+def test_a_detector(detector, way, code):
+    session, next_report = detector.run_against(way, after=5)  # a camera after the other: it is in the last look
+
+    assert (session.ended, session.verdict, session.cause) == ("completed", "failure", "EVIDENCE_MISSING"), session
+    after = json.loads((detector.workspace.evidence_of(session.id) / evidence.AFTER).read_bytes())
+    told = {(each["status"], each["detail"].split(":")[0]) for each in after["sensors"].values()}
+    assert told == {("unread", code)}
+    assert next_report.verdict == "success"
+
+
+@pytest.fixture(scope="module")
+def judge(open_stand):
+    def change(workspace, url):
+        path, model = workspace.runtime_contract, f"{{url: '{url}', model: looker, timeout_s: {WAITS_S}}}"
+        rest = path.read_text().split("verification:")[0]
+        path.write_text(f"{rest}verification: {{judges: [predicates, vision], vision: {model}}}\n")
+
+    message = {"role": "assistant", "content": '{"truth": "true", "because": "it lies there"}'}
+    reply = json.dumps({"choices": [{"message": message}]}).encode()
+    return open_stand(lambda _: reply, change)
+
+
+@pytest.mark.parametrize(("way", "code"), [(DRIP, "MODEL_UNREACHABLE"), (BOMB, "MODEL_MALFORMED")])
+def test_a_judge_that_looks_at_pictures(judge, way, code):
+    session, next_report = judge.run_against(way, after=1)  # there are two criteria
+
+    assert (session.ended, session.verdict, session.cause) == ("completed", "failure", "JUDGE_FAILED"), session
+    answers = [(str(each.truth), each.because.split(":")[0]) for each in session.criteria if each.kind == "vision"]
+    assert answers == [("true", "it lies there"), ("unknown", code)]
+    assert next_report.verdict == "success"
