@@ -232,6 +232,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
             library=library,
             registry=registry,
             clock=clock,
+            show_look=runner.bundles.show,
         ),
         runner=runner,
         heartbeat=heartbeat,

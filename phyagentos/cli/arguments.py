@@ -87,11 +87,13 @@ def find_workspaces() -> list[Path]:
 
 
 def choose_newest() -> Path:
-    """The workspace that a reading command means without `--workspace`; says which. Raises `NOT_A_WORKSPACE`."""
+    """The workspace that a reading command means that is given none; says which. Raises `NOT_A_WORKSPACE`."""
     found = find_workspaces()
     if not found:
         wanted = "a workspace that `paos run` has made there"
-        raise DefinitionError.of("NOT_A_WORKSPACE", "workspaces", "none", wanted, "Name one with --workspace.")
+        raise DefinitionError.of(
+            "NOT_A_WORKSPACE", "workspaces", "none", wanted, "Name one: --workspace W; `paos store` takes W alone."
+        )
     print_note(f"workspace {found[0]} (the newest of {len(found)})")
     return found[0]
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 import typer
 
+from phyagentos.cli.arguments import choose_newest
 from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_result
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
@@ -25,11 +26,15 @@ _LOOK_AGAIN_S = 0.2  # longer than a writer needs to cut a torn end
 _TORN = "a torn end, which was never acknowledged"
 
 Space = Annotated[Path, typer.Argument(metavar="WORKSPACE", help="Folder of the run.")]
+_NEWEST = typer.Argument(
+    metavar="WORKSPACE", default_factory=choose_newest, show_default="the newest", help="Its folder."
+)
+ReadSpace = Annotated[Path, _NEWEST]
 Partition = Annotated[str | None, typer.Option("--lane", help="Which partition, where a workspace has several.")]
 Json = Annotated[bool, typer.Option("--json", help="As one JSON object.")]
 
 
-def check(workspace: Space, partition: Partition = None, as_json: Json = False) -> int:
+def check(workspace: ReadSpace, partition: Partition = None, as_json: Json = False) -> int:
     """Read every byte, archive included, and report every problem; changes nothing. Exit code 1 with damage."""
     from phyagentos.store.inspection import inspect_partition
 
@@ -95,7 +100,7 @@ def compact(workspace: Space, partition: Partition = None, as_json: Json = False
 
 
 def stats(
-    workspace: Space,
+    workspace: ReadSpace,
     partition: Partition = None,
     disk: Annotated[bool, typer.Option("--disk", help="Measure fdatasync on this disk as well.")] = False,
     as_json: Json = False,

@@ -368,8 +368,9 @@ HOLDING = hold(HEMMED, "red_cube")
 NEAR = {"parameters": {"object": "red_cube", "destination": "zone", "near": [0.5, -0.3, 0.0]}}
 
 
-def test_what_a_lost_runner_left_in_the_hand_is_put_down_by_the_skill_that_begins_there(shipped):
-    decision = GraphRepair().choose(make_case(shipped, Cause.RUNNER_LOST, world=HOLDING, contract=NEAR))
+@pytest.mark.parametrize("cause", [Cause.RUNNER_LOST, Cause.STALLED, Cause.TIMED_OUT])
+def test_what_an_interrupted_session_left_in_the_hand_is_put_down_by_the_skill_that_begins_there(shipped, cause):
+    decision = GraphRepair().choose(make_case(shipped, cause, world=HOLDING, contract=NEAR))
     revision = decision.chosen.revision
     assert revision.choice.skill == "place"
     assert revision.choice.parameters == NEAR["parameters"] | {"relation": "inside"}
@@ -379,12 +380,14 @@ def test_what_a_lost_runner_left_in_the_hand_is_put_down_by_the_skill_that_begin
 
 @pytest.mark.parametrize("world", [HEMMED, hold(HEMMED, "post")])
 def test_what_it_does_not_hold_is_fetched_again(shipped, world):
-    chosen = GraphRepair().choose(make_case(shipped, Cause.RUNNER_LOST, world=world)).chosen
-    assert (chosen.kind, chosen.revision.choice) == (AlternativeKind.RETRY, None)
+    for cause in (Cause.RUNNER_LOST, Cause.STALLED, Cause.TIMED_OUT):
+        chosen = GraphRepair().choose(make_case(shipped, cause, world=world)).chosen
+        assert (chosen.kind, chosen.revision.choice) == (AlternativeKind.RETRY, None)
 
 
-def test_only_a_lost_runner_is_no_fault_of_the_way_in_which_it_is_held(shipped):
-    assert list(propose_resume_held(make_case(shipped, Cause.NO_PLAN, world=HOLDING))) == []
+@pytest.mark.parametrize("cause", [Cause.NO_PLAN, Cause.SAFETY_STOP, Cause.ADAPTER_REFUSED])
+def test_where_the_way_in_which_it_is_held_may_be_at_fault_it_is_not_gone_on_with(shipped, cause):
+    assert list(propose_resume_held(make_case(shipped, cause, world=HOLDING))) == []
 
 
 @pytest.mark.parametrize("cause", [Cause.GRASP_LOST, Cause.NO_PLAN, Cause.PLACED_WRONG])

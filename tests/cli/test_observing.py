@@ -47,7 +47,7 @@ def test_where_no_workspace_is_the_next_step_is_named(paos, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     result = paos("status")
     assert result.code == ExitCode.INVALID_INPUT
-    assert "Name one with --workspace." in result.err
+    assert "Name one: --workspace W; `paos store` takes W alone." in result.err
     monkeypatch.setattr(observing, "find_running", list)
     assert "`paos run GRAPH` makes one" in paos("runs").out
 

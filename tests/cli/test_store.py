@@ -96,6 +96,21 @@ def test_statistics_say_the_same_as_the_second_reader(paos, replanned, read_with
     assert "sessions     1 replanned, 1 succeeded\n" in text
 
 
+@pytest.mark.parametrize("command", ["check", "stats"])
+def test_what_only_reads_means_the_newest_workspace_and_names_it(paos, replanned, monkeypatch, command):
+    root = replanned.workspace.root
+    monkeypatch.chdir(root)
+    named, newest = paos("store", command, root), paos("store", command)
+
+    assert (newest.code, newest.out) == (named.code, named.out)
+    assert newest.err == f"workspace . (the newest of 1)\n{named.err}"
+    monkeypatch.chdir(root / "sessions")
+    nowhere = paos("store", command)
+    assert nowhere.code == 2
+    assert "NOT_A_WORKSPACE" in nowhere.err
+    assert "WORKSPACE" in paos("store", "repair").err, "what writes is told where"
+
+
 def test_statistics_of_a_damaged_journal_end_at_the_damage(paos, replanned):
     spoil(segment_of(replanned), 9)
 

@@ -1,6 +1,10 @@
 """What goes wrong in the world is seen in the evidence, and repaired by a child where it can be."""
 
+from pathlib import Path
+
 import pytest
+
+HERE = Path(__file__).parent
 
 pytestmark = pytest.mark.journey
 
@@ -23,6 +27,21 @@ def test_a_recoverable_fault_ends_in_a_child_that_succeeds(plane, fault):
     assert len(parent.attempts) == 1, "the parent of a child is immutable"
     assert child.contract.parent == parent.contract.id
     assert child.contract.seed != parent.contract.seed
+
+
+def test_what_a_session_out_of_time_holds_is_put_down_by_the_next_one(plane, tmp_path):
+    """Three attempts dropped it from 17 cm, one after the other, and none had the time to do it all."""
+    short = tmp_path / "short.yaml"
+    short.write_text((HERE / "goal.yaml").read_text().replace("timeout_s: 60", "timeout_s: 4"))
+    report = plane.run("short-7", short, seed=7)
+
+    assert report.verdict == "success", report
+    assert read_facts(report) == [
+        ("short-7.red", "replanned", "replan"),
+        ("short-7.red.r1", "succeeded", "success"),
+    ]
+    parent, child = (plane.mission.ledger.sessions[each.id] for each in report.sessions)
+    assert (parent.decision.cause, child.contract.skill) == ("TIMED_OUT", "place")
 
 
 def test_a_removed_object_ends_in_failure(plane):

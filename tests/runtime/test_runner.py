@@ -172,10 +172,11 @@ def test_pick_and_place_runs_through_its_leaves_in_order(build_bench, build_sess
     trace = read_bundle(bench.workspace / execution.evidence, session, execution).trace
     done = [event.path.split("/", 1)[1] for event in trace if event.status == "SUCCESS" and event.path.count("/") == 2]
     assert done == [
-        "make_room/plan_room", "make_room/for_each",
+        "free_hand/find_held", "free_hand/for_each", "make_room/plan_room", "make_room/for_each", "pick/free_hand",
         "pick/open_gripper", "pick/locate", "pick/plan_grasp", "pick/hover", "pick/preshape", "pick/lower",
-        "pick/close_gripper", "pick/verify_grasp", "pick/lift", "pick/verify_lift", "place/attach", "place/plan_place",
-        "place/carry", "place/verify_grasp", "place/lower", "place/open_gripper", "place/detach", "place/retreat",
+        "pick/close_gripper", "pick/verify_grasp", "pick/lift", "pick/verify_lift", "place/attach",
+        "place/plan_place", "place/carry", "place/verify_grasp", "place/lower", "place/open_gripper", "place/detach",
+        "place/retreat",
     ]  # fmt: skip
 
 

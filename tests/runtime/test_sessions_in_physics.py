@@ -15,6 +15,7 @@ from phyagentos.protocol.sessions.session import Ended, GoalId, Scene, SessionId
 from phyagentos.protocol.world.faults import FaultFile
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
+from phyagentos.runtime.drivers.mujoco.joint_controller import JointController
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
@@ -125,6 +126,79 @@ def test_what_one_session_holds_the_next_one_places(build_world, build):
 
     assert (picked.ended, placed.ended) == (Ended.COMPLETED, Ended.COMPLETED), (picked, placed)
     assert is_in_tray(load_terminal(bench.workspace / placed.evidence), "green_cube", "green_tray")
+
+
+@pytest.fixture
+def falls(monkeypatch):
+    """Cube -> the longest way down that it went without touching a finger [m], by the physics engine's own state."""
+    longest, began = {}, {}
+    sense = JointController._sense
+
+    def watch(controller):
+        sense(controller)
+        touching = controller._physics.find_touching()
+        for name in ("red_cube", "green_cube"):
+            height = float(controller._physics.find_position(name)[2])
+            began[name] = height if name in touching else max(began.get(name, height), height)
+            longest[name] = max(longest.get(name, 0.0), began[name] - height)
+
+    monkeypatch.setattr(JointController, "_sense", watch)
+    return longest
+
+
+TO_RED = {"object": "red_cube", "destination": "red_tray"}
+TO_GREEN = {"object": "green_cube", "destination": "green_tray"}
+
+
+@pytest.mark.parametrize(
+    ("skill", "parameters"),
+    [
+        ("pick_and_place", TO_RED),
+        ("pick_and_place", TO_GREEN),
+        ("push", {"object": "red_cube", "to": [0.45, -0.1, 0.0]}),
+    ],
+)
+def test_what_an_earlier_session_holds_is_set_down_not_dropped(build_world, build, falls, skill, parameters):
+    bench = build_world()
+    for number, (before, given) in enumerate([("pick", {"object": "green_cube"}), ("home", {})]):
+        assert bench.run(build(before, 6, number, **given)).ended is Ended.COMPLETED
+    after = bench.run(build(skill, 6, 2, **parameters))
+
+    assert after.ended is Ended.COMPLETED, after
+    assert max(falls.values()) < 0.01, falls  # 40 cm, when the hand opened where it was
+    data = load_terminal(bench.workspace / after.evidence)
+    if skill == "pick_and_place":
+        color, _, _ = parameters["object"].partition("_")
+        assert is_in_tray(data, f"{color}_cube", f"{color}_tray")
+    if parameters is not TO_GREEN:
+        assert data.body("green_cube").xpos[2] == pytest.approx(0.02, abs=0.002)
+        assert not any(is_in_tray(data, "green_cube", f"{color}_tray") for color in ("red", "green", "blue"))
+
+
+SEIZED = {"kind": "stall", "object": "green_cube", "when": {"lifted_m": 0.1}}
+
+
+def test_the_attempt_after_a_failed_one_sets_down_what_that_held_and_takes_it_again(build_world, build, falls):
+    bench = build_world(SEIZED)
+    failed, again = (bench.run(build("pick_and_place", 6, number, **TO_GREEN)) for number in (0, 1))
+
+    assert (failed.ended, again.ended) == (Ended.STALLED, Ended.COMPLETED), (failed.message, again.leaf, again.message)
+    assert load_terminal(bench.workspace / failed.evidence).body("green_cube").xpos[2] > 0.1, "it is held"
+    assert is_in_tray(load_terminal(bench.workspace / again.evidence), "green_cube", "green_tray")
+    assert falls["green_cube"] < 0.01, falls
+
+
+def test_what_slips_out_while_it_is_set_down_leaves_the_hand_free_for_the_next_thing(build_world, build):
+    bench = build_world({"kind": "slip", "object": "green_cube", "when": {"session": "*.2"}})
+    for number, (before, given) in enumerate([("pick", {"object": "green_cube"}), ("home", {})]):
+        assert bench.run(build(before, 6, number, **given)).ended is Ended.COMPLETED
+    session = build("pick_and_place", 6, 2, **TO_RED)
+    after = bench.run(session)
+
+    assert after.ended is Ended.COMPLETED, after
+    trace = read_bundle(bench.workspace / after.evidence, session, after).trace
+    assert "GRASP_LOST" in {event.code for event in trace}
+    assert is_in_tray(load_terminal(bench.workspace / after.evidence), "red_cube", "red_tray")
 
 
 def test_two_cubes_are_stacked(build_world, build):

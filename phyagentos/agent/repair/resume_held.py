@@ -1,4 +1,4 @@
-"""Repair after a lost runner: a skill that begins with holding completes the rest.
+"""Repair after an interruption: a skill that begins with holding completes the rest.
 
 It must promise the same; one of several relations is promised where a parameter chooses among them by name
 (`relation: {choices: [inside, "on"]}`).
@@ -19,13 +19,14 @@ from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.predicates.syntax import Call, Formula, Or
 
-_CHANCE = 0.95  # nothing had gone wrong, and the first half is done
+_CHANCE = 0.95  # nothing had gone wrong with what is held, and the first half is done
+_INTERRUPTIONS = frozenset({Cause.RUNNER_LOST, Cause.STALLED, Cause.TIMED_OUT})  # no fault of how a thing is held
 
 
 def propose_resume_held(case: Case) -> Iterator[Alternative]:
     """One alternative for each skill that begins with holding and keeps the promises of the node's own skill."""
     world, target = case.world, case.catalogue.targets.get(case.session.target)
-    if case.cause is not Cause.RUNNER_LOST or world is None or target is None or case.replans_left <= 0:
+    if case.cause not in _INTERRUPTIONS or world is None or target is None or case.replans_left <= 0:
         return
     for name, skill in sorted(case.catalogue.skills.items()):
         if name == case.choice.skill or not begins_with_holding(skill) or next(find_lacks(skill, target), None):

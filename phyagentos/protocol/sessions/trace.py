@@ -20,7 +20,8 @@ class Role(StrEnum):
     PLAN_SITE = "plan_site"
     """Finds ways to put the held thing down (inputs `destination`, `relation`, `near`); `labels` names them."""
     PLAN_ROOM = "plan_room"
-    """Finds what has to go from where the input `object` is put (`destination`, `relation`, `near`): its `things`."""
+    """Finds what has to go from where the input `object` is put (`destination`, `relation`, `near`), or out of the hand
+    that is to take it: its `things`."""
     PLAN = "plan"
     """Finds any other way."""
     MOVE = "move"

@@ -38,8 +38,8 @@ def find_filling(world: Environment, destination: str) -> list[str]:
     ]
 
 
-def find_support(world: Environment, name: str) -> Entity | None:
-    """Support of an entity: the fixed entity with the largest top right under its middle."""
+def find_support(world: Environment, name: str, drop_m: float = TOUCH_M) -> Entity | None:
+    """The fixed entity with the largest top right under the middle of an entity, at most `drop_m` [m] below it."""
     x, y, _ = world.entities[name].pose.position_m
     bottom_m = compute_lowest(world.entities[name])
     under = [
@@ -47,13 +47,18 @@ def find_support(world: Environment, name: str) -> Entity | None:
         for entity in world.entities.values()
         if not entity.movable
         for area, top_m in _iter_tops(entity, x, y)
-        if abs(top_m - bottom_m) <= TOUCH_M
+        if -TOUCH_M <= bottom_m - top_m <= drop_m
     ]
     return max(under, key=lambda each: each[0])[1] if under else None
 
 
 def find_free_spot(
-    world: Environment, name: str, away_from: tuple[Vector, ...], mount_m: Vector, band_m: tuple[float, float]
+    world: Environment,
+    name: str,
+    away_from: tuple[Vector, ...],
+    mount_m: Vector,
+    band_m: tuple[float, float],
+    drop_m: float = TOUCH_M,
 ) -> Vector | None:
     """The free spot nearest to an entity, None when there is none.
 
@@ -63,8 +68,9 @@ def find_free_spot(
         away_from: Places that must become free, world frame [m].
         mount_m: Where the robot stands, world frame [m].
         band_m: Least and greatest level distance of the spot from there [m].
+        drop_m: How far its support may be below it [m].
     """
-    thing, support = world.entities[name], find_support(world, name)
+    thing, support = world.entities[name], find_support(world, name, drop_m)
     if support is None:
         return None
     x0, y0, z = thing.pose.position_m

@@ -26,7 +26,7 @@ def explain_unseen(spec: SceneSpec, name: str, seed: int, robot: Robot, sensors:
             reasons.setdefault(_find_reason(model, data, name, sensor.camera), []).append(camera)
     x, y, z = data.body(name).xpos
     told = "; ".join(f"{reason} ({', '.join(cameras)})" for reason, cameras in reasons.items())
-    return f"The scene starts {name} at ({x:.3f}, {y:.3f}, {z:.3f}) m: {told}. Move it, or a camera of sensors.yaml."
+    return f"The scene starts {name} at ({x:.3f}, {y:.3f}, {z:.3f}) m: {told}. Move it, or a camera of sensors.yaml"
 
 
 def _find_reason(model: mujoco.MjModel, data: mujoco.MjData, name: str, camera: CameraSettings) -> str:

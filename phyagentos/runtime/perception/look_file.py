@@ -64,6 +64,16 @@ def read_look(path: Path, sha256: str) -> Look:
     return look
 
 
+def encode_pictures(look: Look) -> dict[str, bytes]:
+    """The whole pictures of a look as PNG, by camera."""
+    whole = (frame for asked, given in look.captures if not asked.crops for frame in given.frames)
+    return {frame.camera: _encode_picture(frame.rgb) for frame in whole}
+
+
+def _encode_picture(rgb: NDArray[Any]) -> bytes:
+    return cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]))[1].tobytes()
+
+
 def _encode(look: Look) -> bytes:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as file:
@@ -71,8 +81,7 @@ def _encode(look: Look) -> bytes:
         def keep(array: NDArray[Any]) -> str:
             name = f"{len(file.namelist()):02d}"
             if array.dtype == np.uint8:
-                _, png = cv2.imencode(".png", np.ascontiguousarray(array[..., ::-1]))
-                file.writestr(zipfile.ZipInfo(f"{name}.png"), png.tobytes())
+                file.writestr(zipfile.ZipInfo(f"{name}.png"), _encode_picture(array))
                 return f"{name}.png"
             data = io.BytesIO()
             np.save(data, array)

@@ -4,6 +4,7 @@ Nothing moves. The world is observed unless the target is another than its profi
 its problems.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import msgspec
@@ -25,6 +26,7 @@ from phyagentos.runtime.models.scene_start import find_start_problems
 from phyagentos.runtime.models.sight import explain_unseen
 from phyagentos.runtime.models.world import Robot
 from phyagentos.runtime.motion.process import Planner
+from phyagentos.runtime.perception.look import Look
 from phyagentos.runtime.perception.world_model import WORLD, WorldModel
 from phyagentos.runtime.preflight.adapter_plan import Finding, Trial
 from phyagentos.runtime.preflight.compatibility import Preflight
@@ -53,6 +55,7 @@ class Examiner:
     Attributes:
         planner: Idle between sessions.
         clock: Measures the cost.
+        show_look: Keeps the pictures of a look in a folder of evidence, and ends a sentence with their names.
     """
 
     preflight: Preflight
@@ -62,6 +65,7 @@ class Examiner:
     library: Library
     registry: LeafRegistry
     clock: Clock
+    show_look: Callable[[Look | None, str], str] = lambda _look, _evidence: ""
     _episode: str = field(default="", init=False)
     _flaws: tuple[Problem, ...] = field(default=(), init=False)
 
@@ -147,10 +151,11 @@ class Examiner:
         if name is None or now.sensing != Sensing.PERCEIVED or not self.preflight.profile.model:
             return problem
         why = explain_unseen(spec, name, session.scene.seed, self._robot, self.preflight.settings.sensors)
+        why += self.show_look(self.world.latest_look, f"evidence/{session.id}")
         if problem.code == _UNMET:
-            return msgspec.structs.replace(problem, hint=f"{problem.hint}. {why}")
+            return msgspec.structs.replace(problem, hint=f"{problem.hint}. {why}.")
         found, expected = f"{name!r}, which is in the scene and in no picture", "a thing that was seen"
-        return msgspec.structs.replace(problem, code="NEVER_SEEN", found=found, expected=expected, hint=why)
+        return msgspec.structs.replace(problem, code="NEVER_SEEN", found=found, expected=expected, hint=f"{why}.")
 
     def _find_tree_problems(self, session: Session) -> list[Problem]:
         skill = self.preflight.skills.get(session.skill)

@@ -20,7 +20,7 @@ from phyagentos.protocol.documents.body_codec import render_yaml
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence import Event, encode_json, encode_lines
 from phyagentos.protocol.sessions.evidence_manifest import unseal_bundle
-from phyagentos.protocol.sessions.looks import LOOKS, LookEntry, LookRole, read_looks
+from phyagentos.protocol.sessions.looks import LOOKS, PREFIX, LookEntry, LookRole, read_looks
 from phyagentos.protocol.sessions.session import Execution, Session
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
@@ -30,7 +30,7 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.execution.holds import HoldSample, SampleKey
 from phyagentos.runtime.perception.look import Look
-from phyagentos.runtime.perception.look_file import write_look
+from phyagentos.runtime.perception.look_file import encode_pictures, write_look
 from phyagentos.runtime.targets.wire import NPZ, Observation, RecordedFault, Step
 from phyagentos.runtime.worker.bundle_files import BundleFiles
 
@@ -203,6 +203,15 @@ class Bundles:
         recorder = Recorder(self._root / evidence, self._latest)
         self._latest = recorder.files
         return recorder
+
+    def show(self, look: Look | None, evidence: str) -> str:
+        """Write the pictures of a look that missed a thing; ends a sentence with their names, if any are taken."""
+        if look is None or not self.pictures or not (pictures := encode_pictures(look)):
+            return ""
+        recorder = Recorder(self._root / evidence)
+        for camera, png in pictures.items():
+            recorder.write_file(f"{PREFIX}{camera}.png", png)
+        return f". Looked at, in {evidence}: {', '.join(f'{PREFIX}{camera}.png' for camera in pictures)}"
 
     def prepare(self) -> None:
         """Open files for the next bundle; it takes a moment, so nothing should wait for it."""

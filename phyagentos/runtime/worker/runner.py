@@ -4,7 +4,7 @@ The outcome of a session is read from the world at rest, not from its skill.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -21,7 +21,7 @@ from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.execution.already_met import weigh_before
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
-from phyagentos.runtime.execution.leaf import LeafError
+from phyagentos.runtime.execution.leaf import FailureCode, LeafError
 from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
 from phyagentos.runtime.execution.open_criteria import find_moving, find_open_criteria, is_marginal, is_start_marginal
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
@@ -32,6 +32,7 @@ from phyagentos.runtime.worker.orders import Reconcile
 from phyagentos.runtime.worker.recorder import Bundles, Recorder
 
 LOOK_ON_S = 2.0  # of simulated time: the most that is waited for things to rest and for marginal criteria to be decided
+_UNSEEN = frozenset({FailureCode.OBJECT_GONE, FailureCode.NOT_VISIBLE})  # the reason comes with the pictures
 SETTLE_S = 0.3  # of simulated time, within which released things come to rest
 
 
@@ -133,6 +134,9 @@ class SessionRunner:
             run.heartbeat.publish("observing", run.loop.ticks, run.context.time_s)
             try:
                 faults = self._write_end(session, recorder, run.holds, run.context.initial)
+                if outcome.code in _UNSEEN:
+                    shown = self.bundles.show(self._world.latest_look, evidence)
+                    outcome = replace(outcome, message=outcome.message + shown)
             except ExecutionError as error:
                 outcome = Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
         self._write_course(run, faults)

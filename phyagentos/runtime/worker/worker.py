@@ -167,6 +167,7 @@ class WorkerLoop:
             and (against := gate.find_problems(session, found.plan.tree, lambda: self._is_unwanted(order)))
         ):
             found = msgspec.structs.replace(found, plan=None, tools=None, problems=tuple(against))
+        if found.problems and self._workspace.evidence_of(session.id).exists():  # a forecast, or the pictures of a look
             self._unsealed.append(f"evidence/{session.id}")
         if found.plan is not None:
             self._checked = _Checked(session, order.epoch, msgspec.to_builtins(found.plan))
