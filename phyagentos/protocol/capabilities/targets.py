@@ -25,6 +25,44 @@ Triple = tuple[float, float, float]
 Quadruple = tuple[float, float, float, float]
 
 
+class Frame(Authored):
+    """A place on a body of the model.
+
+    Attributes:
+        body: Its name.
+        position_m: In the frame of the body [m].
+        quaternion_wxyz: In the frame of the body.
+    """
+
+    body: str
+    position_m: Triple = (0.0, 0.0, 0.0)
+    quaternion_wxyz: Quadruple = (1.0, 0.0, 0.0, 0.0)
+
+
+class PadBox(Frame):
+    """A box that a finger grips with, added to the model.
+
+    Attributes:
+        name: Of the geom.
+        half_m: Half of its sides [m].
+    """
+
+    name: str
+    half_m: Triple
+
+
+class Hand(Authored):
+    """A model that the arm's flange carries; its names begin with `hand/`.
+
+    Attributes:
+        model: As that of the profile.
+        at: The place on the arm where its base is put.
+    """
+
+    model: str
+    at: Frame
+
+
 class Arm(Authored):
     """Joints and servo of an arm; all lists have one entry per joint, in chain order.
 
@@ -60,11 +98,14 @@ class Arm(Authored):
 
 
 class Gripper(Authored):
-    """A parallel gripper: `width_m` is the opening between the pads, one set-point for all fingers.
+    """A gripper: `width_m` is the opening between its two pads, one set-point for all fingers.
 
     Attributes:
-        joints: Names in the model.
+        joints: What its drive moves, names in the model.
+        travel: Share of each joint in the drive; without it each slides by its share of the opening. Where joints turn
+            or are coupled, the drive is calibrated in the model: see `runtime.models.hand`.
         pads: Geoms that touch.
+        pad_boxes: Pads that the model lacks.
         pad_surface: What the pads are made of; without it they have the model's own friction.
         max_width_m: Widest opening [m].
         stiffness_n_m: Position gain of the servo [N/m].
@@ -80,7 +121,9 @@ class Gripper(Authored):
     """
 
     joints: tuple[str, ...]
+    travel: tuple[float, ...] = ()
     pads: tuple[str, ...]
+    pad_boxes: tuple[PadBox, ...] = ()
     pad_surface: Surface | None = None
     max_width_m: float
     stiffness_n_m: float
@@ -115,9 +158,12 @@ class TargetProfile(Authored):
         endpoint: Where the driver `remote` finds its target (`ws://127.0.0.1:7000`).
         world: Name of the simulated world that it shares with the other targets of this name; empty for one of its own.
         end_effector: What its flange carries: a gripper with an `opening`, a `suction` cup, or `none`.
-        model: MJCF file, relative to the profile; none for `debug`.
+        model: MJCF or URDF file, relative to the profile or `SOURCE:PATH`, see `runtime.models.sources`; none for
+            `debug`.
+        hand: What is mounted on the arm, where the model has none.
         embodiment: What it is (`arm`).
         tcp: Site of the tool centre point; z approaches, y is the closing axis.
+        tool: Where this site is; none where the model has it.
         mount_position_m: Where its base stands in the world [m].
         mount_quaternion_wxyz: How its base stands in the world.
         control_period_s: Length of one command [s]; a whole number of physics steps.
@@ -141,11 +187,13 @@ class TargetProfile(Authored):
     kind: Literal["simulation", "real_robot", "debug"] = "simulation"
     embodiment: str = "arm"
     model: str = ""
+    hand: Hand | None = None
     driver: str = ""
     endpoint: str = ""
     world: str = pydantic.Field(default="", pattern=r"^([a-z][a-z0-9_]*)?$")
     end_effector: Literal["opening", "suction", "none"] = "opening"
     tcp: str = "tcp"
+    tool: Frame | None = None
     mount_position_m: Triple = (0.0, 0.0, 0.0)
     mount_quaternion_wxyz: Quadruple = (1.0, 0.0, 0.0, 0.0)
     control_period_s: float = 0.02

@@ -107,9 +107,9 @@ def settle_estimate(physics: Physics, environment: Environment, profile: TargetP
             data.qpos[start : start + 7] = (*pose.position_m, *pose.quaternion_wxyz)
             loose += [name] if environment.entities[name].held_by is None else []
     width_m = float(np.clip(target.gripper_width_m, 0.0, profile.gripper.max_width_m))
-    fingers = profile.gripper.joints
-    for finger in fingers:
-        data.qpos[model.joint(finger).qposadr[0]] = width_m / len(fingers)
+    hand = physics.scene.hands[profile.target]
+    for finger, position in zip(hand.joints, hand.pose(width_m), strict=True):
+        data.qpos[model.joint(finger).qposadr[0]] = position
     stand_up_sunk(model, data, loose)
     command_m = 0.0 if target.holding else width_m
     q = np.asarray(target.q_rad, dtype=np.float64)

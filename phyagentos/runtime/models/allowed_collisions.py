@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.robot import build_robot
+from phyagentos.runtime.models.sources import find_model
 
 Pair = tuple[str, str]
 SAMPLES = 3000
@@ -42,8 +44,7 @@ class CollisionMatrix:
 
 def compute_collision_matrix(profile: TargetProfile, folder: Path) -> CollisionMatrix:
     """The matrix of a robot whose model is in `folder`; computed once per robot file and process."""
-    path = folder / profile.model
-    return _compute(profile, folder, path.stat().st_mtime_ns)
+    return _compute(profile, folder, find_model(profile.model, folder).stat().st_mtime_ns)
 
 
 def exclude_pairs(spec: mujoco.MjSpec, pairs: tuple[Pair, ...]) -> None:
@@ -58,8 +59,9 @@ def exclude_pairs(spec: mujoco.MjSpec, pairs: tuple[Pair, ...]) -> None:
 def _compute(profile: TargetProfile, folder: Path, _changed_ns: int) -> CollisionMatrix:
     model = build_robot(profile, folder).compile()
     data = mujoco.MjData(model)
-    for name in profile.gripper.joints:
-        data.qpos[model.joint(name).qposadr[0]] = profile.gripper.max_width_m / len(profile.gripper.joints)
+    hand = measure_hand(profile, folder)
+    for name, position in zip(hand.joints, hand.pose(profile.gripper.max_width_m), strict=True):
+        data.qpos[model.joint(name).qposadr[0]] = position
     return sample_collision_matrix(model, data, [int(model.joint(name).qposadr[0]) for name in profile.arm.joints])
 
 

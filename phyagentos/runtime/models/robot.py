@@ -10,14 +10,31 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
+import numpy as np
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.geometry import compute_rotation
+from phyagentos.protocol.capabilities.targets import Frame, TargetProfile
 from phyagentos.protocol.documents.enclosure import leads_out
 from phyagentos.protocol.documents.schema import read_yaml, validate
+from phyagentos.runtime.models.sources import find_model, is_beside
 
 GRIPPER_ACTUATOR = "act_gripper"
 GRIPPER_TENDON = "gripper_width"
+HAND, MOUNT = "hand/", "hand"  # prefix of a mounted hand's names; the body that cameras of the wrist are mounted on
+MOUNT_TO_TOOL_M = 0.1034  # from that body to the tool centre point, where a model has none of this name
+# Friction decides a grasp: torsional contact (condim 4), stiff, above what the other body says.
+_PAD = {
+    "condim": 4,
+    "priority": 2,
+    "friction": [1.0, 0.02, 0.001],
+    "solref": [0.005, 1.0],
+    "solimp": [0.95, 0.99, 0.001, 0.5, 2.0],
+    "group": 3,
+    "mass": 0.0,
+    "rgba": [0.9, 0.5, 0.2, 0.5],
+}
+_OPTIONS = ("cone", "impratio", "integrator", "timestep", "iterations", "tolerance", "noslip_iterations", "jacobian")
 _MJCF_FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 
@@ -44,10 +61,10 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
         for name, value in lists.items()
         if len(value) != n
     ]
-    if (profile.model or profile.kind == "simulation") and not (path.parent / profile.model).is_file():
-        problems.append(
-            located.problem("MODEL_MISSING", ("model",), repr(profile.model), f"a MJCF file in {path.parent}")
-        )
+    if is_beside(profile.model) and (profile.model or profile.kind == "simulation"):
+        if not (path.parent / profile.model).is_file():
+            expected = f"a MJCF file in {path.parent}"
+            problems.append(located.problem("MODEL_MISSING", ("model",), repr(profile.model), expected))
     steps = profile.control_period_s / profile.physics_step_s
     if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
         address = ("control_period_s",)
@@ -81,23 +98,67 @@ def build_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
 
 
 def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
-    """The profile's MJCF in `folder`, mounted.
+    """The profile's model, with its hand, pads and tool, mounted; without what only a simulation of its own needs.
 
     Raises:
-        DefinitionError: When the model lacks a joint, pad or site that the profile names, is no MJCF, or names a file
-            outside of the folder of all robots (`LEADS_OUT`).
+        DefinitionError: When the model lacks a joint, pad or site that the profile names, cannot be read, or names a
+            file outside of the folder of all robots (`LEADS_OUT`).
     """
-    path = folder / profile.model
-    if problems := list(_iter_outside(path, folder.parent)):
+    path = find_model(profile.model, folder)
+    if is_beside(profile.model) and (problems := list(_iter_outside(path, folder.parent))):
         raise DefinitionError(problems)
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise DefinitionError.of("MODEL_UNREADABLE", str(path), str(error)) from error
+    spec = read_model(path)
+    if profile.hand is not None:
+        frame = _get_body(spec, profile.hand.at, path).add_frame(
+            pos=profile.hand.at.position_m, quat=profile.hand.at.quaternion_wxyz
+        )
+        hand = read_model(find_model(profile.hand.model, folder))
+        for name in _OPTIONS:  # those of the arm: the scene sets them for all
+            setattr(hand.option, name, getattr(spec.option, name))
+        spec.attach(hand, prefix=HAND, frame=frame)
+    for pad in profile.gripper.pad_boxes:
+        _get_body(spec, pad, path).add_geom(
+            name=pad.name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=pad.position_m, quat=pad.quaternion_wxyz, **_PAD
+        ).size = pad.half_m
+    if profile.tool is not None:
+        _add_tool(_get_body(spec, profile.tool, path), profile.tcp, profile.tool, has_mount=spec.body(MOUNT) is not None)
     _check_names(spec, profile, path)
     for body in spec.worldbody.bodies:
         body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
     return spec
+
+
+def read_model(path: Path) -> mujoco.MjSpec:
+    """A MJCF without actuators, sensors, key frames, cameras and lights; what shows a mesh that is absent is left out.
+
+    Raises:
+        DefinitionError: `MODEL_UNREADABLE`.
+    """
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise DefinitionError.of("MODEL_UNREADABLE", str(path), str(error)) from error
+    absent = {mesh.name for mesh in spec.meshes if mesh.file and not (path.parent / spec.meshdir / mesh.file).is_file()}
+    left_out = [geom for geom in spec.geoms if geom.meshname in absent]
+    meshes = [mesh for mesh in spec.meshes if mesh.name in absent]
+    scenery = [*spec.actuators, *spec.sensors, *spec.keys, *spec.cameras, *spec.lights]
+    for element in [*scenery, *left_out, *meshes]:
+        spec.delete(element)
+    return spec
+
+
+def _get_body(spec: mujoco.MjSpec, at: Frame, path: Path) -> "mujoco.MjsBody":
+    body = spec.body(at.body)
+    if body is None:
+        raise DefinitionError([Problem.unknown("UNKNOWN_BODY", str(path), at.body, [each.name for each in spec.bodies])])
+    return body
+
+
+def _add_tool(body: "mujoco.MjsBody", name: str, at: Frame, *, has_mount: bool) -> None:
+    body.add_site(name=name, pos=at.position_m, quat=at.quaternion_wxyz, group=4)
+    if not has_mount:
+        back = compute_rotation(at.quaternion_wxyz) @ (0.0, 0.0, -MOUNT_TO_TOOL_M)
+        body.add_body(name=MOUNT, pos=np.array(at.position_m) + back, quat=at.quaternion_wxyz)
 
 
 def _iter_outside(path: Path, robots: Path) -> Iterator[Problem]:
@@ -146,8 +207,8 @@ def _add_servos(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
         servo.set_to_position(kp=kp, kv=kv)
         servo.forcelimited, servo.forcerange = True, (-torque, torque)
     tendon = spec.add_tendon(name=GRIPPER_TENDON)
-    for joint in gripper.joints:
-        tendon.wrap_joint(joint, 1.0)
+    for joint, share in zip(gripper.joints, gripper.travel or [1.0] * len(gripper.joints), strict=True):
+        tendon.wrap_joint(joint, share)
     servo = spec.add_actuator(name=GRIPPER_ACTUATOR, target=GRIPPER_TENDON, trntype=mujoco.mjtTrn.mjTRN_TENDON)
     servo.set_to_position(kp=gripper.stiffness_n_m, kv=gripper.damping_ns_m)
     servo.forcelimited, servo.forcerange = True, (-gripper.force_n, gripper.force_n)

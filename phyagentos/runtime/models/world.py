@@ -6,7 +6,7 @@ of its own body.
 """
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from phyagentos.protocol.world.environment import Entity, Region
 from phyagentos.protocol.world.friction import Surface
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.models.allowed_collisions import compute_collision_matrix, exclude_pairs
+from phyagentos.runtime.models.hand import HandMotion, measure_hand
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.models.scene import add_scene, draw_bodies, read_regions
 from phyagentos.runtime.models.surfaces import add_pairs, find_idealised
@@ -38,6 +39,7 @@ class CompiledScene:
     model_sha256: str
     seed: int
     balls: tuple[str, ...]  # bodies of the contents of vessels
+    hands: Mapping[str, HandMotion]  # of each target
     idealised: tuple[str, ...] = ()  # bodies whose friction is not by pairs of surfaces
     _files: dict[str, bytes] = field(default_factory=dict)
 
@@ -82,6 +84,7 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
         data=mujoco.MjData(model),
         entities=tuple(item.as_entity() for item in placed if item.name not in balls),
         balls=tuple(balls),
+        hands={profile.target: measure_hand(profile, folder) for profile, folder in robots},
         regions=read_regions(spec, placed),
         model_sha256=hashlib.sha256(_read_bytes(model)).hexdigest(),
         seed=seed,

@@ -61,9 +61,9 @@ class PlanningScene:
         self._payload_body = int(self._model.body(PAYLOAD).id) if payload_shapes else -1
         self._owner = [self._model.body(int(body)).name.partition(_COPY)[0] for body in self._model.geom_bodyid]
         self._is_obstacle = [name in self._mocap or is_wall(name) for name in self._owner]  # by geom
-        self._fingers = [  # body, which opening it stands for, its place when open, its way for a metre
-            (int(body.id), index, np.array(body.pos), way)
-            for name, way in robot.fingers.items()
+        self._fingers = [  # body, which opening it stands for, its places
+            (int(body.id), index, track)
+            for name, track in robot.fingers.items()
             for index in range(SWEEP if payload_shapes else 1)
             for body in (self._model.body(_name_copy(name, index)),)
         ]
@@ -113,10 +113,9 @@ class PlanningScene:
         if self._spread == (low_m, high_m):
             return
         self._spread = low_m, high_m
-        most_m = self.robot.profile.gripper.max_width_m
         openings = np.linspace(high_m, low_m, SWEEP) if low_m < high_m else (high_m,) * SWEEP
-        for body, index, open_m, way in self._fingers:
-            self._model.body_pos[body] = open_m + way * (openings[index] - most_m)
+        for body, index, track in self._fingers:
+            self._model.body_pos[body], self._model.body_quat[body] = track.place(float(openings[index]))
 
     def _resize(self, name: str, shapes: Shapes) -> None:
         """Give a body's solids the sizes of shapes, and the bounds by which MuJoCo passes over them."""

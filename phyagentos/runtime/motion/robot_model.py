@@ -11,14 +11,44 @@ import mujoco
 import numpy as np
 
 from phyagentos.errors import DefinitionError, format_names
-from phyagentos.geometry import compute_rotation
+from phyagentos.geometry import compute_quaternion, compute_rotation
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.allowed_collisions import exclude_pairs, sample_collision_matrix
-from phyagentos.runtime.models.robot import read_robot
+from phyagentos.runtime.models.hand import measure_hand
+from phyagentos.runtime.models.robot import build_robot, read_robot
+from phyagentos.runtime.models.sources import find_model
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.tool_bounds import ANYWHERE, ToolBounds
 
 ROBOT_BIT, WORLD_BIT = 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """The places of a finger in the hand over the opening, piece by piece.
+
+    Attributes:
+        widths_m: (k,) the wider end of each piece, ascending.
+        positions_m: (k, 3) there.
+        ways: (k, 3) for a metre of opening.
+        turns: (k + 1, 4) quaternions wxyz at the ends of all pieces.
+    """
+
+    widths_m: Array
+    positions_m: Array
+    ways: Array
+    turns: Array
+
+    def place(self, width_m: float) -> tuple[Array, Array]:
+        """Position (3,) and quaternion wxyz (4,) at an opening [m]."""
+        piece = min(int(np.searchsorted(self.widths_m, width_m)), len(self.widths_m) - 1)
+        position = self.positions_m[piece] + self.ways[piece] * (width_m - self.widths_m[piece])
+        if len(self.widths_m) == 1:
+            return position, self.turns[0]
+        narrow_m = self.widths_m[piece - 1] if piece else 0.0
+        share = np.clip((width_m - narrow_m) / (self.widths_m[piece] - narrow_m), 0.0, 1.0)
+        turned = (1.0 - share) * self.turns[piece] + share * self.turns[piece + 1]
+        return position, turned / np.linalg.norm(turned)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +60,7 @@ class RobotModel:
         model: `spec` compiled.
         q_min_rad: (n_joints,) lower joint limits; `q_max_rad` likewise.
         mounting: The base and the first moving link, which stand on the mounting.
-        fingers: Bodies that the gripper moves, open in `spec` -> way (3,) of each in the hand, for a metre of opening.
+        fingers: Bodies that the gripper moves, open in `spec`.
         hand: Bodies that move as one with the tool centre point.
         tool: Body that carries the tool centre point.
         bounds: Of where that point may be.
@@ -43,7 +73,7 @@ class RobotModel:
     q_max_rad: Array
     bodies: frozenset[str]
     mounting: frozenset[str]
-    fingers: Mapping[str, Array]
+    fingers: Mapping[str, Track]
     hand: frozenset[str]
     tool: str
     bounds: ToolBounds
@@ -85,11 +115,12 @@ def build_robot_model(profile: TargetProfile, folder: Path, bounds: ToolBounds =
     Raises:
         DefinitionError: When the model cannot be read, lacks a name, or its joints are no serial chain of hinges.
     """
-    path = folder / profile.model
+    path = find_model(profile.model, folder)
     spec = read_robot(profile, folder)
     _check_types(spec, profile, path)
+    turning = _track_fingers(profile, folder) if profile.gripper.travel else {}
     _strip(spec)
-    fingers = _freeze_fingers(spec, profile)
+    fingers = _replace_fingers(spec, profile, turning) if turning else _freeze_fingers(spec, profile)
     for geom in spec.geoms:
         geom.contype, geom.conaffinity, geom.condim = ROBOT_BIT, ROBOT_BIT | WORLD_BIT, 1
     model = spec.compile()
@@ -123,10 +154,11 @@ def build_robot_model(profile: TargetProfile, folder: Path, bounds: ToolBounds =
 
 def _check_types(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> None:
     hinge, slide = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-    types = dict.fromkeys(profile.arm.joints, hinge) | dict.fromkeys(profile.gripper.joints, slide)
+    types = dict.fromkeys(profile.arm.joints, hinge)
+    types |= {} if profile.gripper.travel else dict.fromkeys(profile.gripper.joints, slide)
     wrong = [name for name, type in types.items() if int(spec.joint(name).type) != type]
     if wrong:
-        expected = "hinges as joints of the arm, slides as joints of the gripper"
+        expected = "hinges as joints of the arm, slides as joints of a gripper without `travel`"
         raise DefinitionError.of("NO_SERIAL_CHAIN", str(path), format_names(wrong), expected)
 
 
@@ -140,14 +172,58 @@ def _strip(spec: mujoco.MjSpec) -> None:
     spec.discard_visual()  # meshes and materials that no geom uses any more cost 95 % of a compilation
 
 
-def _freeze_fingers(spec: mujoco.MjSpec, profile: TargetProfile) -> dict[str, Array]:
-    """Move each finger to its share of the full opening and delete its joint; the way of each a metre."""
-    ways = {}
+def _freeze_fingers(spec: mujoco.MjSpec, profile: TargetProfile) -> dict[str, Track]:
+    """Move each finger that slides to its share of the full opening and delete its joint."""
+    tracks, open_m = {}, profile.gripper.max_width_m
     for name in profile.gripper.joints:
         joint = spec.joint(name)
         finger = joint.parent
         axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-        ways[finger.name] = compute_rotation(finger.quat) @ axis / len(profile.gripper.joints)
-        finger.pos = np.array(finger.pos) + ways[finger.name] * profile.gripper.max_width_m
+        way = compute_rotation(finger.quat) @ axis / len(profile.gripper.joints)
+        finger.pos = np.array(finger.pos) + way * open_m
+        tracks[finger.name] = Track(np.array([open_m]), np.array([finger.pos]), way[None], np.array([finger.quat]))
         spec.delete(joint)
-    return ways
+    return tracks
+
+
+def _track_fingers(profile: TargetProfile, folder: Path) -> dict[str, Track]:
+    """Every solid body that the hand's joints move, in the frame of the tool's body, over the opening."""
+    hand, model = measure_hand(profile, folder), build_robot(profile, folder).compile()
+    data, tool = mujoco.MjData(model), int(model.site_bodyid[model.site(profile.tcp).id])
+    joints = [model.joint(name) for name in hand.joints]
+    moved = {int(joint.bodyid[0]) for joint in joints}
+    for body in range(model.nbody):  # parents come first
+        moved |= {body} if int(model.body_parentid[body]) in moved else set()
+    solid = {int(body) for body in model.geom_bodyid[(model.geom_contype | model.geom_conaffinity) > 0]}
+    poses: dict[int, list[Array]] = {body: [] for body in sorted(moved & solid)}
+    for posture in hand.postures:
+        data.qpos[[int(joint.qposadr[0]) for joint in joints]] = posture
+        mujoco.mj_kinematics(model, data)
+        R = data.xmat[tool].reshape(3, 3)
+        for body, rows in poses.items():
+            turn = compute_quaternion(R.T @ data.xmat[body].reshape(3, 3))
+            rows.append(np.concatenate((R.T @ (data.xpos[body] - data.xpos[tool]), turn)))
+    widths_m, tracks = hand.widths_m, {}
+    for body, rows in poses.items():
+        places = np.array(rows)
+        ways = np.diff(places[:, :3], axis=0) / np.diff(widths_m)[:, None]
+        same = np.cumprod(np.sign(np.r_[1.0, (places[1:, 3:] * places[:-1, 3:]).sum(axis=1)]))  # q and -q are one turn
+        tracks[model.body(body).name] = Track(widths_m[1:], places[1:, :3], ways, places[:, 3:] * same[:, None])
+    return tracks
+
+
+def _replace_fingers(spec: mujoco.MjSpec, profile: TargetProfile, tracks: dict[str, Track]) -> dict[str, Track]:
+    """Put what a hand moves, body by body, as it stands wide open, on the body of the tool."""
+    tool, copied = spec.site(profile.tcp).parent, {}
+    for name in tracks:
+        same = ("type", "size", "pos", "quat", "meshname", "name")
+        copied[name] = [{key: getattr(geom, key) for key in same} for geom in spec.body(name).geoms]
+    for joint in [joint for joint in spec.joints if joint.name not in profile.arm.joints]:
+        if spec.joint(joint.name) is not None and spec.body(joint.parent.name) is not None:
+            spec.delete(joint.parent)
+    for name, track in tracks.items():
+        position, turned = track.place(profile.gripper.max_width_m)
+        body = tool.add_body(name=name, pos=position, quat=turned)
+        for geom in copied[name]:
+            body.add_geom(**geom, mass=0.001)
+    return tracks

@@ -10,6 +10,7 @@ import numpy as np
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import ShapeKind, TargetState
+from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.perception.solids import Array, Solids
 
@@ -31,8 +32,9 @@ class RobotMask:
         self._model = build_robot(profile, folder).compile()
         self._data = mujoco.MjData(self._model)
         self._arm = [int(self._model.joint(name).qposadr[0]) for name in profile.arm.joints]
-        self._fingers = [int(self._model.joint(name).qposadr[0]) for name in profile.gripper.joints]
-        tips = {int(self._model.joint(name).bodyid[0]) for name in profile.gripper.joints}
+        self._hand = measure_hand(profile, folder)
+        self._fingers = [int(self._model.joint(name).qposadr[0]) for name in self._hand.joints]
+        tips = {int(self._model.joint(name).bodyid[0]) for name in self._hand.joints}
         model = self._model
         self._kinds, self._sizes, self._offsets = _read_geoms(model)
         self._grown = np.where(np.isin(model.geom_bodyid, list(tips)), TIP_M, LINK_M)
@@ -41,7 +43,7 @@ class RobotMask:
         """Its solids in the world, at the measured joint positions."""
         data = self._data
         data.qpos[self._arm] = state.q_rad
-        data.qpos[self._fingers] = state.gripper_width_m / len(self._fingers)
+        data.qpos[self._fingers] = self._hand.pose(state.gripper_width_m)
         mujoco.mj_kinematics(self._model, data)
         rotations = np.array(data.geom_xmat).reshape(-1, 3, 3)
         positions = np.array(data.geom_xpos) + np.einsum("kij,kj->ki", rotations, self._offsets)

@@ -108,7 +108,7 @@ class JointController:
     def hold(self, q_rad: Array) -> None:
         """Take a posture as the set-point, at rest, the fingers stay; after a scene was loaded."""
         self._held = SetPoint.at_rest(np.clip(q_rad, self._limits.low, self._limits.high))
-        self._width_m = float(self._physics.data.ctrl[self._physics.inputs][-1])
+        self._width_m = self._physics.commanded_width_m
 
     def begin(self) -> None:
         """Begin a session: set-points continue from the measured posture, at rest.

@@ -43,7 +43,9 @@ class Physics:
         self._sensors = JointSensors(profile.arm, scene.seed, profile.physics_step_s)
         model = self.model
         joints = [model.joint(prefix + name) for name in profile.arm.joints]
-        fingers = [model.joint(prefix + name) for name in profile.gripper.joints]
+        self._hand = scene.hands[profile.target]
+        fingers = [model.joint(prefix + name) for name in self._hand.joints]
+        driven = [model.joint(prefix + name) for name in profile.gripper.joints]
         self.q_address = _as_slice([int(joint.qposadr[0]) for joint in joints])
         self.v_address = _as_slice([int(joint.dofadr[0]) for joint in joints])
         self.q_range = np.array([joint.range for joint in joints]).T  # (2, n_joints): lowest, highest
@@ -52,6 +54,8 @@ class Physics:
         self._drive = model.actuator(prefix + GRIPPER_ACTUATOR).id
         self.inputs = _as_slice([*servos, self._drive])
         self._fingers = np.array([int(joint.qposadr[0]) for joint in fingers])
+        self._driven = np.array([int(joint.qposadr[0]) for joint in driven])
+        self._travel = np.array(profile.gripper.travel or np.ones(len(driven)))
         self._pads = [model.geom(prefix + name).id for name in profile.gripper.pads]
         self._jacobian = np.zeros((6, model.nv))
         self._tcp = model.site(prefix + profile.tcp).id
@@ -61,7 +65,7 @@ class Physics:
         self._balls = np.array([model.body(name).id for name in scene.balls], dtype=np.intp)
         loose = {model.body(entity.name).id for entity in self.entities if entity.movable} | set(self._balls.tolist())
         is_loose = np.array([int(body) in loose for body in model.geom_bodyid])
-        of_fingers = np.isin(model.geom_bodyid, [joint.bodyid[0] for joint in fingers])
+        of_fingers = np.isin(model.body_weldid[model.geom_bodyid], [model.body_weldid[j.bodyid[0]] for j in fingers])
         self._kinds = (_ROBOT * self._of_robot + _LOOSE * is_loose + _FINGER * of_fingers).astype(np.uint8)
         self._bodies = {model.body(entity.name).id: entity for entity in self.entities}
         self._movable = {entity.name for entity in self.entities if entity.movable}
@@ -101,7 +105,12 @@ class Physics:
     @property
     def gripper_width_m(self) -> float:
         """Opening between the pads."""
-        return float(self.data.qpos[self._fingers].sum())
+        return self._hand.compute_width(float((self._travel * self.data.qpos[self._driven]).sum()))
+
+    @property
+    def commanded_width_m(self) -> float:
+        """Opening that the drive is told now."""
+        return self._hand.compute_width(float(self.data.ctrl[self._drive]))
 
     def start(self, settle_s: float) -> None:
         """Begin at time zero with the arm at home, and let things come to rest."""
@@ -114,7 +123,7 @@ class Physics:
         home = np.array(self._profile.arm.home_rad)
         width = self._profile.gripper.max_width_m
         self.data.qpos[self.q_address] = home
-        self.data.qpos[self._fingers] = width / len(self._fingers)
+        self.data.qpos[self._fingers] = self._hand.pose(width)
         self.set_servos(home, np.zeros_like(home), width)
 
     def restore(self, state: Array) -> None:
@@ -150,7 +159,7 @@ class Physics:
         """(n, n_joints + 1) of `inputs` for n physics steps; damping leads by kv/kp so that the servo does not lag."""
         controls = np.empty((len(q_rad), len(self.lead_s) + 1))
         controls[:, :-1] = q_rad + self.lead_s * qd_rad_s
-        controls[:, -1] = gripper_width_m
+        controls[:, -1] = self._hand.compute_drive(gripper_width_m)
         return controls
 
     def set_servos(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: float) -> None:

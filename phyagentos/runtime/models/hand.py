@@ -1,0 +1,97 @@
+"""How a gripper's joints stand at an opening, and what its drive is told: direct for slides, else measured in the model.
+
+A jaw that turns, or a linkage, is driven through a series of set-points in a copy of the robot without contacts; at each
+one the gap between the pads and the posture of all its joints are taken. Between them is interpolated.
+"""
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, build_robot
+from phyagentos.runtime.models.sources import find_model
+
+Array = NDArray[np.float64]
+SETTINGS, SETTLE_S = 25, 0.4  # set-points of the drive, and what each is given to come to rest
+FAR_M = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class HandMotion:
+    """A gripper between closed and open.
+
+    Attributes:
+        joints: Every joint of it, those that follow included.
+        widths_m: (k,) openings, ascending from closed.
+        drive: (k,) length of the drive's tendon at each.
+        postures: (k, n) joint positions at each.
+    """
+
+    joints: tuple[str, ...]
+    widths_m: Array
+    drive: Array
+    postures: Array
+
+    def pose(self, width_m: float) -> Array:
+        """(n,) joint positions at an opening [m]."""
+        return np.array([np.interp(width_m, self.widths_m, column) for column in self.postures.T])
+
+    def compute_drive(self, width_m: Array) -> Array:
+        """Lengths of the drive's tendon for openings (n,) [m]."""
+        return width_m if self.drive is self.widths_m else np.interp(width_m, self.widths_m, self.drive)
+
+    def compute_width(self, drive: float) -> float:
+        """Opening [m] at a length of the drive's tendon."""
+        if self.drive is self.widths_m:
+            return drive
+        order = np.argsort(self.drive)
+        return float(np.interp(drive, self.drive[order], self.widths_m[order]))
+
+
+def measure_hand(profile: TargetProfile, folder: Path) -> HandMotion:
+    """The motion of a target's gripper, whose model is relative to `folder`; once per file and process.
+
+    Raises:
+        DefinitionError: `WRONG_OPENING` where the model does not open as wide as the profile says.
+    """
+    gripper = profile.gripper
+    if not gripper.travel:
+        widths_m, share = np.array([0.0, gripper.max_width_m]), max(len(gripper.joints), 1)
+        return HandMotion(gripper.joints, widths_m, widths_m, np.outer(widths_m / share, np.ones(len(gripper.joints))))
+    return _measure(profile, folder, find_model(profile.model, folder).stat().st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=16)
+def _measure(profile: TargetProfile, folder: Path, _changed_ns: int) -> HandMotion:
+    spec = build_robot(profile, folder)
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_GRAVITY
+    spec.option.timestep, spec.option.integrator = profile.physics_step_s, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model = spec.compile()
+    data, servo, gripper = mujoco.MjData(model), model.actuator(GRIPPER_ACTUATOR).id, profile.gripper
+    arm = [model.joint(name) for name in profile.arm.joints]
+    data.qpos[[int(joint.qposadr[0]) for joint in arm]] = profile.arm.home_rad
+    data.ctrl[: len(arm)] = profile.arm.home_rad
+    joints = [model.joint(index) for index in range(model.njnt) if model.joint(index).name not in profile.arm.joints]
+    address = [int(joint.qposadr[0]) for joint in joints]
+    ranges = np.array([model.joint(name).range for name in gripper.joints]) * np.array(gripper.travel)[:, None]
+    pads = [model.geom(name).id for name in gripper.pads]
+    rows = []
+    for drive in np.linspace(ranges.min(axis=1).sum(), ranges.max(axis=1).sum(), SETTINGS).tolist():
+        data.ctrl[servo] = drive
+        mujoco.mj_step(model, data, nstep=round(SETTLE_S / profile.physics_step_s))
+        gap_m = mujoco.mj_geomDistance(model, data, pads[0], pads[1], FAR_M, None)
+        rows.append((max(gap_m, 0.0), float(data.actuator_length[servo]), *data.qpos[address]))
+    found = np.array(sorted(rows))
+    kept = np.r_[np.diff(found[:, 0]) > 0.0, True]  # of all that are closed, the last one
+    found = found[kept]
+    if found[-1, 0] < gripper.max_width_m - 1e-3 or len(found) < 3:
+        address_of = f"{profile.target}/target.yaml: gripper.max_width_m"
+        expected = f"at most {found[-1, 0]:.4f} m, between {' and '.join(gripper.pads)} in the model"
+        raise DefinitionError.of("WRONG_OPENING", address_of, f"{gripper.max_width_m} m", expected)
+    return HandMotion(tuple(joint.name for joint in joints), found[:, 0], found[:, 1], found[:, 2:])

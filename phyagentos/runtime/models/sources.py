@@ -1,0 +1,79 @@
+"""Where models of robots come from: the project's own folder, an installed package, mujoco-menagerie, a folder of models.
+
+`model:` of a profile is a path beside it, or `SOURCE:PATH`:
+
+- `menagerie:franka_emika_panda/panda.xml`: MuJoCo Menagerie, as the package `mujoco-menagerie` keeps it or below
+  `MENAGERIE_ROOT`; nothing is downloaded.
+- `package:robosuite/models/assets/robots/panda/robot.xml`: a file that an installed package ships.
+- `models:vendor/rm65_b/rm65_b.urdf`: a file below the folder that `PHYAGENTOS_MODELS` names.
+"""
+
+import importlib.util
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.protocol.documents.enclosure import leads_out
+
+MODELS, MENAGERIE_ROOT = "PHYAGENTOS_MODELS", "MENAGERIE_ROOT"
+SOURCES = ("menagerie", "package", "models")
+
+
+def is_beside(model: str) -> bool:
+    """Whether a model is a path beside its profile, rather than one of a source."""
+    return model.partition(":")[0] not in SOURCES
+
+
+def find_model(model: str, folder: Path, environ: Mapping[str, str] = os.environ) -> Path:
+    """The file of a model; `folder` is the profile's.
+
+    Raises:
+        DefinitionError: `MODEL_MISSING`, with the command that brings it; `LEADS_OUT`.
+    """
+    if is_beside(model):
+        return folder / model
+    source, _, path = model.partition(":")
+    if leads_out(path):
+        raise DefinitionError.of("LEADS_OUT", f"model {model!r}", path, f"a path below the source {source!r}")
+    place, hint = _LOCATORS[source](path, environ)
+    if place is not None and place.is_file():
+        return place
+    near = sorted(each.name for each in place.parent.glob("*.xml")) if place is not None else []
+    found = f"no file {place}" if place is not None else "no such source here"
+    expected = format_names(near) if near else f"a MJCF or URDF file of {source}"
+    raise DefinitionError.of("MODEL_MISSING", f"model {model!r}", found, expected, hint)
+
+
+def _locate_in_models(path: str, environ: Mapping[str, str]) -> tuple[Path | None, str]:
+    folder = environ.get(MODELS)
+    return Path(folder) / path if folder else None, f"Set {MODELS} to the folder that holds {path}."
+
+
+def _locate_in_package(path: str, environ: Mapping[str, str]) -> tuple[Path | None, str]:
+    name = path.partition("/")[0]
+    spec = importlib.util.find_spec(name)
+    places = list(spec.submodule_search_locations or ()) if spec is not None else []
+    return Path(places[0]).parent / path if places else None, f"Install it: pip install {name}"
+
+
+def _locate_in_menagerie(path: str, environ: Mapping[str, str]) -> tuple[Path | None, str]:
+    """In a checkout, in the folder of models, or in the cache of the package."""
+    name, _, file = path.partition("/")
+    fetch = f"pip install mujoco-menagerie && mujoco-menagerie prefetch {name}"
+    hint = f"Bring it: {fetch}, or set {MENAGERIE_ROOT} to a checkout."
+    if root := environ.get(MENAGERIE_ROOT):
+        return Path(root) / path, hint
+    models = environ.get(MODELS)
+    if models and (Path(models) / "menagerie").is_dir():
+        return Path(models) / "menagerie" / path, hint
+    if importlib.util.find_spec("mujoco_menagerie") is None:
+        return None, hint
+    import mujoco_menagerie
+
+    if name not in mujoco_menagerie.names():
+        return None, format_hint(name, mujoco_menagerie.names()) or hint
+    return mujoco_menagerie.Cache().model_path(mujoco_menagerie.get(name)) / file, hint
+
+
+_LOCATORS = {"menagerie": _locate_in_menagerie, "package": _locate_in_package, "models": _locate_in_models}
