@@ -139,7 +139,10 @@ class Workspace:
             publish(self.target_registry, targets)
         for path in _iter_pristine(library):
             if not (self.root / path.name).exists():
-                shutil.copyfile(path, self.root / path.name)
+                if path.name == self.safety.name:
+                    publish(self.safety, path.read_text() + "".join(_iter_limits(library)))
+                else:
+                    shutil.copyfile(path, self.root / path.name)
         if not self.skill_registry.exists():
             publish(self.skill_registry, render_skill_registry(self.library()))
         if not self.target_registry.exists():
@@ -190,6 +193,14 @@ def _iter_units(folder: Path, *, whole: bool) -> Iterator[Path]:
             continue
         if whole or path.is_file():
             yield path
+
+
+def _iter_limits(library: Library) -> Iterator[str]:
+    """What the `safety.yaml` beside each profile says below `targets:`."""
+    for name in library.names_of_targets():
+        path = library.get_target(name).with_name("safety.yaml")
+        if path.is_file():
+            yield "\n" + path.read_text().partition("\ntargets:\n")[2]
 
 
 def _iter_pristine(library: Library) -> Iterator[Path]:
