@@ -34,6 +34,7 @@ _PAD = {
     "mass": 0.0,
     "rgba": [0.9, 0.5, 0.2, 0.5],
 }
+_OWN = "robot/"  # prefix of a model's materials
 _OPTIONS = ("cone", "impratio", "integrator", "timestep", "iterations", "tolerance", "noslip_iterations", "jacobian")
 _MJCF_FOLDERS = ("meshdir", "texturedir", "assetdir")
 
@@ -123,6 +124,9 @@ def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
     if profile.tool is not None:
         _add_tool(_get_body(spec, profile.tool, path), profile.tcp, profile.tool, has_mount=spec.body(MOUNT) is not None)
     _check_names(spec, profile, path)
+    for joint in map(spec.joint, profile.arm.joints):
+        if joint.range[0] == joint.range[1]:  # it turns without end: one turn to either side is enough
+            joint.limited, joint.range = True, (-2 * np.pi, 2 * np.pi)
     for body in spec.worldbody.bodies:
         body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
     return spec
@@ -144,6 +148,10 @@ def read_model(path: Path) -> mujoco.MjSpec:
     scenery = [*spec.actuators, *spec.sensors, *spec.keys, *spec.cameras, *spec.lights]
     for element in [*scenery, *left_out, *meshes]:
         spec.delete(element)
+    for material in spec.materials:  # scenes have names of their own
+        for geom in spec.geoms:
+            geom.material = f"{_OWN}{material.name}" if geom.material == material.name else geom.material
+        material.name = f"{_OWN}{material.name}"
     return spec
 
 
