@@ -34,7 +34,6 @@ _PAD = {
     "mass": 0.0,
     "rgba": [0.9, 0.5, 0.2, 0.5],
 }
-_OWN = "robot/"  # prefix of a model's materials
 _OPTIONS = ("cone", "impratio", "integrator", "timestep", "iterations", "tolerance", "noslip_iterations", "jacobian")
 _MJCF_FOLDERS = ("meshdir", "texturedir", "assetdir")
 
@@ -148,10 +147,6 @@ def read_model(path: Path) -> mujoco.MjSpec:
     scenery = [*spec.actuators, *spec.sensors, *spec.keys, *spec.cameras, *spec.lights]
     for element in [*scenery, *left_out, *meshes]:
         spec.delete(element)
-    for material in spec.materials:  # scenes have names of their own
-        for geom in spec.geoms:
-            geom.material = f"{_OWN}{material.name}" if geom.material == material.name else geom.material
-        material.name = f"{_OWN}{material.name}"
     return spec
 
 

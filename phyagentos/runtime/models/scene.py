@@ -3,7 +3,7 @@
 Random numbers come from one generator, drawn in the order of the file: a seed gives one scene on every machine.
 """
 
-from collections.abc import Set
+from collections.abc import Mapping, Set
 from dataclasses import dataclass
 
 import mujoco
@@ -188,20 +188,22 @@ def _stretch(body: Body, rng: np.random.Generator) -> tuple[tuple[Solid, ...], f
 def add_scene(robot: mujoco.MjSpec, spec: SceneSpec, placed: tuple[PlacedBody, ...]) -> None:
     """Add floor, lights, cameras, materials and bodies to the robot's spec."""
     robot.modelname = spec.scene.replace("/", "_")
-    _add_surroundings(robot, spec)
+    taken = {material.name for material in robot.materials}
+    materials = {name: f"scene/{name}" if name in taken else name for name in spec.materials}
+    _add_surroundings(robot, spec, materials)
     names = frozenset(item.name for item in placed)
     for item in placed:
-        _add_body(robot, item, names, spec)
+        _add_body(robot, item, names, spec, materials)
 
 
-def _add_surroundings(robot: mujoco.MjSpec, spec: SceneSpec) -> None:
+def _add_surroundings(robot: mujoco.MjSpec, spec: SceneSpec, materials: Mapping[str, str]) -> None:
     sky = mujoco.mjtTexture.mjTEXTURE_SKYBOX
     robot.add_texture(
         name="sky", type=sky, builtin=_BUILTIN["gradient"], rgb1=[0.86, 0.9, 0.95], rgb2=[0.55, 0.62, 0.7],
         width=64, height=64,
     )  # fmt: skip
     for name, material in spec.materials.items():
-        _add_material(robot, name, material)
+        _add_material(robot, materials[name], material)
     for name, light in spec.lights.items():
         robot.worldbody.add_light(
             name=name, pos=light.position_m, dir=light.direction, diffuse=light.diffuse, castshadow=light.shadow
@@ -256,7 +258,9 @@ def _name_solid(body: str, index: int, bodies: Set[str]) -> str:
     return f"{body}{between}{index}" if index else body
 
 
-def _add_body(robot: mujoco.MjSpec, item: PlacedBody, bodies: Set[str], spec: SceneSpec) -> None:
+def _add_body(
+    robot: mujoco.MjSpec, item: PlacedBody, bodies: Set[str], spec: SceneSpec, materials: Mapping[str, str]
+) -> None:
     place = item.body.place
     if item.body.part_of is None:
         body = robot.worldbody.add_body(name=item.name, pos=item.position_m, quat=item.quaternion_wxyz)
@@ -282,7 +286,7 @@ def _add_body(robot: mujoco.MjSpec, item: PlacedBody, bodies: Set[str], spec: Sc
         if item.grip is not None and find_surface(spec, item.body, solid) is None:
             _decide_grip(geom, item.grip)
         if material := solid.material or item.body.material:
-            geom.material = material
+            geom.material = materials[material]
         if solid.decor:
             geom.contype, geom.conaffinity, geom.group = 0, 0, 2
 
