@@ -14,6 +14,7 @@ from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_r
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.memory_entries import Embodiment
 from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.world.placed_scenes import name_plain
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 
 SMALL_M, LARGE_M = 0.03, 0.07  # longest half side of what a hand calls small and large
@@ -72,7 +73,8 @@ class Surroundings:
             control_period_s=profile.control_period_s,
         )
 
-    def _find_scene(self, name: str) -> SceneSpec | None:
+    def _find_scene(self, placed: str) -> SceneSpec | None:
+        name = name_plain(placed)
         if name not in self._read:
             try:
                 self._read[name] = read_scene(self.scenes[name]) if name in self.scenes else None

@@ -63,6 +63,18 @@ class Hand(Authored):
     at: Frame
 
 
+class ScenePlacement(Authored):
+    """How scenes are placed for a robot that reaches less or more than those they were made for.
+
+    Attributes:
+        scale: Of places, and of what stands fixed on the table.
+        move_m: Of everything, after that [m].
+    """
+
+    scale: float = pydantic.Field(default=1.0, ge=0.5, le=1.2)
+    move_m: Triple = (0.0, 0.0, 0.0)
+
+
 class Arm(Authored):
     """Joints and servo of an arm; all lists have one entry per joint, in chain order.
 
@@ -164,6 +176,7 @@ class TargetProfile(Authored):
         embodiment: What it is (`arm`).
         tcp: Site of the tool centre point; z approaches, y is the closing axis.
         tool: Where this site is; none where the model has it.
+        scene: How scenes are placed for it.
         mount_position_m: Where its base stands in the world [m].
         mount_quaternion_wxyz: How its base stands in the world.
         control_period_s: Length of one command [s]; a whole number of physics steps.
@@ -194,6 +207,7 @@ class TargetProfile(Authored):
     end_effector: Literal["opening", "suction", "none"] = "opening"
     tcp: str = "tcp"
     tool: Frame | None = None
+    scene: ScenePlacement = ScenePlacement()
     mount_position_m: Triple = (0.0, 0.0, 0.0)
     mount_quaternion_wxyz: Quadruple = (1.0, 0.0, 0.0, 0.0)
     control_period_s: float = 0.02

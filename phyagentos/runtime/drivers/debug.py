@@ -12,7 +12,8 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
 from phyagentos.protocol.world.environment import Entity, Pose, Region, Shape, TargetState
 from phyagentos.protocol.world.idealisations import Aspect, Idealisation
-from phyagentos.protocol.world.scenes import Body, read_scene
+from phyagentos.protocol.world.placed_scenes import read_placed
+from phyagentos.protocol.world.scenes import Body
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
 
@@ -83,7 +84,7 @@ class DebugDriver(TargetDriver):
                 message = f"a state of shape {state.shape}; expected a tick and the joints"
                 raise ExecutionError("MALFORMED", message)
             tick, q = int(state[0]), state[1:]
-        spec = read_scene(self._library.get_scene(request.scene))
+        spec = read_placed(self._library, request.scene)
         entities = [(_make_entity(name, body), body.fixed) for name, body in spec.bodies.items()]
         self._fixed = tuple(entity for entity, fixed in entities if fixed)
         self._riding = tuple(entity for entity, fixed in entities if not fixed)

@@ -13,7 +13,8 @@ from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadRequest
 from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.sessions.trace import Role, find_label
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.scenes import SceneSpec, read_scene
+from phyagentos.protocol.world.placed_scenes import read_placed
+from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.lookahead.rehearsal import Rehearsal, Rehearser, Stage
 from phyagentos.runtime.lookahead.rollouts import Playback, find_cause
 from phyagentos.runtime.lookahead.sprt import is_decided
@@ -41,7 +42,7 @@ class Forecaster:
         """How a session is likely to end from the estimate on, carried out by the tree of its skill."""
         clock = self.rehearser.clock
         began_s = clock.now_s()
-        spec = read_scene(self.rehearser.library.get_scene(environment.scene))
+        spec = read_placed(self.rehearser.library, environment.scene)
         stage = self.rehearser.open_stage(environment)
         worlds = _Worlds(stage, spec, environment, self.rehearser.profile, request)
         first, rehearsal = self._try_out(session, worlds, tree)

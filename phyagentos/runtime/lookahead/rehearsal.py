@@ -19,7 +19,7 @@ from phyagentos.protocol.sessions.session import Scene, Session
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.protocol.world.placed_scenes import read_placed
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
 from phyagentos.runtime.drivers.mujoco.physics import Physics
@@ -145,7 +145,7 @@ class Rehearser:
 
     def open_stage(self, environment: Environment) -> Stage:
         """The imagined world of an estimate; raises ExecutionError `SCENE_OVERFULL` and others of building a scene."""
-        believed = believe_scene(read_scene(self.library.get_scene(environment.scene)), environment)
+        believed = believe_scene(read_placed(self.library, environment.scene), environment)
         robot = MujocoDriver(BelievedWorld(self.library, believed, self._make_recording), self.profile, self.folder)
         return Stage(robot, environment, self.profile, self.limits)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.documents.schema import Located, read_yaml
+from phyagentos.protocol.world.placed_scenes import place_scene
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.models.scene import add_scene, draw_bodies
 from phyagentos.runtime.models.world import Robot, compile_scene
@@ -30,6 +31,7 @@ def find_start_problems(path: Path, seed: int | None = None, robot: Robot | None
         DefinitionError: The scene cannot be read.
     """
     spec, located = read_scene(path), read_yaml(path)
+    spec = place_scene(spec, robot[0].scene) if robot is not None else spec
     for each in SEEDS if seed is None else (seed,):
         try:
             if robot is None:

@@ -14,7 +14,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.looks import FORMAT
 from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.world.environment import Environment, Status, TargetState
-from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.protocol.world.placed_scenes import read_placed
 from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.belief import lose_sight
 from phyagentos.runtime.perception.confirmation import is_settled
@@ -297,7 +297,7 @@ class PerceivedWorld(WorldModel):
         if key not in self._pipelines:
             if len(self._pipelines) >= MEMORY:
                 self._pipelines.clear()
-            inventory = build_inventory(read_scene(self._library.get_scene(self._scene.name)), self._prior, given)
+            inventory = build_inventory(read_placed(self._library, self._scene.name), self._prior, given)
             segmenter = DetectorSegmenter(self._detector, inventory) if self._detector is not None else None
             self._pipelines[key] = Pipeline(
                 inventory, self._robot, self._target, self._max_age_s, segmenter, noisy=self._noisy

@@ -16,7 +16,7 @@ from phyagentos.protocol.sessions.session import ALREADY_MET, Session
 from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import find_entities
-from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.protocol.world.placed_scenes import name_plain, read_placed
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.execution.already_met import weigh_before
@@ -121,7 +121,7 @@ class Examiner:
         found = self.preflight.find_world_problems(session, live, now, is_fresh=is_first)
         problems = [self._tell_unseen(session, now, problem) for problem in found]
         if is_first and self.preflight.profile.model:  # what is sunk is thrown about: a flaw for every session
-            path = self.library.get_scene(session.scene.name)
+            path = self.library.get_scene(name_plain(session.scene.name))
             flaws = find_start_problems(path, session.scene.seed, self._robot)
             self._flaws = tuple(each for each in flaws if each.code == "OVERLAP")
         problems += locate(session, self._flaws)
@@ -145,7 +145,7 @@ class Examiner:
 
     def _tell_unseen(self, session: Session, now: Environment, problem: Problem) -> Problem:
         """What is in the scene and was not seen is not called unknown: where it starts, and why no camera shows it."""
-        spec = read_scene(self.library.get_scene(session.scene.name))
+        spec = read_placed(self.library, session.scene.name)
         names = (problem.subject, *find_entities(problem.subject)) if problem.code in {_UNMET, _UNKNOWN} else ()
         name = next((each for each in names if each in spec.bodies and not now.shows(each)), None)
         if name is None or now.sensing != Sensing.PERCEIVED or not self.preflight.profile.model:
@@ -168,7 +168,7 @@ class Examiner:
 
     def _find_scene_problems(self, session: Session) -> list[Problem]:
         try:
-            self.library.get_scene(session.scene.name)
+            self.library.get_scene(name_plain(session.scene.name))
         except DefinitionError as error:
             return locate(session, error.problems)
         return []
@@ -181,7 +181,7 @@ class Examiner:
         grasped = [motion.object for motion in motions if isinstance(motion, Grasp)]
         if not grasped:
             return []
-        spec = read_scene(self.library.get_scene(session.scene.name))
+        spec = read_placed(self.library, session.scene.name)
         return locate(session, iter_payload_problems(grasped, skill, spec, self.preflight.profile))
 
     def _try_out(self, session: Session, now: Environment, live: Description, *, thorough: bool) -> tuple[Trial, ...]:

@@ -22,7 +22,8 @@ from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
 from phyagentos.protocol.world.environment import TargetState
 from phyagentos.protocol.world.idealisations import Aspect, Idealisation
-from phyagentos.protocol.world.scenes import SceneSpec, read_scene
+from phyagentos.protocol.world.placed_scenes import read_placed
+from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.cameras import CameraRig
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
 from phyagentos.runtime.drivers.mujoco.joint_controller import JointController
@@ -82,7 +83,7 @@ class SimulatedWorld:
 
     def find_scene(self, name: str) -> SceneSpec:
         """The scene of a name."""
-        return read_scene(self._library.get_scene(name))
+        return read_placed(self._library, name)
 
     def load(self, request: wire.LoadScene) -> wire.Loaded:
         """Begin an episode, or join the present one that another robot began.
