@@ -80,7 +80,9 @@ WORLD_NOT_SHARED     A driver cannot put several targets into one world.
 WORLD_SHARED         A session of a shared world cannot be repeated alone.
 WRONG_DOCUMENT       The front matter names another document.
 WRONG_KIND           A file is of another kind than a command takes.
+WRONG_AXIS           The fingers of a profile do not close along the y axis of its tool.
 WRONG_LENGTH         A list has not one value per joint.
+WRONG_OPENING        The fingers of a model do not open as wide as its profile says.
 WRONG_TYPE           A mapping, list or text stands where another kind belongs.
 WRONG_SCALE          A movable body of a scene is so large that its sizes are probably no metres.
 WRONG_UNIT           A limit is given in another unit than its check uses.

@@ -105,6 +105,16 @@ GROUPS: dict[str, tuple[str, dict[str, str]]] = {
         "The journal of a workspace.",
         {"check": "store:check", "repair": "store:repair", "compact": "store:compact", "stats": "store:stats"},
     ),
+    "robot": (
+        "Profiles of robots.",
+        {
+            "list": "robots:list_robots",
+            "show": "robots:show",
+            "check": "robots:check",
+            "render": "robots:render",
+            "new": "robots:new",
+        },
+    ),
     "memory": ("What verdicts taught.", {"show": "memory:show", "why": "memory:why", "forget": "memory:forget"}),
 }
 

@@ -3,7 +3,7 @@
 Random numbers come from one generator, drawn in the order of the file: a seed gives one scene on every machine.
 """
 
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
 import mujoco
@@ -209,7 +209,7 @@ def _add_surroundings(robot: mujoco.MjSpec, spec: SceneSpec, materials: Mapping[
             name=name, pos=light.position_m, dir=light.direction, diffuse=light.diffuse, castshadow=light.shadow
         )
     for name, camera in spec.cameras.items():
-        robot.worldbody.add_camera(name=name, pos=camera.position_m, fovy=camera.fovy_deg, xyaxes=_look_at(camera))
+        robot.worldbody.add_camera(name=name, pos=camera.position_m, fovy=camera.fovy_deg, xyaxes=aim(camera.position_m, camera.target_m))
 
 
 def _add_material(robot: mujoco.MjSpec, name: str, material: Material) -> None:
@@ -241,9 +241,9 @@ def _add_material(robot: mujoco.MjSpec, name: str, material: Material) -> None:
     added.texrepeat = texture.repeat
 
 
-def _look_at(camera: Camera) -> list[float]:
-    """(6,) x and y axis of a camera that looks at its target with its x axis level."""
-    forward = np.array(camera.target_m) - np.array(camera.position_m)
+def aim(position_m: Sequence[float] | NDArray[np.float64], target_m: Sequence[float] | NDArray[np.float64]) -> list[float]:
+    """Axes x and y of a camera, right and up, that looks from a point at another, upright."""
+    forward = np.array(target_m) - np.array(position_m)
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)

@@ -1,0 +1,95 @@
+"""What is missing in a robot's profile before it can work, each at its line: `paos robot check`."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.schema import Located, read_yaml
+from phyagentos.protocol.settings.safety import Safety
+from phyagentos.runtime.models.robot import read_profile
+from phyagentos.runtime.motion.planning_scene import PlanningScenes
+from phyagentos.runtime.motion.requests import World
+from phyagentos.runtime.motion.robot_model import RobotModel, build_robot_model
+
+ALONG_COS = 0.9  # between the way of the fingers and the closing axis
+
+
+def find_profile_problems(path: Path, profile: TargetProfile, limits: Safety) -> list[Problem]:
+    """Problems of a profile that could be read, of its model, and of the limits that its target needs.
+
+    Raises:
+        DefinitionError: The model cannot be built at all.
+    """
+    located = read_yaml(path)
+    problems = [] if profile.target in limits.targets else [_describe_no_limits(profile, path)]
+    if not profile.model:
+        return problems
+    robot = build_robot_model(profile, path.parent)
+    return [*problems, *_iter_posture_problems(robot, located), *_iter_gripper_problems(robot, located)]
+
+
+def _describe_no_limits(profile: TargetProfile, path: Path) -> Problem:
+    place = path.with_name("safety.yaml")
+    hint = f"Write {place} with a source for each limit: what has no limits never moves."
+    return Problem("LIMITS_MISSING", str(path), f"no limits of {profile.target}", f"targets.{profile.target}", hint)
+
+
+def _iter_posture_problems(robot: RobotModel, located: Located) -> Iterator[Problem]:
+    """Of the home posture: joints beyond their range, and what touches."""
+    names = robot.profile.arm.joints
+    outside = (robot.home_rad < robot.q_min_rad) | (robot.home_rad > robot.q_max_rad)
+    for index in np.flatnonzero(outside).tolist():
+        low, high = robot.q_min_rad[index], robot.q_max_rad[index]
+        found, expected = f"{names[index]} at {robot.home_rad[index]:g} rad", f"{low:.4g} to {high:.4g}"
+        yield located.problem("OUTSIDE_LIMITS", ("arm", "home_rad", index), found, expected)
+    scene = PlanningScenes(robot).get_scene(World(entities=()))
+    for first, second in [] if outside.any() else scene.find_contacts(robot.home_rad):
+        yield located.problem("IN_COLLISION", ("arm", "home_rad"), f"{first} touches {second}", "a posture that is free")
+
+
+def _iter_gripper_problems(robot: RobotModel, located: Located) -> Iterator[Problem]:
+    """Of a gripper that opens: its pads, and whether they close along the y axis of the tool."""
+    gripper, model = robot.profile.gripper, robot.model
+    if robot.profile.end_effector != "opening":
+        return
+    if len(gripper.pads) != 2:
+        yield located.problem("WRONG_LENGTH", ("gripper", "pads"), f"{len(gripper.pads)} pads", "two that face each other")
+        return
+    data = mujoco.MjData(model)
+    data.qpos[:] = robot.home_rad
+    mujoco.mj_kinematics(model, data)
+    tool = data.site_xmat[model.site(robot.profile.tcp).id].reshape(3, 3)
+    between = np.subtract(*(data.geom_xpos[model.geom(name).id] for name in gripper.pads))
+    along = np.abs(tool.T @ between) / np.linalg.norm(between)
+    if along[1] < ALONG_COS:
+        found = f"pads that face each other along {'xyz'[int(along.argmax())]}"
+        hint = "Turn `tool.quaternion_wxyz` about z, which approaches."
+        yield located.problem("WRONG_AXIS", ("tool",), found, "along y, the closing axis", hint)
+
+
+def describe_robot(robot: RobotModel) -> dict[str, str]:
+    """What the model says, for people."""
+    model, profile = robot.model, robot.profile
+    excluded = len(model.exclude_signature)
+    return {
+        "joints": ", ".join(profile.arm.joints),
+        "ranges, rad": ", ".join(f"{a:.2f}..{b:.2f}" for a, b in zip(robot.q_min_rad, robot.q_max_rad, strict=True)),
+        "hand": ", ".join(sorted(robot.hand - set(robot.fingers))),
+        "fingers": ", ".join(sorted(robot.fingers)) or "none",
+        "opening, m": f"0 to {profile.gripper.max_width_m:g}",
+        "pairs that cannot touch": f"{excluded} of {len(robot.bodies) * (len(robot.bodies) - 1) // 2}",
+    }
+
+
+def check_profile(path: Path, limits: Safety) -> list[Problem]:
+    """Every problem of a profile, those of reading it included."""
+
+    try:
+        profile, _ = read_profile(path)
+        return find_profile_problems(path, profile, limits)
+    except DefinitionError as error:
+        return list(error.problems)
