@@ -1,5 +1,6 @@
 """`paos robot`: profiles of robots: which there are, what one says, what is missing, how it looks, a draft of a new one."""
 
+import os
 import re
 from pathlib import Path
 from typing import Annotated
@@ -76,6 +77,7 @@ def render(
     to: Annotated[Path, typer.Option("--to", metavar="FILE.png", help="Where the picture goes.")] = Path("robot.png"),
 ) -> None:
     """Draw a robot at home, with the frame of its tool: x red, y (closing) green, z (approach) blue."""
+    os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported
     from phyagentos.runtime.drivers.mujoco.robot_picture import draw_robot
     from phyagentos.runtime.models.robot import read_profile
 

@@ -18,6 +18,7 @@ from phyagentos.protocol.capabilities.targets import Frame, TargetProfile
 from phyagentos.protocol.documents.enclosure import leads_out
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.runtime.models.sources import find_model, is_beside
+from phyagentos.runtime.models.urdf import URDF, read_urdf
 
 GRIPPER_ACTUATOR = "act_gripper"
 GRIPPER_TENDON = "gripper_width"
@@ -116,6 +117,9 @@ def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
         for name in _OPTIONS:  # those of the arm: the scene sets them for all
             setattr(hand.option, name, getattr(spec.option, name))
         spec.attach(hand, prefix=HAND, frame=frame)
+        for joint in [each for each in spec.joints if each.name not in profile.arm.joints]:
+            if not joint.name.startswith(HAND):  # such as that of a camera: it stays as it is
+                spec.delete(joint)
     for pad in profile.gripper.pad_boxes:
         _get_body(spec, pad, path).add_geom(
             name=pad.name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=pad.position_m, quat=pad.quaternion_wxyz, **_PAD
@@ -132,13 +136,13 @@ def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
 
 
 def read_model(path: Path) -> mujoco.MjSpec:
-    """A MJCF without actuators, sensors, key frames, cameras and lights; what shows a mesh that is absent is left out.
+    """A MJCF or URDF without actuators, sensors, key frames, cameras and lights; absent meshes are left out.
 
     Raises:
-        DefinitionError: `MODEL_UNREADABLE`.
+        DefinitionError: `MODEL_UNREADABLE`, `MODEL_MISSING`.
     """
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = read_urdf(path) if path.suffix in URDF else mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         raise DefinitionError.of("MODEL_UNREADABLE", str(path), str(error)) from error
     absent = {mesh.name for mesh in spec.meshes if mesh.file and not (path.parent / spec.meshdir / mesh.file).is_file()}
