@@ -3,8 +3,8 @@
     python benchmarks/fleet.py --seeds 20                  # every arm with a gripper whose model is here
     python benchmarks/fleet.py --seeds 5 ur5e iiwa14
 
-Each goal of three cubes runs through agent, journal, watchdog, worker, planner and world, as in `paos run`; a profile may
-place the scene within reach of its arm. A cube counts when `judge.is_in_tray` says so from the recorded simulator state.
+Each goal of three cubes runs through agent, journal, watchdog, worker, planner and world, as in `paos run`; a profile
+may place the scene within reach of its arm. A cube counts when `judge.is_in_tray` says so from the recorded state.
 Models that are not here are named with what brings them, and left out.
 """
 
@@ -64,7 +64,7 @@ def choose_arms(names: list[str], console: Console) -> list[tuple[TargetProfile,
         except DefinitionError as error:
             console.print(f"left out: {name}: {error}", style="yellow")
             continue
-        files = [each for each in path.parent.glob("*.yaml")]
+        files = list(path.parent.glob("*.yaml"))
         chosen.append((profile, sum(len(each.read_text().splitlines()) for each in files)))
     return chosen
 
@@ -98,7 +98,9 @@ def count(episode: Episode, tally: Tally) -> None:
     for folder in folders:
         if (folder / "events.jsonl").exists():
             events = map(json.loads, (folder / "events.jsonl").read_text().splitlines())
-            tally.planning_s.append(sum(sum(e["details"]["ms"].values()) for e in events if e["kind"] == "planner") / 1e3)
+            tally.planning_s.append(
+                sum(sum(e["details"]["ms"].values()) for e in events if e["kind"] == "planner") / 1e3
+            )
 
 
 def main() -> int:

@@ -1,4 +1,4 @@
-"""`paos robot`: profiles of robots: which there are, what one says, what is missing, how it looks, a draft of a new one."""
+"""`paos robot`: profiles of robots: which there are, what one says and lacks, how it looks, a draft of a new one."""
 
 import os
 import re
@@ -26,15 +26,13 @@ def list_robots(as_json: AsJson = False) -> None:
     library = open_library()
     for name in library.names_of_targets():
         missing = ""
+        profile, folder = read_profile(library.get_target(name))
         try:
-            profile, folder = read_profile(library.get_target(name))
             for model in [profile.model] * bool(profile.model) + ([profile.hand.model] if profile.hand else []):
                 find_model(model, folder)
         except DefinitionError as error:
             missing = f"{error.problems[0].found}. {error.problems[0].hint}"
-            profile = None if error.problems[0].code != "MODEL_MISSING" else profile
-        what = (profile.kind, profile.embodiment, profile.model) if profile is not None else ("", "", "")
-        rows.append((name, *what, missing or "here"))
+        rows.append((name, profile.kind, profile.embodiment, profile.model, missing or "here"))
     if as_json:
         print_json([dict(zip(("robot", "kind", "embodiment", "model", "state"), row, strict=True)) for row in rows])
     else:
@@ -57,7 +55,7 @@ def show(robot: Name, as_json: AsJson = False) -> None:
 
 
 def check(robot: Name, as_json: AsJson = False) -> int:
-    """Report everything that a profile lacks before its robot can work, at file, line and column; exit code 2 with any."""
+    """Report all that a profile lacks before its robot can work, at file, line and column; exit code 2 with any."""
     from phyagentos.runtime.motion.profile_checks import check_profile
 
     library = open_library()
@@ -78,7 +76,7 @@ def render(
 ) -> None:
     """Draw a robot at home, with the frame of its tool: x red, y (closing) green, z (approach) blue."""
     os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported
-    from phyagentos.runtime.drivers.mujoco.robot_picture import draw_robot
+    from phyagentos.assembly.robot_picture import draw_robot
     from phyagentos.runtime.models.robot import read_profile
 
     to.write_bytes(draw_robot(*read_profile(open_library().get_target(robot))))
@@ -90,7 +88,7 @@ def new(
     name: Annotated[str, typer.Option("--name", help="Of the target; from the file's name by default.")] = "",
     folder: Annotated[Path, typer.Option("--in", metavar="DIR", help="Project that gets it.")] = Path(),
 ) -> None:
-    """Draft a profile from a model: joints, limits, tool and fingers as the model has them, or guessed and marked TODO."""
+    """Draft a profile from a model: joints, limits, tool and fingers as it has them, or guessed and marked TODO."""
     from phyagentos.runtime.models.drafting import draft_profile
     from phyagentos.runtime.models.sources import find_model, is_beside
 

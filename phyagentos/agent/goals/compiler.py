@@ -15,12 +15,12 @@ from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.selector import ANY, Choice
 from phyagentos.agent.goals.spec import REFERENCE, NodeSpec
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.placed_scenes import name_placed
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.session import GoalId, Limits, Scene, Session, SessionId
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.tasks import compute_session_id
-from phyagentos.protocol.world.placed_scenes import name_placed
 from phyagentos.protocol.world.predicates.predicate import has_metric, parse_predicate, substitute
 from phyagentos.protocol.world.predicates.syntax import format_value
 from phyagentos.protocol.world.seeds import compute_seed
@@ -121,7 +121,9 @@ class SessionCompiler:
             hold=resolve((*skill.hold, *spec.hold, *self.graph.spec.constraints)),
             accept=resolve((*spec.accept, *promiser.guarantees)),
             scene=Scene(
-                name=name_placed(self.graph.spec.scene, map(self.catalogue.targets.get, self.graph.spec.targets.values())),
+                name=name_placed(
+                    self.graph.spec.scene, map(self.catalogue.targets.get, self.graph.spec.targets.values())
+                ),
                 seed=self.seed,
                 episode=self.goal,
                 described=self.graph.spec.described,

@@ -10,11 +10,11 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.capabilities.placed_scenes import name_plain
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_roles
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.memory_entries import Embodiment
 from phyagentos.protocol.sessions.session import Session
-from phyagentos.protocol.world.placed_scenes import name_plain
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 
 SMALL_M, LARGE_M = 0.03, 0.07  # longest half side of what a hand calls small and large

@@ -8,11 +8,11 @@ from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.placed_scenes import read_placed
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
 from phyagentos.protocol.world.environment import Entity, Pose, Region, Shape, TargetState
 from phyagentos.protocol.world.idealisations import Aspect, Idealisation
-from phyagentos.protocol.world.placed_scenes import read_placed
 from phyagentos.protocol.world.scenes import Body
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver

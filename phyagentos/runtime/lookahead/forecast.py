@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import msgspec
 
+from phyagentos.protocol.capabilities.placed_scenes import read_placed
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadRequest, LookaheadResult
 from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.sessions.trace import Role, find_label
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.placed_scenes import read_placed
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.lookahead.rehearsal import Rehearsal, Rehearser, Stage
 from phyagentos.runtime.lookahead.rollouts import Playback, find_cause

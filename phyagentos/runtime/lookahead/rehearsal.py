@@ -14,12 +14,12 @@ import numpy as np
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.placed_scenes import read_placed
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.session import Scene, Session
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.placed_scenes import read_placed
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
 from phyagentos.runtime.drivers.mujoco.physics import Physics

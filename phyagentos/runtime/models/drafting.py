@@ -1,4 +1,4 @@
-"""A first draft of a profile from any MJCF or URDF: what the model says is taken, the rest is guessed and marked `TODO`."""
+"""A first draft of a profile from any MJCF or URDF: what the model says, and guesses that are marked `TODO`."""
 
 import re
 from collections.abc import Sequence
@@ -113,7 +113,9 @@ def _draft_gripper(model: mujoco.MjModel, fingers: Sequence[int]) -> list[str]:
     span = float(sum(np.ptp(model.jnt_range[joint]) for joint in chosen))
     signs = [1.0 if abs(model.jnt_range[joint][1]) >= abs(model.jnt_range[joint][0]) else -1.0 for joint in chosen]
     travel = signs if slides else [0.05 * sign for sign in signs]  # metres of opening a radian
-    pads = [f"    - {{name: pad_{index}, body: {body}, half_m: [0.01, 0.004, 0.01]}}" for index, body in enumerate(bodies)]
+    pads = [
+        f"    - {{name: pad_{index}, body: {body}, half_m: [0.01, 0.004, 0.01]}}" for index, body in enumerate(bodies)
+    ]
     return [
         "gripper:",
         f"  joints: [{', '.join(names)}]",
@@ -122,7 +124,7 @@ def _draft_gripper(model: mujoco.MjModel, fingers: Sequence[int]) -> list[str]:
         "  pad_boxes:   # TODO: where each finger grips",
         *pads,
         "  pad_surface: rubber",
-        f"  max_width_m: {span if slides else 0.08:.4g}   # TODO: its data sheet; `paos robot check` measures the model",
+        f"  max_width_m: {span if slides else 0.08:.4g}   # TODO: its data sheet; `paos robot check` measures it",
         "  stiffness_n_m: 2000.0",
         "  damping_ns_m: 60.0",
         "  force_n: 20.0   # TODO: its data sheet",

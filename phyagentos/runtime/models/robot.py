@@ -62,10 +62,10 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
         for name, value in lists.items()
         if len(value) != n
     ]
-    if is_beside(profile.model) and (profile.model or profile.kind == "simulation"):
-        if not (path.parent / profile.model).is_file():
-            expected = f"a MJCF file in {path.parent}"
-            problems.append(located.problem("MODEL_MISSING", ("model",), repr(profile.model), expected))
+    needs_file = is_beside(profile.model) and (profile.model != "" or profile.kind == "simulation")
+    if needs_file and not (path.parent / profile.model).is_file():
+        expected = f"a MJCF file in {path.parent}"
+        problems.append(located.problem("MODEL_MISSING", ("model",), repr(profile.model), expected))
     steps = profile.control_period_s / profile.physics_step_s
     if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
         address = ("control_period_s",)
@@ -125,7 +125,9 @@ def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
             name=pad.name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=pad.position_m, quat=pad.quaternion_wxyz, **_PAD
         ).size = pad.half_m
     if profile.tool is not None:
-        _add_tool(_get_body(spec, profile.tool, path), profile.tcp, profile.tool, has_mount=spec.body(MOUNT) is not None)
+        _add_tool(
+            _get_body(spec, profile.tool, path), profile.tcp, profile.tool, has_mount=spec.body(MOUNT) is not None
+        )
     _check_names(spec, profile, path)
     for joint in map(spec.joint, profile.arm.joints):
         if joint.range[0] == joint.range[1]:  # it turns without end: one turn to either side is enough
@@ -157,7 +159,9 @@ def read_model(path: Path) -> mujoco.MjSpec:
 def _get_body(spec: mujoco.MjSpec, at: Frame, path: Path) -> "mujoco.MjsBody":
     body = spec.body(at.body)
     if body is None:
-        raise DefinitionError([Problem.unknown("UNKNOWN_BODY", str(path), at.body, [each.name for each in spec.bodies])])
+        raise DefinitionError(
+            [Problem.unknown("UNKNOWN_BODY", str(path), at.body, [each.name for each in spec.bodies])]
+        )
     return body
 
 

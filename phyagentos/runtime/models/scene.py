@@ -14,7 +14,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.geometry import compute_rotation, convert_euler, multiply, to_parent, turn
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Interior, Mechanism, Pose, Region, Shape
 from phyagentos.protocol.world.predicates.geometry import compute_volume
-from phyagentos.protocol.world.scenes import Body, Camera, Joint, Material, Placement, SceneSpec, Solid
+from phyagentos.protocol.world.scenes import Body, Joint, Material, Placement, SceneSpec, Solid
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.models.surfaces import find_surface
 
@@ -209,7 +209,9 @@ def _add_surroundings(robot: mujoco.MjSpec, spec: SceneSpec, materials: Mapping[
             name=name, pos=light.position_m, dir=light.direction, diffuse=light.diffuse, castshadow=light.shadow
         )
     for name, camera in spec.cameras.items():
-        robot.worldbody.add_camera(name=name, pos=camera.position_m, fovy=camera.fovy_deg, xyaxes=aim(camera.position_m, camera.target_m))
+        robot.worldbody.add_camera(
+            name=name, pos=camera.position_m, fovy=camera.fovy_deg, xyaxes=aim(camera.position_m, camera.target_m)
+        )
 
 
 def _add_material(robot: mujoco.MjSpec, name: str, material: Material) -> None:
@@ -241,7 +243,9 @@ def _add_material(robot: mujoco.MjSpec, name: str, material: Material) -> None:
     added.texrepeat = texture.repeat
 
 
-def aim(position_m: Sequence[float] | NDArray[np.float64], target_m: Sequence[float] | NDArray[np.float64]) -> list[float]:
+def aim(
+    position_m: Sequence[float] | NDArray[np.float64], target_m: Sequence[float] | NDArray[np.float64]
+) -> list[float]:
     """Axes x and y of a camera, right and up, that looks from a point at another, upright."""
     forward = np.array(target_m) - np.array(position_m)
     forward /= np.linalg.norm(forward)

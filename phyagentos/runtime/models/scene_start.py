@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from phyagentos.errors import ExecutionError, Problem
+from phyagentos.protocol.capabilities.placed_scenes import place_scene
 from phyagentos.protocol.documents.schema import Located, read_yaml
-from phyagentos.protocol.world.placed_scenes import place_scene
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.models.scene import add_scene, draw_bodies
 from phyagentos.runtime.models.world import Robot, compile_scene

@@ -1,4 +1,4 @@
-"""Where models of robots come from: the project's own folder, an installed package, mujoco-menagerie, a folder of models.
+"""Where models of robots come from: the project itself, a package, MuJoCo Menagerie, or a folder of models.
 
 `model:` of a profile is a path beside it, or `SOURCE:PATH`:
 
@@ -69,7 +69,7 @@ def _locate_in_menagerie(path: str, environ: Mapping[str, str]) -> tuple[Path | 
         return Path(models) / "menagerie" / path, hint
     if importlib.util.find_spec("mujoco_menagerie") is None:
         return None, hint
-    import mujoco_menagerie
+    import mujoco_menagerie  # type: ignore[import-not-found, unused-ignore]
 
     if name not in mujoco_menagerie.names():
         return None, format_hint(name, mujoco_menagerie.names()) or hint

@@ -1,4 +1,4 @@
-"""URDF as MuJoCo can read it: files of packages found below the model's folder, inertias made valid, every link kept."""
+"""URDF as MuJoCo can read it: files of packages are found, inertias made valid, every link is kept."""
 
 import os
 import re
@@ -50,7 +50,7 @@ def read_urdf(path: Path) -> mujoco.MjSpec:
 def _expand(path: Path) -> str:
     """The URDF that a xacro file stands for; packages that it names are searched among the folders above it."""
     try:
-        from xacrodoc import XacroDoc, packages
+        from xacrodoc import XacroDoc, packages  # type: ignore[import-not-found, import-untyped, unused-ignore]
     except ImportError as error:
         hint = "Install what expands it: pip install 'phyagentos[xacro]'"
         raise DefinitionError.of("MODEL_UNREADABLE", str(path), "a xacro file", "a URDF file", hint) from error

@@ -48,7 +48,9 @@ def _iter_posture_problems(robot: RobotModel, located: Located) -> Iterator[Prob
         yield located.problem("OUTSIDE_LIMITS", ("arm", "home_rad", index), found, expected)
     scene = PlanningScenes(robot).get_scene(World(entities=()))
     for first, second in [] if outside.any() else scene.find_contacts(robot.home_rad):
-        yield located.problem("IN_COLLISION", ("arm", "home_rad"), f"{first} touches {second}", "a posture that is free")
+        yield located.problem(
+            "IN_COLLISION", ("arm", "home_rad"), f"{first} touches {second}", "a posture that is free"
+        )
 
 
 def _iter_gripper_problems(robot: RobotModel, located: Located) -> Iterator[Problem]:
@@ -57,7 +59,9 @@ def _iter_gripper_problems(robot: RobotModel, located: Located) -> Iterator[Prob
     if robot.profile.end_effector != "opening":
         return
     if len(gripper.pads) != 2:
-        yield located.problem("WRONG_LENGTH", ("gripper", "pads"), f"{len(gripper.pads)} pads", "two that face each other")
+        yield located.problem(
+            "WRONG_LENGTH", ("gripper", "pads"), f"{len(gripper.pads)} pads", "two that face each other"
+        )
         return
     data = mujoco.MjData(model)
     data.qpos[:] = robot.home_rad
@@ -87,7 +91,6 @@ def describe_robot(robot: RobotModel) -> dict[str, str]:
 
 def check_profile(path: Path, limits: Safety) -> list[Problem]:
     """Every problem of a profile, those of reading it included."""
-
     try:
         profile, _ = read_profile(path)
         return find_profile_problems(path, profile, limits)

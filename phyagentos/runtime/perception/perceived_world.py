@@ -11,10 +11,10 @@ from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.placed_scenes import read_placed
 from phyagentos.protocol.sessions.looks import FORMAT
 from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.world.environment import Environment, Status, TargetState
-from phyagentos.protocol.world.placed_scenes import read_placed
 from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.belief import lose_sight
 from phyagentos.runtime.perception.confirmation import is_settled

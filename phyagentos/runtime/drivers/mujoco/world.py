@@ -16,13 +16,13 @@ from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.placed_scenes import read_placed
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
 from phyagentos.protocol.world.environment import TargetState
 from phyagentos.protocol.world.idealisations import Aspect, Idealisation
-from phyagentos.protocol.world.placed_scenes import read_placed
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.cameras import CameraRig
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector

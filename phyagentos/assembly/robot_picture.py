@@ -12,7 +12,11 @@ from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.models.scene import aim
 
-AXES = {(1.0, 0.0, 0.0): (0.9, 0.2, 0.2, 1.0), (0.0, 1.0, 0.0): (0.2, 0.7, 0.2, 1.0), (0.0, 0.0, 1.0): (0.2, 0.3, 0.9, 1.0)}
+AXES = {
+    (1.0, 0.0, 0.0): (0.9, 0.2, 0.2, 1.0),
+    (0.0, 1.0, 0.0): (0.2, 0.7, 0.2, 1.0),
+    (0.0, 0.0, 1.0): (0.2, 0.3, 0.9, 1.0),
+}
 LENGTH_M, RADIUS_M = 0.1, 0.004
 WIDTH, HEIGHT, FOV_DEG = 800, 600, 40.0
 

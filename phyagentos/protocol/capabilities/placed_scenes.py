@@ -1,7 +1,7 @@
 """A scene as a robot's profile places it within reach: `tabletop/cubes_and_trays@vx300s`.
 
 What stands fixed above the level of the robot's base (trays, walls, shelves) is scaled about the base, with its place;
-what is movable keeps its size, and its place is scaled; what lies below (a table, the floor) stays. Then all of it moves.
+what is movable keeps its size, and its place is scaled; what lies below (a table, the floor) stays. Then all moves.
 Names of scenes carry the target, so that every reader of a session sees the same one.
 """
 
@@ -47,11 +47,15 @@ def place_scene(spec: SceneSpec, how: ScenePlacement) -> SceneSpec:
         for name, area in spec.areas.items()
     }
     scaled = {name for name, body in spec.bodies.items() if _is_scaled(body, spec)}
-    bodies = {name: _place_body(body, how, name in scaled, body.place.frame in scaled) for name, body in spec.bodies.items()}
+    bodies = {
+        name: _place_body(body, how, name in scaled, body.place.frame in scaled) for name, body in spec.bodies.items()
+    }
     regions = {
         name: region
         if region.body is not None
-        else region.model_copy(update={"center_m": _move(region.center_m, how), "half_m": _scale(region.half_m, how.scale)})
+        else region.model_copy(
+            update={"center_m": _move(region.center_m, how), "half_m": _scale(region.half_m, how.scale)}
+        )
         for name, region in spec.regions.items()
     }
     return spec.model_copy(update={"areas": areas, "bodies": bodies, "regions": regions})
@@ -63,7 +67,10 @@ def _is_scaled(body: Body, spec: SceneSpec) -> bool:
     if not owner.fixed or owner.place.area is not None:
         return False
     base_m = owner.place.position_m[2]
-    return any(base_m + solid.position_m[2] + max(solid.size_m) > _LEVEL_M for solid in owner.shapes) and base_m > -_LEVEL_M
+    return (
+        any(base_m + solid.position_m[2] + max(solid.size_m) > _LEVEL_M for solid in owner.shapes)
+        and base_m > -_LEVEL_M
+    )
 
 
 def _place_body(body: Body, how: ScenePlacement, is_scaled: bool, is_on_scaled: bool) -> Body:
@@ -82,7 +89,12 @@ def _place_body(body: Body, how: ScenePlacement, is_scaled: bool, is_on_scaled: 
     if not is_scaled:
         return moved
     shapes = tuple(
-        solid.model_copy(update={"size_m": tuple(scale * each for each in solid.size_m), "position_m": _scale(solid.position_m, scale)})
+        solid.model_copy(
+            update={
+                "size_m": tuple(scale * each for each in solid.size_m),
+                "position_m": _scale(solid.position_m, scale),
+            }
+        )
         for solid in body.shapes
     )
     inside = body.interior and body.interior.model_copy(
