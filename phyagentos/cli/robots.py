@@ -88,7 +88,7 @@ def new(
     name: Annotated[str, typer.Option("--name", help="Of the target; from the file's name by default.")] = "",
     folder: Annotated[Path, typer.Option("--in", metavar="DIR", help="Project that gets it.")] = Path(),
 ) -> None:
-    """Draft a profile from a model: joints, limits, tool and fingers as it has them, or guessed and marked TODO."""
+    """Draft a profile from a model: joints, limits, tool and fingers as it has them, or guessed and marked so."""
     from phyagentos.runtime.models.drafting import draft_profile
     from phyagentos.runtime.models.sources import find_model, is_beside
 
@@ -103,7 +103,7 @@ def new(
     text = draft_profile(path, hint, target)
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_text(text)
-    print_result(f"wrote {place}, {text.count('TODO')} lines say TODO")
+    print_result(f"wrote {place}, {text.count('# check')} lines say check")
     if is_beside(model):
         print_note(f"its model is {hint}: set PHYAGENTOS_MODELS to {path.resolve().parent}")
     print_note(f"next: edit it, then paos robot check {target} && paos robot render {target}")

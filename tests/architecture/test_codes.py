@@ -18,13 +18,15 @@ OTHER_NAMES = {
     "EDITOR",
     "FLOCK",
     "LOCK_NAME",
+    "MENAGERIE_ROOT",
     "MUJOCO_GL",
     "PAOS_DEBUG",
+    "PHYAGENTOS_MODELS",
     "ROLE",
     "VISUAL",
 }  # the system's, and attributes of classes
 OF_SQLITE = {"COMMIT", "DEFERRED", "IMMEDIATE", "ROLLBACK"}
-METAVARS = {"AREA", "BODY", "MATERIAL", "SESSION"}  # of patterns and help texts
+METAVARS = {"AREA", "BODY", "MATERIAL", "MODEL", "ROBOT", "SESSION"}  # of patterns and help texts
 OF_HTTP = {"POST"}
 TRACE = {"SUCCESS", "FAILURE"}  # py_trees' own words
 

@@ -21,7 +21,7 @@ Triple = tuple[float, float, float]
 
 def name_placed(scene: str, profiles: Iterable[TargetProfile | None]) -> str:
     """The name of a scene for some targets; the first that places scenes decides."""
-    placing = next((each.target for each in profiles if each is not None and each.scene != _AS_IT_IS), "")
+    placing = next((each.target for each in profiles if each is not None and each.placement != _AS_IT_IS), "")
     return f"{scene}{_MARK}{placing}" if placing else scene
 
 
@@ -37,7 +37,7 @@ def read_placed(library: Library, name: str) -> SceneSpec:
     if not target:
         return spec
     profile = validate(TargetProfile, read_yaml(library.get_target(target)))
-    return place_scene(spec, profile.scene)
+    return place_scene(spec, profile.placement)
 
 
 def place_scene(spec: SceneSpec, how: ScenePlacement) -> SceneSpec:

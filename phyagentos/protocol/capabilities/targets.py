@@ -176,7 +176,7 @@ class TargetProfile(Authored):
         embodiment: What it is (`arm`).
         tcp: Site of the tool centre point; z approaches, y is the closing axis.
         tool: Where this site is; none where the model has it.
-        scene: How scenes are placed for it.
+        placement: How scenes are placed for it.
         mount_position_m: Where its base stands in the world [m].
         mount_quaternion_wxyz: How its base stands in the world.
         control_period_s: Length of one command [s]; a whole number of physics steps.
@@ -207,7 +207,7 @@ class TargetProfile(Authored):
     end_effector: Literal["opening", "suction", "none"] = "opening"
     tcp: str = "tcp"
     tool: Frame | None = None
-    scene: ScenePlacement = ScenePlacement()
+    placement: ScenePlacement = ScenePlacement()
     mount_position_m: Triple = (0.0, 0.0, 0.0)
     mount_quaternion_wxyz: Quadruple = (1.0, 0.0, 0.0, 0.0)
     control_period_s: float = 0.02

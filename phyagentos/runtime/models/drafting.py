@@ -1,4 +1,4 @@
-"""A first draft of a profile from any MJCF or URDF: what the model says, and guesses that are marked `TODO`."""
+"""A first draft of a profile from any MJCF or URDF: what the model says, and guesses that are marked `check`."""
 
 import re
 from collections.abc import Sequence
@@ -31,22 +31,22 @@ def draft_profile(path: Path, model: str, name: str) -> str:
     torque = [_find_torque(compiled, joint) for joint in chain]
     names = [compiled.joint(joint).name for joint in chain]
     lines = [
-        f"# Drafted from {path.name}; check every line that says TODO, then: paos robot check {name}",
+        f"# Drafted from {path.name}; check every line that says check, then: paos robot check {name}",
         f"target: {name}",
         f"description: {name}, simulated with contact physics.",
         f"model: {model}",
         *_draft_tool(compiled, last, fingers),
-        "grasp_band_m: [0.3, 0.6]   # TODO: distances from the base between which things can be taken from above",
+        "grasp_band_m: [0.3, 0.6]   # check: distances from the base between which things can be taken from above",
         "arm:",
         f"  joints: [{', '.join(names)}]",
-        f"  home_rad: {_show(_find_home(compiled, chain))}   # TODO: a posture in front of its work",
-        f"  velocity_rad_s: {_show([GUESSED_SPEED_RAD_S] * len(chain))}   # TODO: its data sheet",
+        f"  home_rad: {_show(_find_home(compiled, chain))}   # check: a posture in front of its work",
+        f"  velocity_rad_s: {_show([GUESSED_SPEED_RAD_S] * len(chain))}   # check: its data sheet",
         f"  acceleration_rad_s2: {_show([10.0] * len(chain))}",
         f"  jerk_rad_s3: {_show([5000.0] * len(chain))}",
         f"  torque_nm: {_show(torque)}",
         f"  stiffness_nm_rad: {_show([STIFFNESS_PER_TORQUE * each for each in torque])}",
         f"  damping_nms_rad: {_show([STIFFNESS_PER_TORQUE * DAMPING_SHARE * each for each in torque])}",
-        "  payload_kg: 1.0   # TODO: its data sheet, the hand included",
+        "  payload_kg: 1.0   # check: its data sheet, the hand included",
         *_draft_gripper(compiled, fingers),
         "observations: [joint_state, gripper_width, entity_poses, camera_rgb]",
         "actions: [joint_position, gripper_width]",
@@ -99,13 +99,13 @@ def _draft_tool(model: mujoco.MjModel, body: int, fingers: Sequence[int]) -> lis
     moved = sorted({int(model.jnt_bodyid[joint]) for joint in fingers})
     place = data.xpos[moved].mean(axis=0) if moved else data.xpos[body]
     local = data.xmat[body].reshape(3, 3).T @ (place - data.xpos[body])
-    hint = "   # TODO: z approaches, y is the closing axis; see `paos robot render`"
+    hint = "   # check: z approaches, y is the closing axis; see `paos robot render`"
     return [f"tool: {{body: {model.body(body).name}, position_m: {_show(local.tolist())}}}{hint}"]
 
 
 def _draft_gripper(model: mujoco.MjModel, fingers: Sequence[int]) -> list[str]:
     if not fingers:
-        return ["end_effector: none   # TODO: or a hand: {model: menagerie:robotiq_2f85/2f85.xml, at: {body: ...}}"]
+        return ["end_effector: none   # check: or a hand: {model: menagerie:robotiq_2f85/2f85.xml, at: {body: ...}}"]
     slides = [joint for joint in fingers if model.jnt_type[joint] == SLIDE]
     chosen = (slides or list(fingers))[:2]
     names = [model.joint(joint).name for joint in chosen]
@@ -119,15 +119,15 @@ def _draft_gripper(model: mujoco.MjModel, fingers: Sequence[int]) -> list[str]:
     return [
         "gripper:",
         f"  joints: [{', '.join(names)}]",
-        f"  travel: {_show(travel)}   # TODO: share of each joint in the drive, metres of opening a unit",
+        f"  travel: {_show(travel)}   # check: share of each joint in the drive, metres of opening a unit",
         f"  pads: [{', '.join(f'pad_{index}' for index in range(len(bodies)))}]",
-        "  pad_boxes:   # TODO: where each finger grips",
+        "  pad_boxes:   # check: where each finger grips",
         *pads,
         "  pad_surface: rubber",
-        f"  max_width_m: {span if slides else 0.08:.4g}   # TODO: its data sheet; `paos robot check` measures it",
+        f"  max_width_m: {span if slides else 0.08:.4g}   # check: its data sheet; `paos robot check` measures it",
         "  stiffness_n_m: 2000.0",
         "  damping_ns_m: 60.0",
-        "  force_n: 20.0   # TODO: its data sheet",
+        "  force_n: 20.0   # check: its data sheet",
     ]
 
 

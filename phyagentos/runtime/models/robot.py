@@ -160,7 +160,7 @@ def _get_body(spec: mujoco.MjSpec, at: Frame, path: Path) -> "mujoco.MjsBody":
     body = spec.body(at.body)
     if body is None:
         raise DefinitionError(
-            [Problem.unknown("UNKNOWN_BODY", str(path), at.body, [each.name for each in spec.bodies])]
+            [Problem.unknown("UNKNOWN_NAME", str(path), at.body, [each.name for each in spec.bodies])]
         )
     return body
 

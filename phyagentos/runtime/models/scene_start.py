@@ -31,7 +31,7 @@ def find_start_problems(path: Path, seed: int | None = None, robot: Robot | None
         DefinitionError: The scene cannot be read.
     """
     spec, located = read_scene(path), read_yaml(path)
-    spec = place_scene(spec, robot[0].scene) if robot is not None else spec
+    spec = place_scene(spec, robot[0].placement) if robot is not None else spec
     for each in SEEDS if seed is None else (seed,):
         try:
             if robot is None:

@@ -45,7 +45,7 @@ def _iter_posture_problems(robot: RobotModel, located: Located) -> Iterator[Prob
     for index in np.flatnonzero(outside).tolist():
         low, high = robot.q_min_rad[index], robot.q_max_rad[index]
         found, expected = f"{names[index]} at {robot.home_rad[index]:g} rad", f"{low:.4g} to {high:.4g}"
-        yield located.problem("OUTSIDE_LIMITS", ("arm", "home_rad", index), found, expected)
+        yield located.problem("INVALID_VALUE", ("arm", "home_rad", index), found, expected)
     scene = PlanningScenes(robot).get_scene(World(entities=()))
     for first, second in [] if outside.any() else scene.find_contacts(robot.home_rad):
         yield located.problem(
