@@ -64,6 +64,10 @@ def measure_hand(profile: TargetProfile, folder: Path) -> HandMotion:
     if not gripper.travel:
         widths_m, share = np.array([0.0, gripper.max_width_m]), max(len(gripper.joints), 1)
         return HandMotion(gripper.joints, widths_m, widths_m, np.outer(widths_m / share, np.ones(len(gripper.joints))))
+    if len(gripper.pads) != 2 or len(gripper.travel) != len(gripper.joints):
+        found = f"{len(gripper.pads)} pads, {len(gripper.joints)} joints and {len(gripper.travel)} values of travel"
+        expected = "two pads that face each other, and a value for each joint"
+        raise DefinitionError.of("WRONG_LENGTH", f"{profile.target}/target.yaml: gripper", found, expected)
     return _measure(profile, folder, find_model(profile.model, folder).stat().st_mtime_ns)
 
 
