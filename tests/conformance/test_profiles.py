@@ -21,7 +21,7 @@ def test_every_profile_is_whole(name):
         for model in [profile.model] + ([profile.hand.model] if profile.hand is not None else []):
             find_model(model, folder)
     except DefinitionError as error:
-        pytest.skip(f"{error} Or: PHYAGENTOS_MODELS=DIR make test-extras")
+        pytest.skip(f"{error} Then: pytest tests/conformance/test_profiles.py")
     beside = path.with_name("safety.yaml")
     limits = read_safety(beside if beside.is_file() else LIBRARY.roots[-1] / "protocol" / "safety.yaml")
 
