@@ -10,14 +10,14 @@ from typing import Any
 import msgspec
 from typing_extensions import override
 
+from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
 from phyagentos.runtime.targets.handshake import mint
 
-REPLY_S = 10.0  # as a worker waits for a world
-SLOW_REPLY_S = 120.0  # a scene that compiles, pictures of many cameras
+SLOW_REPLY_S = 120.0  # without a beat: a scene that compiles, pictures of many cameras
 
 
 class RemoteDriver(TargetDriver):
@@ -33,7 +33,6 @@ class RemoteDriver(TargetDriver):
         self._time_s = math.nan
         self._step: wire.Step | None = None  # not reported yet
         self._is_moving = False
-        self._motion_s = REPLY_S  # the longest that a motion may take
 
     @property
     @override
@@ -48,7 +47,6 @@ class RemoteDriver(TargetDriver):
     @override
     def describe(self) -> wire.Description:
         there = self._ask(wire.Describe(), wire.Description)
-        self._motion_s = wire.SHARED_TIMEOUT_S if there.shares_time else REPLY_S
         return msgspec.structs.replace(there, driver=f"remote/{there.driver}")
 
     @override
@@ -128,9 +126,11 @@ class RemoteDriver(TargetDriver):
         self._time_s = step.time_s
         return step
 
-    def _ask(self, request: wire.Request, expected: type[wire.ReplyT], timeout_s: float = REPLY_S) -> wire.ReplyT:
-        if isinstance(request, wire.MOTIONS):
-            reply = wire.exchange(self._channel, request, self._motion_s, self.is_ending)
-        else:
-            reply = wire.exchange(self._channel, request, timeout_s)
+    def _ask(self, request: wire.Request, expected: type[wire.ReplyT], silence_s: float = 0.0) -> wire.ReplyT:
+        """The reply; each sign of the target counts, and none is asked for twice."""
+        try:
+            reply = wire.exchange(self._channel, request, max(silence_s, self.profile.silence_max_s), self.is_ending)
+        except ExecutionError as error:
+            what = f"{type(request).__name__} to {self.profile.target!r} at {self.profile.endpoint or 'its endpoint'}"
+            raise ExecutionError(error.code, f"{what}: {str(error).removeprefix(f'{error.code}: ')}") from error
         return wire.require(request, reply, expected)

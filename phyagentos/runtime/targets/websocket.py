@@ -8,6 +8,7 @@ import contextlib
 import queue
 import threading
 from collections import deque
+from typing import Any
 from urllib.parse import urlsplit
 
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
@@ -21,6 +22,8 @@ from phyagentos.runtime.channel import MESSAGE_MAX_BYTES
 
 BACKLOG = 8  # waiting clients while one is served
 _OPEN_S = 5.0
+_PING_S = 5.0  # between two pings, and until the answer: a dead connection makes room for the next client
+_FRAMES: Any = {"compression": None, "max_size": MESSAGE_MAX_BYTES, "ping_interval": _PING_S, "ping_timeout": _PING_S}
 
 
 class WebSocketChannel:
@@ -84,7 +87,7 @@ class WebSocketDoor:
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
         self._waiting: queue.Queue[WebSocketChannel] = queue.Queue(BACKLOG)
         # a browser always names an origin: no web page may connect, whatever token it has
-        self._server = serve(self._receive, host, port, origins=[None], compression=None, max_size=MESSAGE_MAX_BYTES)
+        self._server = serve(self._receive, host, port, origins=[None], **_FRAMES)
         self.endpoint = f"ws://{host}:{self._server.socket.getsockname()[1]}"
         self._thread = threading.Thread(target=self._server.serve_forever, name="websocket-door", daemon=True)
         self._thread.start()
@@ -125,9 +128,7 @@ def connect_websocket(endpoint: str) -> WebSocketChannel:
     try:
         if urlsplit(endpoint).scheme not in {"ws", "wss"}:
             raise InvalidURI(endpoint, "not ws:// or wss://")
-        connection = opened.enter_context(
-            connect(endpoint, compression=None, max_size=MESSAGE_MAX_BYTES, open_timeout=_OPEN_S, proxy=None)
-        )
+        connection = opened.enter_context(connect(endpoint, open_timeout=_OPEN_S, proxy=None, **_FRAMES))
     except (OSError, InvalidHandshake, InvalidURI, ValueError) as error:
         raise ExecutionError("TARGET_LOST", f"no target answers at {endpoint}: {error}") from error
     return WebSocketChannel(connection, opened)
