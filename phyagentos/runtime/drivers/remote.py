@@ -33,6 +33,7 @@ class RemoteDriver(TargetDriver):
         self._time_s = math.nan
         self._step: wire.Step | None = None  # not reported yet
         self._is_moving = False
+        self._lost: ExecutionError | None = None
 
     @property
     @override
@@ -127,10 +128,15 @@ class RemoteDriver(TargetDriver):
         return step
 
     def _ask(self, request: wire.Request, expected: type[wire.ReplyT], silence_s: float = 0.0) -> wire.ReplyT:
-        """The reply; each sign of the target counts, and none is asked for twice."""
+        """The reply; nothing is ever sent twice, and a lost target stays lost for the first reason."""
+        if self._lost is not None:
+            raise self._lost
+        silence_s = max(silence_s, self.profile.silence_max_s)
         try:
-            reply = wire.exchange(self._channel, request, max(silence_s, self.profile.silence_max_s), self.is_ending)
+            reply = wire.exchange(self._channel, request, silence_s, self.is_ending)
         except ExecutionError as error:
-            what = f"{type(request).__name__} to {self.profile.target!r} at {self.profile.endpoint or 'its endpoint'}"
-            raise ExecutionError(error.code, f"{what}: {str(error).removeprefix(f'{error.code}: ')}") from error
+            where = f"{self.profile.target!r} at {self.profile.endpoint or 'its endpoint'}"
+            reason = str(error).removeprefix(f"{error.code}: ")
+            self._lost = ExecutionError(error.code, f"{type(request).__name__} to {where}: {reason}")
+            raise self._lost from error
         return wire.require(request, reply, expected)
