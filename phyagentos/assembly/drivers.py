@@ -30,6 +30,7 @@ def build_driver_registry() -> DriverRegistry:
     )
     everything = ("simulation", "real_robot", "debug")
     registry.register("remote", DriverSpec(open=_open_remote, kinds=everything, own_process=False))
+    registry.register("gymnasium", DriverSpec(open=_open_gymnasium, kinds=("simulation",), own_process=False))
     registry.load_plug_ins()
     return registry
 
@@ -118,6 +119,13 @@ def _open_remote(site: DriverSite) -> "TargetDriver":
             raise
         raise DefinitionError.of(error.code, str(path), str(error)) from error
     return RemoteDriver(site.profile, channel, key)
+
+
+def _open_gymnasium(site: DriverSite) -> "TargetDriver":
+    from phyagentos.runtime.drivers.gymnasium import open_gymnasium
+
+    choose_graphics()
+    return open_gymnasium(site.profile, site.folder)
 
 
 def read_secret(path: Path) -> bytes:

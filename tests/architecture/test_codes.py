@@ -20,6 +20,7 @@ OTHER_NAMES = {
     "LOCK_NAME",
     "MUJOCO_GL",
     "PAOS_DEBUG",
+    "PYTHONPATH",
     "ROLE",
     "VISUAL",
 }  # the system's, and attributes of classes

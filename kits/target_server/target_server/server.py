@@ -201,7 +201,11 @@ def main(make_body: Callable[[], Body]) -> None:
     parser.add_argument("--stop-file", help="while it exists the emergency stop is set")
     given = parser.parse_args()
     key = bytes.fromhex(sys.stdin.readline().strip())
-    body, ended = make_body(), threading.Event()
+    try:
+        body, ended = make_body(), threading.Event()
+    except Exception as error:  # told where the endpoint would be, for who started this
+        print(f"{type(error).__name__}: {error}".replace("\n", " "), flush=True)
+        raise
 
     def end_with_parent() -> None:
         sys.stdin.read()

@@ -9,7 +9,7 @@ import struct
 from typing import Any
 
 try:
-    import msgpack  # type: ignore[import-not-found,unused-ignore]
+    import msgpack
 except ImportError:  # an environment that has phyagentos has this one, with the same bytes
     from msgspec import msgpack
 

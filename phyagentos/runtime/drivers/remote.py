@@ -27,6 +27,8 @@ class RemoteDriver(TargetDriver):
         ExecutionError: `TARGET_LOST` from every method when the target is gone or silent; else its own refusals.
     """
 
+    NAME = "remote"
+
     def __init__(self, profile: TargetProfile, channel: Channel, key: bytes) -> None:
         self.profile, self._channel, self._key = profile, channel, key
         self._session, self._epoch = "", 0
@@ -48,7 +50,7 @@ class RemoteDriver(TargetDriver):
     @override
     def describe(self) -> wire.Description:
         there = self._ask(wire.Describe(), wire.Description)
-        return msgspec.structs.replace(there, driver=f"remote/{there.driver}")
+        return msgspec.structs.replace(there, driver=f"{self.NAME}/{there.driver}")
 
     @override
     def load(self, request: wire.LoadScene) -> wire.Loaded:
