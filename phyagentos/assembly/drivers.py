@@ -110,7 +110,8 @@ def _open_remote(site: DriverSite) -> "TargetDriver":
 
     path = site.workspace.root / TOKENS / site.profile.target
     key = read_secret(path)
-    channel = connect_websocket(site.profile.endpoint)
+    trusted = path.with_name(f"{path.name}.pem")
+    channel = connect_websocket(site.profile.endpoint, trusted if trusted.exists() else None)
     try:
         greet(channel, mint(key))
     except ExecutionError as error:

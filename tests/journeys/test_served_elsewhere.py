@@ -22,6 +22,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.targets.handshake import make_key
+from tests.certificates import make_certificate
 from tests.faulty_network import FaultyNetwork
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -59,7 +60,7 @@ pytestmark = pytest.mark.journey
 class Elsewhere:
     """A workspace whose slide is served by another program, behind a network that can fail."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, with_tls=False):
         library = shutil.copytree(ROOT / "benchmarks" / "library", folder / "library")
         (library / "trees" / "advance.yaml").write_text(TREE)
         self.workspace = Workspace.create(folder / "w", Library.open(library))
@@ -69,20 +70,23 @@ class Elsewhere:
         key = make_key().hex()
         self.log = folder / "there" / "logs" / "receive-counter.jsonl"
         self.log.parent.mkdir(parents=True)
-        self.process, port = self._serve(folder / "there", key)
+        both, alone = make_certificate(folder) if with_tls else (None, None)
+        self.process, port = self._serve(folder / "there", key, ["--certificate", str(both)] if with_tls else [])
         self.network = FaultyNetwork(port)
-        told = f"driver: remote\nendpoint: ws://127.0.0.1:{self.network.port}\nsilence_max_s: {SILENCE_S}\n"
+        told = f"driver: remote\nendpoint: {'wss' if with_tls else 'ws'}://127.0.0.1:{self.network.port}\nsilence_max_s: {SILENCE_S}\n"
         registry = self.workspace.target_registry
         registry.write_text(registry.read_text().replace("target: counter\n", f"target: counter\n{told}"))
         secret = self.workspace.root / TOKENS / "counter"
         secret.parent.mkdir(parents=True)
         secret.touch(mode=0o600)
         secret.write_text(key)
+        if with_tls:
+            shutil.copy(alone, secret.with_name("counter.pem"))
 
-    def _serve(self, folder, key):
+    def _serve(self, folder, key, options):
         shutil.copy(ROOT / "examples" / "05_any_body" / "slide.py", folder)
         (folder / "slow.py").write_text(SLOW)
-        command = [sys.executable, str(folder / "slow.py"), "--log", str(self.log)]
+        command = [sys.executable, str(folder / "slow.py"), "--log", str(self.log), *options]
         environment = os.environ | {"PYTHONPATH": str(ROOT / "kits" / "target_server")}
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
         process = subprocess.Popen(command, text=True, env=environment, **pipes)
@@ -112,8 +116,8 @@ class Elsewhere:
 
 
 @pytest.fixture
-def elsewhere(tmp_path):
-    made = Elsewhere(tmp_path)
+def elsewhere(tmp_path, request):
+    made = Elsewhere(tmp_path, with_tls=getattr(request, "param", "") == "tls")
     yield made
     made.close()
 
@@ -133,6 +137,7 @@ def pursue(elsewhere, meanwhile=lambda: None):
         return report, [ledger.sessions[each.id] for each in report.sessions], why
 
 
+@pytest.mark.parametrize("elsewhere", ["plain", "tls"], indirect=True)
 def test_a_goal_is_met_on_a_body_that_the_kit_serves(elsewhere):
     report, _, (why,) = pursue(elsewhere)
 
