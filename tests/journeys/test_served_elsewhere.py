@@ -73,7 +73,8 @@ class Elsewhere:
         both, alone = make_certificate(folder) if with_tls else (None, None)
         self.process, port = self._serve(folder / "there", key, ["--certificate", str(both)] if with_tls else [])
         self.network = FaultyNetwork(port)
-        told = f"driver: remote\nendpoint: {'wss' if with_tls else 'ws'}://127.0.0.1:{self.network.port}\nsilence_max_s: {SILENCE_S}\n"
+        endpoint = f"{'wss' if with_tls else 'ws'}://127.0.0.1:{self.network.port}"
+        told = f"driver: remote\nendpoint: {endpoint}\nsilence_max_s: {SILENCE_S}\n"
         registry = self.workspace.target_registry
         registry.write_text(registry.read_text().replace("target: counter\n", f"target: counter\n{told}"))
         secret = self.workspace.root / TOKENS / "counter"
