@@ -12,13 +12,14 @@ class FaultyNetwork:
     """Relays every connection from `port` to another port of this machine, in threads of its own.
 
     Attributes:
+        to_port: Where new connections are led to.
         delay_s: Added to everything that passes, each way [s].
         is_lossy: Whether what arrives is lost without a word; connections stay open, as behind a pulled cable.
         passed: Bytes that went towards the target.
     """
 
     def __init__(self, to_port: int) -> None:
-        self._to, self.delay_s, self.is_lossy, self.passed = to_port, 0.0, False, 0
+        self.to_port, self.delay_s, self.is_lossy, self.passed = to_port, 0.0, False, 0
         self._is_cut, self._is_closed = False, False
         self._open: set[socket.socket] = set()
         self._listener = socket.create_server(("127.0.0.1", 0))
@@ -51,7 +52,7 @@ class FaultyNetwork:
                 near.close()
                 continue
             try:
-                far = socket.create_connection(("127.0.0.1", self._to))
+                far = socket.create_connection(("127.0.0.1", self.to_port))
             except OSError:
                 near.close()
                 continue
@@ -60,7 +61,7 @@ class FaultyNetwork:
                 threading.Thread(target=self._relay, args=ends, daemon=True).start()
 
     def _relay(self, source: socket.socket, sink: socket.socket) -> None:
-        is_towards_target = sink.getpeername()[1] == self._to
+        is_towards_target = sink.getpeername()[1] == self.to_port
         with contextlib.suppress(OSError):
             while data := source.recv(CHUNK):
                 if self.delay_s:

@@ -32,6 +32,7 @@ from target_server.wire import KEY_BYTES, MESSAGE_MAX_BYTES, VERSION, Refusal
 
 GREETING_S = 2.0
 PING_S = 5.0
+CLOSE_S = 0.5
 LOOK_S = 1.0
 BACKLOG = 8
 
@@ -132,7 +133,7 @@ def serve_body(
         client.is_closed.wait()
 
     options: Any = {"compression": None, "max_size": MESSAGE_MAX_BYTES, "ssl": tls, "origins": [None]}
-    options |= {"ping_interval": PING_S, "ping_timeout": PING_S}
+    options |= {"ping_interval": PING_S, "ping_timeout": PING_S, "close_timeout": CLOSE_S}
     server = serve(receive, host, port, **options)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     on_open(f"{'wss' if tls else 'ws'}://{host}:{server.socket.getsockname()[1]}")

@@ -26,7 +26,14 @@ from phyagentos.runtime.channel import MESSAGE_MAX_BYTES
 BACKLOG = 8  # waiting clients while one is served
 _OPEN_S = 5.0
 _PING_S = 5.0  # between two pings, and until the answer: a dead connection makes room for the next client
-_FRAMES: Any = {"compression": None, "max_size": MESSAGE_MAX_BYTES, "ping_interval": _PING_S, "ping_timeout": _PING_S}
+_CLOSE_S = 0.5  # for the last words: what is lost gives none, and who waits for them gives no sign of life
+_FRAMES: Any = {
+    "compression": None,
+    "max_size": MESSAGE_MAX_BYTES,
+    "ping_interval": _PING_S,
+    "ping_timeout": _PING_S,
+    "close_timeout": _CLOSE_S,
+}
 
 
 class WebSocketChannel:

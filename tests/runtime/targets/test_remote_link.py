@@ -77,8 +77,8 @@ class Stand:
 
 
 @pytest.fixture
-def stand(tmp_path, monkeypatch):
-    monkeypatch.setitem(websocket._FRAMES, "ping_interval", 1.0)
+def stand(request, tmp_path, monkeypatch):
+    monkeypatch.setitem(websocket._FRAMES, "ping_interval", getattr(request, "param", 1.0))
     monkeypatch.setitem(websocket._FRAMES, "ping_timeout", 1.0)
     with contextlib.closing(Stand(tmp_path)) as made:
         yield made
@@ -187,3 +187,13 @@ def test_a_dead_connection_makes_room_within_some_seconds(stand):
     stand.network.mend()
 
     assert isinstance(stand.connect().ask(wire.Observe()), wire.Observation)
+
+
+@pytest.mark.parametrize("stand", [60.0], indirect=True)
+def test_what_is_lost_is_named_without_waiting_for_its_last_words(stand):
+    client = stand.connect().begin()
+    stand.network.is_lossy = True
+
+    began_s = time.monotonic()  # noqa: TID251
+    assert client.ask(wire.Observe()).code == "TARGET_LOST"
+    assert time.monotonic() - began_s < SILENCE_S + 2.0  # noqa: TID251
