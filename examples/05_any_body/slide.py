@@ -20,6 +20,7 @@ class Slide(Body):
     step_s = 0.02
     observations = ("joint_state", "entity_poses")
     end_effector = "opening"
+    width_max_m = 0.1
     has_truth = True
 
     def __init__(self):

@@ -18,7 +18,9 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from benchmarks.safety_parts.hostile import spoil_bytes, spoil_envelope, spoil_points
 from phyagentos.errors import ExecutionError
+from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.conformance import CHECKS, Reached, Subject
 from phyagentos.runtime.targets.handshake import Hello, greet, make_key, mint
@@ -95,6 +97,7 @@ def test_its_process_loads_nothing_of_the_framework(served):
     target.close()
 
 
+ARRAYS = ("q_rad", "qd_rad_s", "gripper_width_m")
 MOTOR = '''
 import time
 
@@ -198,6 +201,36 @@ def test_what_is_no_request_is_refused_and_moves_nothing(motor):
 
     assert target.exchange(wire.Observe()) == before
     assert isinstance(target.exchange(make_motion(target)), wire.Step)
+
+
+def test_hostile_commands_of_every_kind_are_refused_and_move_nothing(motor):
+    served, target = motor
+    rng, kinds = np.random.default_rng(3), set()
+    before = target.exchange(wire.Observe())
+    sound = make_motion(target)
+    points = SetPoints(sound.q_rad, sound.qd_rad_s, sound.gripper_width_m)
+    for index in range(240):
+        if index % 3 == 0:
+            kind, command = spoil_envelope(sound, rng, before.time_s)
+            message = wire.REQUESTS.encode(command)
+        elif index % 3 == 1:
+            kind, message = spoil_bytes(sound, rng)
+        else:
+            kind, spoilt = spoil_points(points, rng, typed=False)
+            if kind in {"velocity beyond the limit", "velocity that is a lie", "rows reordered"} or "osci" in kind:
+                continue  # below this motor's limit of 10 m/s, which nobody has made narrower
+            if kind in {"delta of 0.02", "denormal posture", "teleport"} and abs(spoilt.q_rad[0, 0]) <= 0.22:
+                continue  # within what it can do in one step
+            message = wire.REQUESTS.encode(make_motion(target, **{name: getattr(spoilt, name) for name in ARRAYS}))
+        target._channel.send_bytes(message)
+        reply = wire.await_reply(target._channel, 5.0)
+        assert isinstance(reply, wire.Refused), (kind, reply)
+        kinds.add(kind)
+
+    assert len(kinds) > 20
+    assert target.exchange(wire.Observe()) == before
+    assert isinstance(target.exchange(make_motion(target)), wire.Step)
+    assert not list(LogMonitor(served.log.name, None).judge(served.log.read_bytes()))
 
 
 def test_who_has_no_token_another_version_or_too_much_to_say_is_not_admitted(served):

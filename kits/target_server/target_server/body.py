@@ -72,6 +72,7 @@ class Body(ABC):
         target: Its name, as in target.yaml of the framework's side; `joints`, `step_s` and `steps_per_command` as well.
         step_s: What one `step` takes of the body's time [s].
         tcp_m: (3,) the tool with all joints at zero [m].
+        width_max_m: Widest opening of its gripper [m].
         is_realtime: Whether its time goes on by itself; without a command in time it is halted then (`DEADMAN`).
         has_truth: Whether `list_entities` says where things are.
         tools: By name; each takes its arguments and gives (media type, bytes) by file name. None moves the body.
@@ -88,6 +89,7 @@ class Body(ABC):
     tcp_m: Triple = (0.0, 0.0, 0.0)
     end_effector: str = "none"
     gripper_force_n: float = 0.0
+    width_max_m: float = 0.0
     is_realtime: bool = False
     has_truth: bool = False
     tools: Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, tuple[str, bytes]]]] = {}

@@ -129,7 +129,8 @@ class GymnasiumBody(Body):
             Joint(name, each.low, each.high, each.velocity, each.axis) for name, each in settings.joints.items()
         ]
         self.end_effector = "opening" if settings.gripper else "none"
-        self.gripper_force_n = settings.gripper.force_n if settings.gripper else 0.0
+        if settings.gripper is not None:
+            self.gripper_force_n, self.width_max_m = settings.gripper.force_n, settings.gripper.width_m
         for module in settings.imports:
             importlib.import_module(module)
         self._env: Any = None

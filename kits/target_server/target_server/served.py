@@ -252,6 +252,8 @@ class Served:
                 raise Refusal("MALFORMED", f"{name}: not {n} rows of {len(joints)} numbers")
         if len(request["gripper_width_m"]) != n or any(isinstance(each, list) for each in request["gripper_width_m"]):
             raise Refusal("MALFORMED", f"gripper_width_m: not {n} numbers")
+        if any(not -SLACK <= each <= body.width_max_m + SLACK for each in request["gripper_width_m"]):
+            raise Refusal("TARGET_LIMIT", f"gripper_width_m: outside of 0 to {body.width_max_m:g} m")
         before = self._last
         for row, speed in zip(rows, speeds, strict=True):
             for joint, was, q, qd in zip(joints, before, row, speed, strict=True):
