@@ -120,7 +120,8 @@ def test_meta_world_is_judged_by_evidence_and_its_own_success_stays_with_it(exam
     )
     assert after[1] - before[1] > 0.1
     deadline_s = time.monotonic() + 20.0  # noqa: TID251
-    while not (outcomes := tmp_path / "outcomes.jsonl").exists() and time.monotonic() < deadline_s:  # noqa: TID251
+    outcomes = tmp_path / "outcomes.jsonl"
+    while not (outcomes.exists() and outcomes.stat().st_size) and time.monotonic() < deadline_s:  # noqa: TID251
         time.sleep(0.05)  # noqa: TID251 - its process ends with the worker, and writes this then
     (outcome,) = map(json.loads, outcomes.read_text().splitlines())
     assert outcome["success"], "the environment agrees with the verdict"
