@@ -12,8 +12,8 @@ DEMO_SPACE  := workspaces/demo
 
 FAST  := fast
 BOTH  := -n 2 --dist worksteal
-PEERS := build/peers
-PEERS_OF := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["peers"])
+OTHERS := peers gymnasium kit
+OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
 
 .DEFAULT_GOAL := help
 .PHONY: help setup pictures demo test test-extras check static format schemas wheel clean
@@ -49,13 +49,13 @@ test: setup  ## every test, journeys last
 	&& $(BIN)/pytest -q tests/journeys/test_statecharts.py --journeys $$left \
 	&& rm -rf $$left
 
-test-extras: setup $(PEERS)/.installed  ## tests beside systems of others, which it installs in build/peers
-	@$(BIN)/pytest -q -m extras --peers-python=$(PEERS)/bin/python
+test-extras: setup $(OTHERS:%=build/%/.installed)  ## tests beside systems of others, which it installs in build/
+	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS),--$(each)-python=build/$(each)/bin/python)
 
-$(PEERS)/.installed: pyproject.toml | $(STAMP)
-	@test -x $(PEERS)/bin/python || $(PYTHON) -m venv $(PEERS)
-	@echo "test-extras: installing the extra peers into $(PEERS) (a few minutes)"
-	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(PEERS)/bin/python -m pip --quiet --quiet install $$($(BIN)/python -c '$(PEERS_OF)')
+build/%/.installed: pyproject.toml | $(STAMP)
+	@test -x build/$*/bin/python || $(PYTHON) -m venv build/$*
+	@echo "test-extras: installing the extra $* into build/$* (a few minutes)"
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 build/$*/bin/python -m pip --quiet --quiet install $$($(BIN)/python -c '$(OTHERS_OF)' $*)
 	@touch $@
 
 check: static  ## formatting, lint, types, import contracts, fast tests
@@ -66,6 +66,7 @@ static: $(STAMP)
 	@$(BIN)/ruff format --check --quiet .
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/mypy --no-error-summary
+	@$(BIN)/mypy --no-error-summary kits/target_server/target_server
 	@$(BIN)/lint-imports > $(VENV)/contracts.log 2>&1 || { cat $(VENV)/contracts.log; exit 1; }
 
 format: $(STAMP)  ## let ruff rewrite what it can

@@ -65,11 +65,11 @@ def prepare(root: Path, graph: Path, lease_s: float, heartbeat_s: float) -> Path
         heartbeat_s: How long a worker may be silent [s].
     """
     workspace = Workspace.create(root, Library.open(Path.cwd()))
-    _edit(workspace.runtime_contract, workspace.runtime_contract, r"(?m)^lease_s: \S+", f"lease_s: {lease_s}")
-    return _edit(graph, root.parent / graph.name, "defaults: {", f"defaults: {{heartbeat_s: {heartbeat_s}, ")
+    change(workspace.runtime_contract, workspace.runtime_contract, r"(?m)^lease_s: \S+", f"lease_s: {lease_s}")
+    return change(graph, root.parent / graph.name, "defaults: {", f"defaults: {{heartbeat_s: {heartbeat_s}, ")
 
 
-def _edit(source: Path, copy: Path, pattern: str, text: str) -> Path:
+def change(source: Path, copy: Path, pattern: str, text: str) -> Path:
     """The same file with one place changed."""
     changed, count = re.subn(pattern, text, source.read_text(encoding="utf-8"))
     if count != 1:

@@ -2,6 +2,7 @@
 
     python benchmarks/safety.py                  # 100 000 hostile commands, 1000 stops: some ten minutes
     python benchmarks/safety.py --quick          # small numbers, for a look; only the counts mean anything
+    python benchmarks/safety.py --remote         # the world behind a WebSocket, commanded by the driver `remote`
 
 One world process at a time, over its own wire. What is counted as outside was seen by an eye inside the physics process
 that shares no code with what limits (`safety_parts/observed_world.py`). The stops are made in real time, one world
@@ -36,11 +37,11 @@ ASKED_OF_STOPS = {
 }
 
 
-def run_attack(robot: Robot, commands: int, seeds: range, console: Console) -> dict[str, float]:
+def run_attack(robot: Robot, commands: int, seeds: range, console: Console, *, is_remote: bool) -> dict[str, float]:
     """Figures of the campaign."""
     recordings = record_tidy_table(robot, seeds)
     with tempfile.TemporaryDirectory() as folder:
-        tally, seen = attack(Path(folder), robot, seeds, recordings, commands)
+        tally, seen = attack(Path(folder), robot, seeds, recordings, commands, is_remote=is_remote)
     outside = seen.count_outside(robot.profile, robot.folder)
     console.print(_tabulate(tally))
     return {
@@ -82,6 +83,7 @@ def main() -> int:
     parser.add_argument("--trials", type=int, default=1000, help="Emergency stops.")
     parser.add_argument("--seeds", type=int, default=10, help="Runs of tidy_table that go on meanwhile.")
     parser.add_argument("--only", choices=("attack", "stops"), help="One half.")
+    parser.add_argument("--remote", action="store_true", help="By the driver `remote`, over WebSocket.")
     parser.add_argument("--quick", action="store_true", help="600 commands, 6 stops, one run.")
     given = parser.parse_args()
     commands, trials, seeds = (600, 6, 1) if given.quick else (given.commands, given.trials, given.seeds)
@@ -89,11 +91,11 @@ def main() -> int:
     figures: dict[str, float] = {}
     asked: dict[str, Ask] = {}
     if given.only != "stops":
-        figures |= run_attack(robot, commands, range(1, seeds + 1), console)
+        figures |= run_attack(robot, commands, range(1, seeds + 1), console, is_remote=given.remote)
         asked |= ASKED_OF_ATTACK | {"hostile": Ask(float(commands), at_least=True)}
     if given.only != "attack":
         with tempfile.TemporaryDirectory() as folder:
-            figures |= measure_stops(Path(folder), robot.profile, trials)
+            figures |= measure_stops(Path(folder), robot.profile, trials, is_remote=given.remote)
         asked |= ASKED_OF_STOPS | {"stops": Ask(float(trials), at_least=True)}
     table = Table(title="Safety: one control period is 20 ms")
     for name in ("figure", "found", "asked"):

@@ -167,6 +167,9 @@ LIMIT_UNENFORCEABLE      The live target does not declare what a limit of safety
 LIMIT_WIDER              A limit of safety.yaml is wider than the target's own.
 NEVER_SEEN               An argument names a thing of the scene that no look has shown.
 NO_TOKEN                 The key of a target that is served elsewhere is missing, or others can read it.
+NOT_ENCRYPTED            A target would be served to, or reached on, another machine without TLS.
+NOT_TRUSTED              The certificate of a target that is served elsewhere is not of those that this side trusts.
+NO_ENVIRONMENT           The process of a Gymnasium target does not start.
 NO_DRIVER                No driver moves a target of this kind, or none of the name that the profile gives.
 NOT_CHECKED              A session was to run without a preflight.
 OBSERVATION_DTYPE        A policy takes another element type than the sensor gives.

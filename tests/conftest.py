@@ -26,6 +26,10 @@ def pytest_addoption(parser):
     parser.addoption(
         "--journeys", type=Path, help="what a run of all journeys has left, for journeys/test_statecharts.py"
     )
+    parser.addoption(
+        "--kit-python", help="interpreter with `websockets` and `msgpack` alone, for tests marked `extras`"
+    )
+    parser.addoption("--gymnasium-python", help="interpreter that has the extra `targets`, for tests marked `extras`")
     parser.addoption("--peers-python", help="interpreter that has the extra `peers`, for tests marked `extras`")
 
 

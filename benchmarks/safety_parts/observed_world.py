@@ -2,6 +2,8 @@
 
     python observed_world.py SOCKET RECORD.npy [--realtime --signals FOLDER --log FILE]
 
+SOCKET is the path of a UNIX socket, or `ws://127.0.0.1:0`; the endpoint is printed then.
+
 The eye wraps `mujoco.mj_step` itself, so that no step passes it, whoever asks for it. A row is (wall time [s],
 simulated time [s], 7 positions, 7 velocities, 7 torques, 3 coordinates of the tool).
 """
@@ -14,6 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from phyagentos.assembly.processes import open_door
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
@@ -25,7 +28,7 @@ from phyagentos.runtime.targets.handshake import Tokens
 from phyagentos.runtime.targets.realtime import serve_realtime
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
-from phyagentos.runtime.targets.server import UnixDoor, serve
+from phyagentos.runtime.targets.server import serve
 from phyagentos.runtime.targets.stop_listener import StopListener
 
 WIDTH = 26
@@ -102,9 +105,9 @@ def main() -> None:
         keep_stop=stops.keep if stops else lambda: None,
     )
     if given.realtime:
-        serve_realtime(world, UnixDoor(given.socket, spin_s=0.0), tokens, clock)
+        serve_realtime(world, open_door(given.socket, spin_s=0.0), tokens, clock)
     else:
-        serve(world, UnixDoor(given.socket), tokens)
+        serve(world, open_door(given.socket), tokens)
     eye.save(given.record)
 
 

@@ -30,6 +30,7 @@ def build_driver_registry() -> DriverRegistry:
     )
     everything = ("simulation", "real_robot", "debug")
     registry.register("remote", DriverSpec(open=_open_remote, kinds=everything, own_process=False))
+    registry.register("gymnasium", DriverSpec(open=_open_gymnasium, kinds=("simulation",), own_process=False))
     registry.load_plug_ins()
     return registry
 
@@ -109,7 +110,8 @@ def _open_remote(site: DriverSite) -> "TargetDriver":
 
     path = site.workspace.root / TOKENS / site.profile.target
     key = read_secret(path)
-    channel = connect_websocket(site.profile.endpoint)
+    trusted = path.with_name(f"{path.name}.pem")
+    channel = connect_websocket(site.profile.endpoint, trusted if trusted.exists() else None)
     try:
         greet(channel, mint(key))
     except ExecutionError as error:
@@ -118,6 +120,13 @@ def _open_remote(site: DriverSite) -> "TargetDriver":
             raise
         raise DefinitionError.of(error.code, str(path), str(error)) from error
     return RemoteDriver(site.profile, channel, key)
+
+
+def _open_gymnasium(site: DriverSite) -> "TargetDriver":
+    from phyagentos.runtime.drivers.gymnasium import open_gymnasium
+
+    choose_graphics()
+    return open_gymnasium(site.profile, site.folder)
 
 
 def read_secret(path: Path) -> bytes:

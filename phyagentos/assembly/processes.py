@@ -43,16 +43,17 @@ def make_command(process: str, root: Path, target: str, *options: str) -> list[s
     return ["-m", "phyagentos.assembly.processes", process, *place, *options]
 
 
-def run_world(root: Path, world: str, socket: str, *, outlives: bool) -> None:
+def run_world(root: Path, world: str, socket: str, *, outlives: bool, certificate: Path | None = None) -> None:
     """The process of one world, and of every target in it, until its supervisor ends.
 
     A world that is not shared has the name of its only target, which listens at `socket`: the path of a UNIX socket, or
-    `ws://host:port` for commanders of another workspace. Targets that share a world listen beside that path, each at
-    `<target>.world`. With `outlives`, it waits for another watchdog when the process that started it dies.
+    `ws://host:port`, with a `certificate` `wss://host:port`, for commanders of another workspace. Targets that share a
+    world listen beside that path, each at `<target>.world`. With `outlives`, it waits for another watchdog when the
+    process that started it dies.
 
     Raises:
         ExecutionError: `TARGET_BUSY` when another one lives.
-        DefinitionError: `NO_DRIVER`, `WORLD_NOT_SHARED`, or problems of the targets' profiles.
+        DefinitionError: `NO_DRIVER`, `WORLD_NOT_SHARED`, `NOT_ENCRYPTED`, or problems of the targets' profiles.
     """
     from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole, is_held_by
     from phyagentos.runtime.supervision.workers import end_with_parent
@@ -80,7 +81,7 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool) -> None:
     if pace_by is not None:
         ask_for_precedence()
     if len(sites) == 1:
-        serve_one(sites[0], socket, tokens[sites[0].profile.target], pace_by)
+        serve_one(sites[0], socket, tokens[sites[0].profile.target], pace_by, certificate)
     else:
         serve_shared(sites, Path(socket).parent, tokens, pace_by)
 
@@ -98,7 +99,7 @@ def find_sites(workspace: Workspace, world: str, clock: Clock) -> list[DriverSit
     ]
 
 
-def serve_one(site: DriverSite, socket: str, tokens: Tokens, pace_by: Clock | None) -> None:
+def serve_one(site: DriverSite, socket: str, tokens: Tokens, pace_by: Clock | None, certificate: Path | None) -> None:
     """Serve the only target of a world."""
     from phyagentos.runtime.targets.realtime import serve_realtime
     from phyagentos.runtime.targets.receive_log import ReceiveLog
@@ -114,9 +115,9 @@ def serve_one(site: DriverSite, socket: str, tokens: Tokens, pace_by: Clock | No
         driver, log, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth, permits=tokens.permits
     )
     if pace_by is not None:
-        serve_realtime(served, open_door(socket, spin_s=0.0), tokens, pace_by)
+        serve_realtime(served, open_door(socket, 0.0, certificate), tokens, pace_by)
     else:
-        serve(served, open_door(socket), tokens)
+        serve(served, open_door(socket, certificate=certificate), tokens)
 
 
 def serve_shared(sites: list[DriverSite], sockets: Path, tokens: Mapping[str, Tokens], pace_by: Clock | None) -> None:
@@ -342,16 +343,18 @@ def open_handle(
     )
 
 
-def open_door(where: str, spin_s: float = SPIN_S) -> "Door":
+def open_door(where: str, spin_s: float = SPIN_S, certificate: Path | None = None) -> "Door":
     """Where commanders come in; a WebSocket's endpoint is printed, since its port may be a free one."""
     from phyagentos.runtime.targets.server import UnixDoor
 
-    if not where.startswith("ws:"):
+    if not where.startswith(("ws:", "wss:")):
         return UnixDoor(where, spin_s)
     from phyagentos.runtime.targets.websocket import WebSocketDoor
 
     parts = urlsplit(where)
-    door = WebSocketDoor(parts.hostname or "127.0.0.1", parts.port or 0)
+    if parts.scheme == "wss" and certificate is None:
+        raise DefinitionError.of("NOT_ENCRYPTED", where, "no --certificate", "PEM file of a chain and its private key")
+    door = WebSocketDoor(parts.hostname or "127.0.0.1", parts.port or 0, certificate)
     sys.stdout.write(f"{door.endpoint}\n")
     sys.stdout.flush()
     return door
@@ -383,6 +386,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--workspace", type=Path, required=True)
     parser.add_argument("--target", required=True, help="of a worker; for a world its name")
     parser.add_argument("--socket", default="")
+    parser.add_argument("--certificate", type=Path, help="PEM file of a chain and its key, to serve at wss://")
     parser.add_argument("--control", type=int, default=-1)
     parser.add_argument("--descriptor", type=int, default=-1)
     parser.add_argument("--no-pictures", action="store_true")
@@ -390,7 +394,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     given = parser.parse_args(argv)
     try:
         if given.process == "world":
-            run_world(given.workspace, given.target, given.socket, outlives=given.outlives)
+            run_world(
+                given.workspace, given.target, given.socket, outlives=given.outlives, certificate=given.certificate
+            )
         elif given.process == "rehearsal":
             run_rehearsal(given.workspace, given.target, given.descriptor)
         else:

@@ -111,7 +111,8 @@ def find_kind(path: Path) -> FileKind | None:
         return found
     whole = path.resolve() if path.exists() else path  # a link to itself leads nowhere
     parents = [part for part in whole.parts[:-1] if part in FOLDERS]
-    return _FOLDERS.get(parents[-1]) if parents else None
+    kind = _FOLDERS.get(parents[-1]) if parents else None
+    return None if kind is FileKind.TARGET and path.name != "target.yaml" else kind  # a driver's own settings
 
 
 def find_other_kind(path: Path, wanted: FileKind) -> list[Problem]:

@@ -22,6 +22,7 @@ OTHER_NAMES = {
     "MUJOCO_GL",
     "PAOS_DEBUG",
     "PHYAGENTOS_MODELS",
+    "PYTHONPATH",
     "ROLE",
     "VISUAL",
 }  # the system's, and attributes of classes

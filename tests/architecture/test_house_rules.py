@@ -10,7 +10,7 @@ PACKAGE = ROOT / "phyagentos"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 OWN_PYTHON = sorted(
     path
-    for folder in ("phyagentos", "tests", "examples", "benchmarks", "skills")
+    for folder in ("phyagentos", "tests", "examples", "benchmarks", "skills", "kits")
     for path in (ROOT / folder).rglob("*.py")
 )
 MAX_LINES = 600

@@ -1,6 +1,9 @@
 """Every driver of the registry does what the port promises; a new one only needs a subject here."""
 
 import contextlib
+import importlib.util
+import re
+import sys
 import threading
 from pathlib import Path
 
@@ -14,6 +17,7 @@ from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.drivers.debug import DebugDriver
+from phyagentos.runtime.drivers.gymnasium import open_gymnasium
 from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.conformance import CHECKS, Subject
@@ -27,6 +31,25 @@ from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocke
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks" / "library"
 SUBJECTS = {"debug": ("counter", "counter"), "mujoco": ("panda", "tabletop/cubes_and_trays")}
 REGISTRY = build_driver_registry()
+
+
+ENVIRONMENT = """
+python: {python}
+id: {id}
+joints: {{slide: {{action: 0, low: {low}, high: {high}, set_point_gain: 1.0}}}}
+"""
+
+
+def write_environment(folder, python, id="Pendulum-v1", low=-2.0, high=2.0):
+    """A target whose only joint is the action of a small environment."""
+    folder = folder / "counter"
+    folder.mkdir()
+    told = Library.open(BENCHMARKS).get_target("counter").read_text()
+    gripper = told[told.index("gripper:") : told.index("observations:")]
+    changed = told.replace(gripper, "end_effector: none\n").replace("kind: debug", "kind: simulation")
+    (folder / "target.yaml").write_text(changed + "driver: gymnasium\n")
+    (folder / "gymnasium.yaml").write_text(ENVIRONMENT.format(python=python, id=id, low=low, high=high))
+    return folder
 
 
 @pytest.fixture
@@ -63,12 +86,15 @@ def served():
 
 
 @pytest.fixture
-def subject(request, open_driver, served):
+def subject(request, open_driver, served, tmp_path, pytestconfig):
     name = request.param
     if name == "remote":
         beyond = open_driver("debug")
         profile = read_target(Library.open(BENCHMARKS).get_target("counter"))
         subject = Subject(open=lambda: served(beyond(), profile), scene="counter")
+    elif name == "gymnasium":
+        folder = write_environment(tmp_path, pytestconfig.option.gymnasium_python)
+        subject = Subject(open=lambda: open_gymnasium(read_target(folder / "target.yaml"), folder), scene="any")
     else:
         subject = Subject(open=open_driver(name), scene=SUBJECTS[name][1])
     yield subject
@@ -76,7 +102,8 @@ def subject(request, open_driver, served):
 
 
 def mark(name):
-    return pytest.param(name, marks=[pytest.mark.sim] if name == "mujoco" else [])
+    marks = {"mujoco": [pytest.mark.sim], "gymnasium": [pytest.mark.extras]}
+    return pytest.param(name, marks=marks.get(name, []))
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
@@ -86,7 +113,7 @@ def test_a_driver_does_what_the_port_promises(subject, check):
 
 
 def test_every_driver_of_the_registry_has_a_subject():
-    assert {*SUBJECTS, "remote"} == set(REGISTRY.names())
+    assert {*SUBJECTS, "remote", "gymnasium"} == set(REGISTRY.names())
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
@@ -120,3 +147,15 @@ def test_a_simulation_without_an_opening_gripper_is_refused_before_it_starts(ope
     )
     with pytest.raises(DefinitionError, match="NO_DRIVER: found 'suction'; expected 'opening', for driver 'mujoco'"):
         REGISTRY.get(profile).open(site)
+
+
+@pytest.mark.parametrize(
+    ("python", "found"),
+    [("/no/such/python", "'/no/such/python': No such file or directory"), (sys.executable, "exit status 1")],
+)
+def test_an_environment_that_does_not_start_is_named_with_its_settings(tmp_path, python, found):
+    if python == sys.executable and importlib.util.find_spec("gymnasium"):
+        python, found = "false", "exit status 1"
+    folder = write_environment(tmp_path, python)
+    with pytest.raises(DefinitionError, match=f"gymnasium.yaml: NO_ENVIRONMENT: found {re.escape(found)}"):
+        open_gymnasium(read_target(folder / "target.yaml"), folder)

@@ -168,6 +168,7 @@ class TargetProfile(Authored):
         driver: What moves it, by its name in the registry of drivers; empty for the one of its kind: `mujoco` for
             `simulation`, `debug` for `debug`, none for `real_robot`.
         endpoint: Where the driver `remote` finds its target (`ws://127.0.0.1:7000`).
+        silence_max_s: How long the driver `remote` waits for a sign of its target before it is lost [s].
         world: Name of the simulated world that it shares with the other targets of this name; empty for one of its own.
         end_effector: What its flange carries: a gripper with an `opening`, a `suction` cup, or `none`.
         model: MJCF or URDF file, relative to the profile or `SOURCE:PATH`, see `runtime.models.sources`; none for
@@ -203,6 +204,7 @@ class TargetProfile(Authored):
     hand: Hand | None = None
     driver: str = ""
     endpoint: str = ""
+    silence_max_s: float = pydantic.Field(default=10.0, gt=0.0)
     world: str = pydantic.Field(default="", pattern=r"^([a-z][a-z0-9_]*)?$")
     end_effector: Literal["opening", "suction", "none"] = "opening"
     tcp: str = "tcp"

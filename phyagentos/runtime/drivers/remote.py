@@ -10,14 +10,14 @@ from typing import Any
 import msgspec
 from typing_extensions import override
 
+from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
 from phyagentos.runtime.targets.handshake import mint
 
-REPLY_S = 10.0  # as a worker waits for a world
-SLOW_REPLY_S = 120.0  # a scene that compiles, pictures of many cameras
+SLOW_REPLY_S = 120.0  # without a beat: a scene that compiles, pictures of many cameras
 
 
 class RemoteDriver(TargetDriver):
@@ -27,13 +27,15 @@ class RemoteDriver(TargetDriver):
         ExecutionError: `TARGET_LOST` from every method when the target is gone or silent; else its own refusals.
     """
 
+    NAME = "remote"
+
     def __init__(self, profile: TargetProfile, channel: Channel, key: bytes) -> None:
         self.profile, self._channel, self._key = profile, channel, key
         self._session, self._epoch = "", 0
         self._time_s = math.nan
         self._step: wire.Step | None = None  # not reported yet
         self._is_moving = False
-        self._motion_s = REPLY_S  # the longest that a motion may take
+        self._lost: ExecutionError | None = None
 
     @property
     @override
@@ -48,8 +50,7 @@ class RemoteDriver(TargetDriver):
     @override
     def describe(self) -> wire.Description:
         there = self._ask(wire.Describe(), wire.Description)
-        self._motion_s = wire.SHARED_TIMEOUT_S if there.shares_time else REPLY_S
-        return msgspec.structs.replace(there, driver=f"remote/{there.driver}")
+        return msgspec.structs.replace(there, driver=f"{self.NAME}/{there.driver}")
 
     @override
     def load(self, request: wire.LoadScene) -> wire.Loaded:
@@ -128,9 +129,16 @@ class RemoteDriver(TargetDriver):
         self._time_s = step.time_s
         return step
 
-    def _ask(self, request: wire.Request, expected: type[wire.ReplyT], timeout_s: float = REPLY_S) -> wire.ReplyT:
-        if isinstance(request, wire.MOTIONS):
-            reply = wire.exchange(self._channel, request, self._motion_s, self.is_ending)
-        else:
-            reply = wire.exchange(self._channel, request, timeout_s)
+    def _ask(self, request: wire.Request, expected: type[wire.ReplyT], silence_s: float = 0.0) -> wire.ReplyT:
+        """The reply; nothing is ever sent twice, and a lost target stays lost for the first reason."""
+        if self._lost is not None:
+            raise self._lost
+        silence_s = max(silence_s, self.profile.silence_max_s)
+        try:
+            reply = wire.exchange(self._channel, request, silence_s, self.is_ending)
+        except ExecutionError as error:
+            where = f"{self.profile.target!r} at {self.profile.endpoint or 'its endpoint'}"
+            reason = str(error).removeprefix(f"{error.code}: ")
+            self._lost = ExecutionError(error.code, f"{type(request).__name__} to {where}: {reason}")
+            raise self._lost from error
         return wire.require(request, reply, expected)

@@ -7,9 +7,11 @@
         check(Subject(open=open_my_driver, scene="tabletop/cubes_and_trays"))
 
 A check drives a fresh driver through `ServedTarget` and raises AssertionError. Motions are small: one joint by a few
-hundredths of a radian (metres, for a slide) from its posture after `load`.
+hundredths of a radian (metres, for a slide) from its posture after `load`. A target that is served elsewhere, by
+whatever program, is checked over its wire: `open` gives a `Reached`.
 """
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,8 +19,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from phyagentos.errors import ExecutionError
+from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
+from phyagentos.runtime.targets.handshake import greet, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
@@ -31,21 +36,80 @@ STILL_RAD_S = 0.02
 Check = Callable[["Subject"], None]
 
 
+class Reached:
+    """A target that another program serves; `connect` opens a connection, `key` admits."""
+
+    def __init__(self, connect: Callable[[], Channel], key: bytes) -> None:
+        self._connect, self._key = connect, key
+        self._reach()
+
+    def exchange(self, request: wire.Request) -> wire.Reply:
+        """The reply; a `Begin` gets its token, as from a supervisor."""
+        if isinstance(request, wire.Begin):
+            token = mint(self._key, request.session, request.epoch)
+            request = msgspec.structs.replace(request, token=token)
+        return wire.exchange(self._channel, request, 30.0)
+
+    @property
+    def control_period_s(self) -> float:
+        """As it describes itself [s]."""
+        live = wire.require(wire.Describe(), self.exchange(wire.Describe()), wire.Description)
+        return live.physics_step_s * live.steps_per_command
+
+    @property
+    def time_s(self) -> float:
+        """As it observes [s]."""
+        return self._observe().time_s
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a joint moves."""
+        return bool(np.abs(self._observe().target.qd_rad_s).max() >= STILL_RAD_S)
+
+    def withdraw(self) -> None:
+        """Disconnect and come again."""
+        self._channel.close()
+        self._reach()
+
+    def close(self) -> None:
+        """End the program."""
+        with contextlib.suppress(ExecutionError):
+            self.exchange(wire.Shutdown())
+        self._channel.close()
+
+    def _reach(self) -> None:
+        self._channel = self._connect()
+        greet(self._channel, mint(self._key))
+
+    def _observe(self) -> wire.Observation:
+        return wire.require(wire.Observe(), self.exchange(wire.Observe()), wire.Observation)
+
+
 @dataclass(slots=True, kw_only=True)
 class Subject:
-    """One driver under test, which moves `joint` (an index) by `way` [rad or m]; `open` makes a fresh one each time."""
+    """One driver under test, which moves `joint` (an index) by `way` [rad or m]; `open` makes a fresh one each time.
 
-    open: Callable[[], TargetDriver]
+    A target that is served elsewhere is started by `open`, and told of emergency stops by `set_stop`.
+    """
+
+    open: Callable[[], TargetDriver | Reached]
     scene: str
     joint: int = 0
     way: float = 0.04
     estop: bool = False
-    _targets: list[ServedTarget] = field(default_factory=list)
+    set_stop: Callable[[bool], None] = lambda _is_stopped: None
+    _targets: list[ServedTarget | Reached] = field(default_factory=list)
 
     def serve(self) -> "Client":
-        """A fresh driver, served in this process; every message travels as bytes."""
-        self._targets.append(ServedTarget(self.open(), ReceiveLog(None), is_estopped=lambda: self.estop))
-        return Client(self._targets[-1], self)
+        """A fresh driver, served in this process, or reached; every message travels as bytes."""
+        opened = self.open()
+        target: ServedTarget | Reached
+        if isinstance(opened, Reached):
+            target = opened
+        else:
+            target = ServedTarget(opened, ReceiveLog(None), is_estopped=lambda: self.estop)
+        self._targets.append(target)
+        return Client(target, self)
 
     def close(self) -> None:
         """Close every served target."""
@@ -57,12 +121,15 @@ class Subject:
 class Client:
     """One side of the wire."""
 
-    target: ServedTarget
+    target: ServedTarget | Reached
     subject: Subject
     sequence: int = 0
 
     def ask(self, request: wire.Request) -> Any:
         """The reply, after both travelled as bytes."""
+        self.subject.set_stop(self.subject.estop)
+        if isinstance(self.target, Reached):
+            return self.target.exchange(request)
         return wire.exchange(Loopback(self.target), request, 1.0)
 
     def load(self, episode: str = "e", seed: int = 1, snapshot: bytes = b"", *, may_reset: bool = True) -> Any:

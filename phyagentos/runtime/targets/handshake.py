@@ -15,7 +15,7 @@ import msgspec
 from phyagentos.errors import ExecutionError
 from phyagentos.runtime.channel import MESSAGE_MAX_BYTES, Channel, PeerChannel
 
-WIRE_VERSION = 4  # grows when a message changes its meaning; preflight compares it too
+WIRE_VERSION = 5  # grows when a message changes its meaning; preflight compares it too
 KEY_BYTES = 32
 GREETING_S = 2.0  # until the first message of a client
 _PATIENCE_S = 10.0  # until the answer to it; a target finishes its halt first

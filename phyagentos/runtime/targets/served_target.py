@@ -19,6 +19,7 @@ from phyagentos.runtime.targets.handshake import Tokens
 from phyagentos.runtime.targets.receive_log import LOG_BEHIND, STATE_WRITE, ReceiveLog, Reception
 
 SETTLE_MAX_S = 60.0
+_BEAT = wire.REPLIES.encode(wire.Beat())
 _UNLOGGED = (wire.Observe, wire.Describe, wire.Capture, wire.Shutdown)
 
 
@@ -70,8 +71,8 @@ class ServedTarget:
         return self.driver.is_moving
 
     def listen(self, client: PeerChannel, tokens: Tokens) -> None:
-        """A client was admitted; a motion that waits for other targets looks at both meanwhile, and for stops."""
-        self.driver.is_ending = lambda: self._is_estopped() or tokens.is_stale or client.poll()
+        """A client was admitted; a motion that waits for others beats, and looks at both meanwhile and for stops."""
+        self.driver.is_ending = lambda: self._is_estopped() or tokens.is_stale or not beat(client)
 
     def withdraw(self) -> None:
         """Halt when the client disconnects; its authority ends."""
@@ -268,3 +269,12 @@ class ServedTarget:
                 code=reply.code if isinstance(reply, wire.Refused) else "",
             )
         )
+
+
+def beat(client: PeerChannel) -> bool:
+    """Let the client know that its request is worked on; whether it waits for that alone."""
+    try:
+        client.send_bytes(_BEAT)
+        return not client.poll()
+    except OSError:
+        return False

@@ -1,13 +1,17 @@
 """The wire of targets over WebSocket, for a target behind a TCP port: the same messages, one a frame.
 
-The library `websockets` keeps message boundaries, size limits and liveness (pings). It is meant for 127.0.0.1 or a
-tunnel: the token admits, and nothing is encrypted.
+The library `websockets` keeps message boundaries, size limits and liveness (pings). The token admits. Without TLS
+(`wss://`) only this machine is served and reached: 127.0.0.1, which may be the end of a tunnel.
 """
 
 import contextlib
+import ipaddress
 import queue
+import ssl
 import threading
 from collections import deque
+from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
@@ -16,11 +20,20 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.sync.server import ServerConnection, serve
 
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.runtime.channel import MESSAGE_MAX_BYTES
 
 BACKLOG = 8  # waiting clients while one is served
 _OPEN_S = 5.0
+_PING_S = 5.0  # between two pings, and until the answer: a dead connection makes room for the next client
+_CLOSE_S = 0.5  # for the last words: what is lost gives none, and who waits for them gives no sign of life
+_FRAMES: Any = {
+    "compression": None,
+    "max_size": MESSAGE_MAX_BYTES,
+    "ping_interval": _PING_S,
+    "ping_timeout": _PING_S,
+    "close_timeout": _CLOSE_S,
+}
 
 
 class WebSocketChannel:
@@ -79,13 +92,24 @@ class WebSocketChannel:
 
 
 class WebSocketDoor:
-    """A `Door` for WebSocket clients, one at a time; port 0 takes a free one."""
+    """A `Door` for WebSocket clients, one at a time; port 0 takes a free one.
 
-    def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
+    With the PEM file of a `certificate` chain and its private key it speaks TLS.
+
+    Raises:
+        DefinitionError: `NOT_ENCRYPTED` without a certificate for another host than this machine.
+    """
+
+    def __init__(self, host: str = "127.0.0.1", port: int = 0, certificate: Path | None = None) -> None:
+        scheme, tls = "ws", None
+        if certificate is not None:
+            scheme, tls = "wss", ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            tls.load_cert_chain(certificate)
+        _check_encrypted(f"{scheme}://{host}:{port}")
         self._waiting: queue.Queue[WebSocketChannel] = queue.Queue(BACKLOG)
         # a browser always names an origin: no web page may connect, whatever token it has
-        self._server = serve(self._receive, host, port, origins=[None], compression=None, max_size=MESSAGE_MAX_BYTES)
-        self.endpoint = f"ws://{host}:{self._server.socket.getsockname()[1]}"
+        self._server = serve(self._receive, host, port, ssl=tls, origins=[None], **_FRAMES)
+        self.endpoint = f"{scheme}://{host}:{self._server.socket.getsockname()[1]}"
         self._thread = threading.Thread(target=self._server.serve_forever, name="websocket-door", daemon=True)
         self._thread.start()
         self._next: WebSocketChannel | None = None
@@ -119,15 +143,41 @@ class WebSocketDoor:
         channel.is_closed.wait()
 
 
-def connect_websocket(endpoint: str) -> WebSocketChannel:
-    """A connection to a target at `ws://host:port`; raises ExecutionError `TARGET_LOST`."""
+def connect_websocket(endpoint: str, trusted: Path | None = None) -> WebSocketChannel:
+    """A connection to a target at `ws://host:port`, or with TLS at `wss://host:port`.
+
+    Args:
+        endpoint: Where it is.
+        trusted: PEM file of the authorities that may sign its certificate; without one, those of this system.
+
+    Raises:
+        ExecutionError: `TARGET_LOST` when no target answers.
+        DefinitionError: `NOT_ENCRYPTED` for another machine without TLS; `NOT_TRUSTED` for its certificate.
+    """
     opened = contextlib.ExitStack()
     try:
-        if urlsplit(endpoint).scheme not in {"ws", "wss"}:
+        scheme = urlsplit(endpoint).scheme
+        if scheme not in {"ws", "wss"}:
             raise InvalidURI(endpoint, "not ws:// or wss://")
-        connection = opened.enter_context(
-            connect(endpoint, compression=None, max_size=MESSAGE_MAX_BYTES, open_timeout=_OPEN_S, proxy=None)
-        )
+        _check_encrypted(endpoint)
+        tls = ssl.create_default_context(cafile=trusted) if scheme == "wss" else None
+        connection = opened.enter_context(connect(endpoint, ssl=tls, open_timeout=_OPEN_S, proxy=None, **_FRAMES))
+    except ssl.SSLCertVerificationError as error:
+        hint = "Put the PEM file of the authority that signed it there, or serve with a certificate for this host."
+        by = str(trusted) if trusted else "an authority of this system"
+        raise DefinitionError.of("NOT_TRUSTED", endpoint, error.verify_message, f"signed by {by}", hint) from error
     except (OSError, InvalidHandshake, InvalidURI, ValueError) as error:
         raise ExecutionError("TARGET_LOST", f"no target answers at {endpoint}: {error}") from error
     return WebSocketChannel(connection, opened)
+
+
+def _check_encrypted(endpoint: str) -> None:
+    """Whoever reads a token may command."""
+    parts = urlsplit(endpoint)
+    host = parts.hostname or ""
+    with contextlib.suppress(ValueError):
+        if host == "localhost" or ipaddress.ip_address(host).is_loopback:
+            return
+    if parts.scheme == "ws":
+        hint = "Serve it with --certificate and name it wss://, or lead a tunnel to this machine."
+        raise DefinitionError.of("NOT_ENCRYPTED", endpoint, f"host {host!r} without TLS", "wss://, or 127.0.0.1", hint)

@@ -286,6 +286,10 @@ class RecordedFault(msgspec.Struct, frozen=True):
     details: dict[str, Any]
 
 
+class Beat(msgspec.Struct, frozen=True, tag=True):
+    """The target still works on the oldest request; its reply follows. No reply to any request."""
+
+
 class Ended(msgspec.Struct, frozen=True, tag=True):
     """Authority is back with the target; the faults became active during the session."""
 
@@ -335,7 +339,7 @@ class Frames(msgspec.Struct, frozen=True, tag=True):
 
 MOTIONS = (Begin, Command, Halt, Settle, End)  # simulated time may move in these requests
 Request = Describe | LoadScene | Begin | Command | Halt | Settle | End | Observe | Capture | InvokeTool | Shutdown
-Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | ToolResult | Frames
+Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | ToolResult | Frames | Beat
 ReplyT = TypeVar("ReplyT", bound=Reply)
 
 REQUESTS = Codec[Request](Request, "request")
@@ -363,23 +367,26 @@ def send_request(connection: Channel, request: Request) -> None:
 
 
 def await_reply(connection: Channel, timeout_s: float, on_wait: Callable[[], bool] | None = None) -> Reply:
-    """The next reply, within `timeout_s` [s]; without one the connection is closed, so none is mistaken.
+    """The next reply; without a sign for `timeout_s` [s] the connection is closed, so none is mistaken.
 
-    `on_wait` is called every `WAIT_SLICE_S` meanwhile. When it says that the session is to end, one more request tells
-    the target. It refuses a command that waits for other targets with `ABORTED`, and carries out a halt or settling as
-    soon as none of them is in the middle of a motion.
+    Each `Beat` of the target is a sign. `on_wait` is called meanwhile, every `WAIT_SLICE_S` at least. When it says that
+    the session is to end, one more request informs the target. It refuses a command that waits for other targets with
+    `ABORTED`, and carries out a halt or settling as soon as none of them is in the middle of a motion.
 
     Raises:
         ExecutionError: `TARGET_LOST`, as of `receive_reply`.
     """
-    waited_s, is_ending = 0.0, False
+    silent_s, is_ending = 0.0, False
+    reply: Reply = Beat()
     try:
-        while on_wait is not None and waited_s < timeout_s and not connection.poll(WAIT_SLICE_S):
-            if on_wait() and not is_ending:
+        while isinstance(reply, Beat):
+            if on_wait is None or silent_s >= timeout_s or connection.poll(WAIT_SLICE_S):
+                reply, silent_s = receive_reply(connection, timeout_s, silent_s), 0.0
+            else:
+                silent_s += WAIT_SLICE_S
+            if isinstance(reply, Beat) and on_wait is not None and on_wait() and not is_ending:
                 is_ending = True
                 connection.send_bytes(REQUESTS.encode(Describe()))
-            waited_s += WAIT_SLICE_S
-        reply = receive_reply(connection, timeout_s - waited_s)
         if is_ending:
             receive_reply(connection, timeout_s)
         return reply
@@ -399,14 +406,14 @@ def require(request: Request, reply: Reply, expected: type[ReplyT]) -> ReplyT:
     return reply
 
 
-def receive_reply(connection: Channel, timeout_s: float) -> Reply:
-    """Wait for the reply.
+def receive_reply(connection: Channel, timeout_s: float, silent_s: float = 0.0) -> Reply:
+    """Wait for the reply of a target that has been silent for `silent_s` [s] by now.
 
     Raises:
         ExecutionError: `TARGET_LOST` when the target is gone, silent for `timeout_s` [s], or sends no valid reply.
     """
     try:
-        if not connection.poll(timeout_s):
+        if not connection.poll(max(timeout_s - silent_s, 0.0)):
             raise ExecutionError("TARGET_LOST", f"no reply within {timeout_s} s")
         message = connection.recv_bytes()
     except (EOFError, OSError) as error:

@@ -16,7 +16,7 @@ from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 from phyagentos.runtime.targets.handshake import Tokens
 from phyagentos.runtime.targets.realtime import AHEAD_PERIODS, Pace
 from phyagentos.runtime.targets.receive_log import ReceiveLog
-from phyagentos.runtime.targets.served_target import ServedTarget
+from phyagentos.runtime.targets.served_target import ServedTarget, beat
 from phyagentos.runtime.targets.wire import Capture, InvokeTool, Reply, Request
 
 LATE_SHARE = 0.25  # of a control period, by which a command may be late that was sent in time
@@ -67,7 +67,7 @@ class SharedTarget(ServedTarget):
 
     @override
     def listen(self, client: PeerChannel, tokens: Tokens) -> None:
-        self.robot.is_ending = lambda: self.look_for_stops() or tokens.is_stale or client.poll()
+        self.robot.is_ending = lambda: self.look_for_stops() or tokens.is_stale or not beat(client)
 
     @override
     def withdraw(self) -> None:

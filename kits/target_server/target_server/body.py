@@ -1,0 +1,136 @@
+"""The port of the kit: what a person writes to serve a body. `served` adds authority, limits, receive log and stops."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint, in the order in which joints are commanded.
+
+    Attributes:
+        low: Least position [rad or m]; `high` the greatest. Set-points outside are refused.
+        velocity: Greatest speed of set-points [rad/s or m/s].
+        axis: (3,) along which it slides or about which it turns, in the world, with all joints at zero; zeros for one
+            that does not move the tool.
+        anchor_m: (3,) a point on this axis [m].
+        slides: Whether it slides.
+    """
+
+    name: str
+    low: float
+    high: float
+    velocity: float = float("inf")
+    axis: Triple = (0.0, 0.0, 0.0)
+    anchor_m: Triple = (0.0, 0.0, 0.0)
+    slides: bool = True
+
+
+@dataclass(frozen=True)
+class State:
+    """What a body senses of itself.
+
+    Attributes:
+        q: (n_joints,) positions, `qd` velocities.
+        tcp_m: (3,) where the tool is, in the world [m]; `tcp_wxyz` how it is turned.
+        width_m: Opening of its gripper [m].
+    """
+
+    q: Sequence[float]
+    qd: Sequence[float]
+    tcp_m: Triple
+    tcp_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    width_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Entity:
+    """A thing as the body's simulation knows it.
+
+    Attributes:
+        shapes: Maps with `kind` (`box`, `sphere`, `cylinder`) and `size_m`, its half extents.
+    """
+
+    name: str
+    kind: str
+    position_m: Triple
+    quaternion_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    movable: bool = True
+    shapes: Sequence[Mapping[str, Any]] = ()
+
+
+class Body(ABC):
+    """One body. Calls come one at a time, from one thread.
+
+    A method refuses by `wire.Refusal` with a code; nothing has moved then.
+
+    Attributes:
+        target: Its name, as in target.yaml of the framework's side; `joints`, `step_s` and `steps_per_command` as well.
+        step_s: What one `step` takes of the body's time [s].
+        tcp_m: (3,) the tool with all joints at zero [m].
+        width_max_m: Widest opening of its gripper [m].
+        is_realtime: Whether its time goes on by itself; without a command in time it is halted then (`DEADMAN`).
+        has_truth: Whether `list_entities` says where things are.
+        tools: By name; each takes its arguments and gives (media type, bytes) by file name. None moves the body.
+        beat: Call it during what takes long: the other side waits on.
+    """
+
+    target: str
+    joints: Sequence[Joint]
+    step_s: float
+    steps_per_command: int = 1
+    driver: str = "kit"
+    observations: Sequence[str] = ("joint_state",)
+    actions: Sequence[str] = ("joint_position",)
+    tcp_m: Triple = (0.0, 0.0, 0.0)
+    end_effector: str = "none"
+    gripper_force_n: float = 0.0
+    width_max_m: float = 0.0
+    is_realtime: bool = False
+    has_truth: bool = False
+    tools: Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, tuple[str, bytes]]]] = {}
+    beat: Callable[[], None] = staticmethod(lambda: None)
+
+    @property
+    @abstractmethod
+    def time_s(self) -> float:
+        """Time of the body [s]."""
+
+    @abstractmethod
+    def load(self, scene: str, seed: int, snapshot: bytes) -> None:
+        """Begin an episode, from a snapshot where it is not empty."""
+
+    @abstractmethod
+    def read(self) -> State:
+        """The present."""
+
+    def list_entities(self) -> Sequence[Entity]:
+        """The ground truth of things, where `has_truth`."""
+        return ()
+
+    @abstractmethod
+    def step(self, q: Sequence[float], qd: Sequence[float], width_m: float) -> str:
+        """Take one row of set-points; `step_s` has passed then.
+
+        Returns:
+            Code of the body's own protective stop, after which it is at rest; empty otherwise.
+        """
+
+    @abstractmethod
+    def stay(self) -> None:
+        """Hold still where it is; `step_s` has passed then."""
+
+    @abstractmethod
+    def halt(self, category: int) -> None:
+        """Come to rest within the limits, by its own means."""
+
+    def snapshot(self) -> tuple[str, bytes] | None:
+        """Media type and whole state, from which `load` goes on with the same bits; None where there is no such."""
+        return None
+
+    def close(self) -> None:  # noqa: B027 - not every body needs it
+        """Close devices."""

@@ -1,0 +1,216 @@
+"""Serves a body at a WebSocket of this machine: one client at a time, admitted by a token.
+
+    from target_server.server import main
+    main(MyBody)        # python my_body.py --port 7000 < KEY
+
+Without TLS it listens on this machine alone. The key, in hexadecimal digits, is the first line of standard input; the
+server ends when standard input does. A client that disconnects or answers no ping
+loses its authority: the body halts.
+"""
+
+import argparse
+import contextlib
+import hmac
+import ipaddress
+import queue
+import ssl
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from websockets.exceptions import ConnectionClosed
+from websockets.protocol import State
+from websockets.sync.server import ServerConnection, serve
+
+from target_server import wire
+from target_server.body import Body
+from target_server.served import Client, ReceiveLog, Served
+from target_server.wire import KEY_BYTES, MESSAGE_MAX_BYTES, VERSION, Refusal
+
+GREETING_S = 2.0
+PING_S = 5.0
+CLOSE_S = 0.5
+LOOK_S = 1.0
+BACKLOG = 8
+
+
+class Connection(Client):
+    """One client."""
+
+    def __init__(self, connection: ServerConnection) -> None:
+        self._connection, self._received = connection, deque[bytes]()
+        self.is_closed = threading.Event()
+
+    def poll(self, timeout_s: float) -> bool:
+        """Whether a message is there; raises EOFError when the client is gone."""
+        if self._received:
+            return True
+        try:
+            message = self._connection.recv(timeout_s)
+        except TimeoutError:
+            return False
+        except ConnectionClosed as error:
+            raise EOFError(str(error)) from error
+        if not isinstance(message, bytes):
+            raise EOFError("a text frame; the wire has binary ones only")
+        self._received.append(message)
+        return True
+
+    def receive(self) -> bytes:
+        """The oldest message."""
+        self.poll(LOOK_S)
+        return self._received.popleft()
+
+    def send(self, message: bytes) -> None:
+        """Send one; a client that is gone is met at the next read."""
+        try:
+            self._connection.send(message)
+        except ConnectionClosed:
+            self.is_closed.set()
+
+    def is_gone(self) -> bool:
+        """Whether the client has closed its end."""
+        return self._connection.state is not State.OPEN
+
+    def wants_end(self) -> bool:
+        """A `Describe` behind the request that is carried out means: end it."""
+        try:
+            return self.is_gone() or (self.poll(0.0) and wire.decode(self._received[0])["type"] == "Describe")
+        except EOFError:
+            return True
+        except Refusal:
+            return False
+
+    def beat(self) -> None:
+        """Send a sign of life."""
+        self.send(wire.encode("Beat"))
+
+    def close(self) -> None:
+        """End the connection."""
+        self._connection.close()
+        self.is_closed.set()
+
+
+def serve_body(
+    body: Body,
+    key: bytes,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    certificate: str | None = None,
+    log: str | None = None,
+    stop_file: str | None = None,
+    on_open: Callable[[str], None] = print,
+    ended: threading.Event | None = None,
+) -> None:
+    """Serve until a `Shutdown`, or until `ended` is set; `on_open` gets the endpoint.
+
+    `certificate` is a PEM file of a certificate chain and its private key: TLS, which any host but this machine needs.
+    The receive log is appended to `log`. While `stop_file` exists the emergency stop is set.
+
+    Raises:
+        ValueError: The key has another length, or the host would be reached without TLS.
+    """
+    if len(key) != KEY_BYTES:
+        raise ValueError(f"a key of {len(key)} bytes; {KEY_BYTES} are needed")
+    if certificate is None and not (host == "localhost" or ipaddress.ip_address(host).is_loopback):
+        raise ValueError(f"host {host} without a certificate; only this machine (127.0.0.1) is reached without TLS")
+    tls = None
+    if certificate is not None:
+        tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        tls.load_cert_chain(certificate)
+    waiting: queue.Queue[Connection] = queue.Queue(BACKLOG)
+
+    def receive(connection: ServerConnection) -> None:
+        client = Connection(connection)
+        try:
+            waiting.put_nowait(client)
+        except queue.Full:
+            return
+        client.is_closed.wait()
+
+    options: Any = {"compression": None, "max_size": MESSAGE_MAX_BYTES, "ssl": tls, "origins": [None]}
+    options |= {"ping_interval": PING_S, "ping_timeout": PING_S, "close_timeout": CLOSE_S}
+    server = serve(receive, host, port, **options)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    on_open(f"{'wss' if tls else 'ws'}://{host}:{server.socket.getsockname()[1]}")
+    served = Served(body, key, ReceiveLog(log), stop_file)
+    ended = ended or threading.Event()
+    try:
+        while not ended.is_set():
+            with contextlib.suppress(queue.Empty):
+                _serve_client(served, waiting.get(timeout=LOOK_S), key, ended)
+    finally:
+        server.shutdown()
+        body.close()
+
+
+def _serve_client(served: Served, client: Connection, key: bytes, ended: threading.Event) -> None:
+    """Until this client is gone."""
+    try:
+        if not client.poll(GREETING_S):
+            return
+        _admit(client, key)
+        answered_s = time.monotonic()
+        while not ended.is_set():
+            if not client.poll(served.period_s if served.is_moving else LOOK_S):
+                served.watch(time.monotonic() - answered_s)
+                continue
+            message = client.receive()
+            if client.is_gone():  # what a client that is gone has left in the pipe must not happen
+                raise EOFError
+            try:
+                request = wire.decode(message)
+                reply = served.handle(request, client)
+            except Refusal as refusal:
+                request, reply = {}, {"type": "Refused", "code": refusal.code, "message": str(refusal)}
+            client.send(wire.encode(reply.pop("type"), **reply))
+            answered_s = time.monotonic()
+            if request.get("type") == "Shutdown":
+                ended.set()
+    except (EOFError, ConnectionRefusedError):
+        pass
+    finally:
+        served.withdraw()
+        client.close()
+
+
+def _admit(client: Connection, key: bytes) -> None:
+    """Answer the greeting; raises ConnectionRefusedError."""
+    try:
+        version, token = wire.decode_greeting(client.receive())
+        if not hmac.compare_digest(token, wire.mint(key)):
+            raise Refusal("BAD_TOKEN", "the token is not that of the present commander")
+        if version != VERSION:
+            raise Refusal("VERSION_MISMATCH", f"the client speaks version {version} of the wire, this kit {VERSION}")
+    except Refusal as refusal:
+        client.send(wire.encode("Denied", code=refusal.code, message=str(refusal)))
+        raise ConnectionRefusedError from refusal
+    client.send(wire.encode("Welcome", version=VERSION, max_bytes=MESSAGE_MAX_BYTES))
+
+
+def main(make_body: Callable[[], Body]) -> None:
+    """Serve a body as the command line says."""
+    parser = argparse.ArgumentParser(description="Serve a body; its key is the first line of standard input.")
+    parser.add_argument("--host", default="127.0.0.1")
+    parser.add_argument("--port", type=int, default=0)
+    parser.add_argument("--certificate", help="PEM file of certificate chain and private key")
+    parser.add_argument("--log", help="receive log, appended to")
+    parser.add_argument("--stop-file", help="while it exists the emergency stop is set")
+    given = parser.parse_args()
+    key = bytes.fromhex(sys.stdin.readline().strip())
+    try:
+        body, ended = make_body(), threading.Event()
+    except Exception as error:  # told where the endpoint would be, for who started this
+        print(f"{type(error).__name__}: {error}".replace("\n", " "), flush=True)
+        raise
+
+    def end_with_parent() -> None:
+        sys.stdin.read()
+        ended.set()
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
+    serve_body(body, key, on_open=lambda endpoint: print(endpoint, flush=True), ended=ended, **vars(given))

@@ -1,0 +1,115 @@
+"""The wire of phyagentos, as a target speaks it: msgpack maps with a `type`, arrays as little-endian doubles.
+
+What comes in is checked against `FIELDS` before anything acts on it. No message is ever evaluated or unpickled.
+"""
+
+import hmac
+import math
+import struct
+from typing import Any
+
+try:
+    import msgpack
+except ImportError:  # an environment that has phyagentos has this one, with the same bytes
+    from msgspec import msgpack
+
+VERSION = 5
+KEY_BYTES = 32
+MESSAGE_MAX_BYTES = 2**26
+ARRAYS = ("q_rad", "qd_rad_s", "gripper_width_m")
+
+_SESSION = {"session": str, "epoch": int}
+FIELDS: dict[str, dict[str, type]] = {
+    "Describe": {},
+    "LoadScene": {"scene": str, "seed": int, "episode": str, "snapshot": bytes, "may_reset": bool},
+    "Begin": {**_SESSION, "token": bytes},
+    "Command": {**_SESSION, "sequence": int, "expires_at_s": float, **dict.fromkeys(ARRAYS, list)},
+    "Halt": {**_SESSION, "category": int},
+    "Settle": {**_SESSION, "duration_s": float},
+    "End": _SESSION,
+    "Observe": {"truth": bool, "snapshot": bool},
+    "Capture": {"cameras": list, "crops": dict, "every": int},
+    "InvokeTool": {"name": str, "arguments": dict, **_SESSION},
+    "Shutdown": {},
+}
+_DEFAULTS: dict[str, Any] = {
+    "may_reset": True, "token": b"", "category": 2, "truth": False, "cameras": [], "crops": {},
+    "every": 1, "arguments": {}, "session": "", "epoch": 0,
+}  # fmt: skip
+_SNAPSHOT = {"Observe": False, "LoadScene": b""}
+
+
+class Refusal(Exception):
+    """A request is refused by a code; nothing has moved."""
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+def mint(key: bytes, session: str = "", epoch: int = 0) -> bytes:
+    """The token of one epoch of a session; without a session, the one to connect with."""
+    return hmac.new(key, f"{epoch} {session}".encode(), "sha256").digest()
+
+
+def encode(kind: str, **fields: Any) -> bytes:
+    """One message."""
+    return _pack({"type": kind, **fields})
+
+
+def decode_greeting(message: bytes) -> tuple[int, bytes]:
+    """Version and token of a client's first message; raises `Refusal`."""
+    greeting = _unpack(message)
+    version, token = greeting.get("version"), greeting.get("token")
+    if greeting.get("type") != "Hello" or type(version) is not int or not isinstance(token, bytes):
+        raise Refusal("MALFORMED", "the first message is no greeting")
+    return version, token
+
+
+def decode(message: bytes) -> dict[str, Any]:
+    """One request with every field of its type; raises `Refusal` `MALFORMED`."""
+    request = _unpack(message)
+    kind = request.get("type")
+    if not isinstance(kind, str) or kind not in FIELDS:
+        raise Refusal("MALFORMED", f"{kind!r} is no request")
+    found: dict[str, Any] = {"type": kind}
+    for name, expected in FIELDS[kind].items():
+        value = request.get(name, _SNAPSHOT[kind] if name == "snapshot" else _DEFAULTS.get(name))
+        if name in ARRAYS:
+            value = _decode_array(name, value)
+        elif expected is float and type(value) is int:
+            value = float(value)
+        if type(value) is not expected:
+            raise Refusal("MALFORMED", f"{kind}.{name}: {type(value).__name__}; expected {expected.__name__}")
+        found[name] = value
+    return found
+
+
+def _pack(message: Any) -> bytes:
+    return bytes(msgpack.packb(message) if hasattr(msgpack, "packb") else msgpack.encode(message))
+
+
+def _unpack(message: bytes) -> dict[str, Any]:
+    try:
+        found = msgpack.unpackb(message) if hasattr(msgpack, "unpackb") else msgpack.decode(message)
+    except Exception as error:  # both libraries have several, some without a common base
+        raise Refusal("MALFORMED", f"{len(message)} bytes that are no message: {error}") from error
+    if not isinstance(found, dict):
+        raise Refusal("MALFORMED", f"a {type(found).__name__} is no message")
+    return found
+
+
+def _decode_array(name: str, value: Any) -> Any:
+    """Rows of a matrix, or the numbers of a vector."""
+    shape = value.get("shape") if isinstance(value, dict) else None
+    data = value.get("f8") if isinstance(value, dict) else None
+    if not isinstance(shape, list) or not isinstance(data, bytes) or any(type(n) is not int or n < 0 for n in shape):
+        raise Refusal("MALFORMED", f"{name}: no array of doubles")
+    if len(data) != 8 * math.prod(shape) or len(shape) not in {1, 2}:
+        raise Refusal("MALFORMED", f"{name}: {len(data)} bytes for shape {shape}")
+    numbers = list(struct.unpack(f"<{len(data) // 8}d", data))
+    if not all(map(math.isfinite, numbers)):
+        raise Refusal("MALFORMED", f"{name}: a set-point is not finite")
+    if len(shape) == 1:
+        return numbers
+    return [numbers[row * shape[1] : (row + 1) * shape[1]] for row in range(shape[0])]

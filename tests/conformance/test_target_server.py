@@ -1,0 +1,266 @@
+"""The kit that serves a body from another Python: every promise of the port, over the wire, without the framework.
+
+With `--kit-python` its process runs in an environment that has `websockets` and `msgpack` alone.
+"""
+
+import contextlib
+import json
+import os
+import pickle
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from benchmarks.safety_parts.hostile import spoil_bytes, spoil_envelope, spoil_points
+from phyagentos.errors import ExecutionError
+from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.conformance import CHECKS, Reached, Subject
+from phyagentos.runtime.targets.handshake import Hello, greet, make_key, mint
+from phyagentos.runtime.targets.websocket import connect_websocket
+from tests.monitors.silence import LogMonitor
+
+ROOT = Path(__file__).resolve().parents[2]
+KIT = ROOT / "kits" / "target_server"
+SLIDE = ROOT / "examples" / "05_any_body" / "slide.py"
+
+
+class Served:
+    """Processes of the kit, of one key."""
+
+    def __init__(self, folder, python, script=SLIDE, options=()):
+        self.key, self.log, self.stop_file = make_key(), folder / "receive-counter.jsonl", folder / "stop"
+        self._command = [python, str(script), "--log", str(self.log), "--stop-file", str(self.stop_file), *options]
+        self._processes = []
+
+    def start(self):
+        """A fresh process; what it prints."""
+        environment = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        process = subprocess.Popen(self._command, text=True, env=environment | {"PYTHONPATH": str(KIT)}, **pipes)
+        self._processes.append(process)
+        process.stdin.write(f"{self.key.hex()}\n")
+        process.stdin.flush()
+        return process.stdout.readline().strip()
+
+    def reach(self):
+        endpoint = self.start()
+        return Reached(lambda: connect_websocket(endpoint), self.key)
+
+    def set_stop(self, is_stopped):
+        self.stop_file.touch() if is_stopped else self.stop_file.unlink(missing_ok=True)
+
+    def close(self):
+        """End what is left, as the end of a parent does; each in order."""
+        codes = []
+        for process in self._processes:
+            process.stdin.close()
+            codes.append(process.wait(10.0))
+            process.stdout.close()
+        assert not any(codes), codes
+
+
+@pytest.fixture(params=["this", pytest.param("bare", marks=pytest.mark.extras)])
+def served(request, tmp_path, pytestconfig):
+    python = sys.executable if request.param == "this" else pytestconfig.option.kit_python
+    made = Served(tmp_path, python)
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_the_kit_does_what_the_port_promises(served, check):
+    subject = Subject(open=served.reach, scene="counter", set_stop=served.set_stop)
+    check(subject)
+    subject.close()
+
+    lines = served.log.read_bytes()
+    assert not list(LogMonitor(served.log.name, None).judge(lines))
+    assert b'"process_start"' in lines
+
+
+def test_its_process_loads_nothing_of_the_framework(served):
+    target = served.reach()
+    target.exchange(wire.LoadScene("counter", 1, "e"))
+    tool = target.exchange(wire.InvokeTool("modules"))
+    loaded = tool.artefacts["modules.txt"].data.decode().split()
+
+    assert "target_server.served" in loaded
+    assert not [name for name in loaded if name.partition(".")[0] in {"phyagentos", "numpy", "pickle", "mujoco"}]
+    target.close()
+
+
+ARRAYS = ("q_rad", "qd_rad_s", "gripper_width_m")
+MOTOR = '''
+import time
+
+from slide import Slide, main
+
+
+class Motor(Slide):
+    """Keeps real time, and half a second of set-points in a command."""
+
+    is_realtime = True
+    steps_per_command = 25
+
+    def step(self, q, qd, width_m):
+        time.sleep(self.step_s)
+        return super().step(q, qd, width_m)
+
+
+main(Motor)
+'''
+
+
+@pytest.fixture
+def motor(tmp_path):
+    """A driver that reaches a motor, under authority of session `s`; its process keeps the log."""
+    (tmp_path / "motor.py").write_text(MOTOR)
+    (tmp_path / "slide.py").write_text(SLIDE.read_text())
+    made = Served(tmp_path, sys.executable, tmp_path / "motor.py")
+    target = made.reach()
+    target.exchange(wire.LoadScene("counter", 1, "e"))
+    assert target.exchange(wire.Begin("s", 1)) == wire.Ack()
+    yield made, target
+    target._channel.close()
+    made.close()
+
+
+def make_motion(target, sequence=1, velocity=0.1, **changes):
+    """Half a second of motion that goes on."""
+    now = target.exchange(wire.Observe())
+    t = 0.02 * np.arange(1, 26)[:, None]
+    facts = {"q_rad": now.target.q_rad[0] + velocity * t, "qd_rad_s": np.full((25, 1), velocity)}
+    facts |= {"expires_at_s": now.time_s + 1.0, "gripper_width_m": np.full(25, 0.1)}
+    return wire.Command(session="s", epoch=1, sequence=sequence, **facts | changes)
+
+
+def read_lines(served):
+    return [json.loads(line) for line in served.log.read_bytes().splitlines()]
+
+
+def test_a_motion_without_a_next_command_is_ended_by_the_body_itself(motor):
+    served, target = motor
+    assert isinstance(target.exchange(make_motion(target)), wire.Step)
+    time.sleep(2.0)  # noqa: TID251
+
+    assert [line["kind"] for line in read_lines(served)][-2:] == ["Command", "Deadman"]
+    assert target.exchange(make_motion(target, sequence=2)).code == "DEADMAN"
+
+
+@pytest.mark.parametrize("way", ["cancel", "stop", "disconnect"])
+def test_a_command_is_broken_off_within_itself(motor, way):
+    served, target = motor
+    command = make_motion(target)
+    wire.send_request(target._channel, command)
+    time.sleep(0.15)  # noqa: TID251
+    if way == "cancel":
+        wire.send_request(target._channel, wire.Describe())
+    elif way == "stop":
+        served.set_stop(True)
+    else:
+        target.withdraw()
+    if way != "disconnect":
+        step = wire.await_reply(target._channel, 5.0)
+        assert step.stopped == {"cancel": "ABORTED", "stop": "ESTOPPED"}[way]
+        assert step.target.qd_rad_s == (0.0,)
+    if way == "cancel":
+        assert isinstance(wire.await_reply(target._channel, 5.0), wire.Description)
+    end = target.exchange(wire.Observe())
+
+    assert 0.1 <= end.time_s < 0.4, "half a second of set-points was broken off"
+    expected = {"cancel": "ABORTED", "stop": "ESTOPPED", "disconnect": "NO_AUTHORITY"}[way]
+    assert target.exchange(make_motion(target, sequence=2)).code == expected
+    assert not list(LogMonitor(served.log.name, None).judge(served.log.read_bytes()))
+
+
+def test_what_is_no_request_is_refused_and_moves_nothing(motor):
+    _, target = motor
+    sound = make_motion(target)
+    before = target.exchange(wire.Observe())
+    fields = msgspec.msgpack.decode(wire.REQUESTS.encode(sound))
+    spoilt = [
+        {"session": 1}, {"epoch": "1"}, {"epoch": True}, {"sequence": 1.0}, {"expires_at_s": None}, {"q_rad": [[0.0]]},
+        {"q_rad": {"shape": [25, 1], "f8": b"short"}}, {"q_rad": {"shape": [-25, -1], "f8": bytes(200)}},
+        {"type": "Commands"}, {"type": None}, {"type": ["Command"]}, {"type": "served.Served"},
+    ]  # fmt: skip
+    messages = [msgspec.msgpack.encode(fields | each) for each in spoilt]
+    messages += [b"", b"\xc1", b"\x80", b"\x91" * 5000, pickle.dumps(sound), msgspec.msgpack.encode(fields)[:-1]]
+    for message in messages:
+        target._channel.send_bytes(message)
+        assert wire.await_reply(target._channel, 5.0).code == "MALFORMED", message[:80]
+    for changes in ({"velocity": 11.1}, {"q_rad": np.full((25, 1), 0.5)}, {"q_rad": np.full((25, 1), -2.0)}):
+        assert target.exchange(make_motion(target, **changes)).code == "TARGET_LIMIT"
+
+    assert target.exchange(wire.Observe()) == before
+    assert isinstance(target.exchange(make_motion(target)), wire.Step)
+
+
+def test_hostile_commands_of_every_kind_are_refused_and_move_nothing(motor):
+    served, target = motor
+    rng, kinds = np.random.default_rng(3), set()
+    before = target.exchange(wire.Observe())
+    sound = make_motion(target)
+    points = SetPoints(sound.q_rad, sound.qd_rad_s, sound.gripper_width_m)
+    for index in range(240):
+        if index % 3 == 0:
+            kind, command = spoil_envelope(sound, rng, before.time_s)
+            message = wire.REQUESTS.encode(command)
+        elif index % 3 == 1:
+            kind, message = spoil_bytes(sound, rng)
+        else:
+            kind, spoilt = spoil_points(points, rng, typed=False)
+            if kind in {"velocity beyond the limit", "velocity that is a lie", "rows reordered"} or "osci" in kind:
+                continue  # below this motor's limit of 10 m/s, which nobody has made narrower
+            if kind in {"delta of 0.02", "denormal posture", "teleport"} and abs(spoilt.q_rad[0, 0]) <= 0.22:
+                continue  # within what it can do in one step
+            message = wire.REQUESTS.encode(make_motion(target, **{name: getattr(spoilt, name) for name in ARRAYS}))
+        target._channel.send_bytes(message)
+        reply = wire.await_reply(target._channel, 5.0)
+        assert isinstance(reply, wire.Refused), (kind, reply)
+        kinds.add(kind)
+
+    assert len(kinds) > 20
+    assert target.exchange(wire.Observe()) == before
+    assert isinstance(target.exchange(make_motion(target)), wire.Step)
+    assert not list(LogMonitor(served.log.name, None).judge(served.log.read_bytes()))
+
+
+def test_who_has_no_token_another_version_or_too_much_to_say_is_not_admitted(served):
+    endpoint = served.start()
+    for token, code in ((mint(make_key()), "BAD_TOKEN"), (served.key, "BAD_TOKEN")):
+        with pytest.raises(ExecutionError, match=code):
+            greet(connect_websocket(endpoint), token)
+    for greeting, code in (
+        (msgspec.msgpack.encode(Hello(version=wire.WIRE_VERSION + 1, token=mint(served.key))), b"VERSION_MISMATCH"),
+        (pickle.dumps("hello"), b"MALFORMED"),
+    ):
+        channel = connect_websocket(endpoint)
+        channel.send_bytes(greeting)
+        assert code in channel.recv_bytes()
+    with pytest.raises(InvalidStatus, match="403"):
+        connect(endpoint, origin="http://127.0.0.1")
+    channel = connect_websocket(endpoint)
+    greet(channel, mint(served.key))
+    with contextlib.suppress(BrokenPipeError):
+        channel.send_bytes(bytes(2**26 + 1))
+    with pytest.raises(EOFError, match="too big"):
+        channel.recv_bytes()
+
+
+def test_without_tls_it_listens_on_this_machine_alone(tmp_path):
+    command = [sys.executable, str(SLIDE), "--host", "0.0.0.0"]
+    environment = os.environ | {"PYTHONPATH": str(KIT)}
+    done = subprocess.run(
+        command, input="0" * 64 + "\n", text=True, capture_output=True, env=environment, timeout=60, check=False
+    )
+
+    assert done.returncode == 1
+    assert "host 0.0.0.0 without a certificate; only this machine (127.0.0.1) is reached without TLS" in done.stderr

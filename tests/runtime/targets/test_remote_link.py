@@ -1,0 +1,199 @@
+"""The driver `remote` behind a network that delays, loses and cuts, and over a target that falls silent."""
+
+import contextlib
+import threading
+import time
+
+import pytest
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.registries import read_target
+from phyagentos.runtime.drivers.debug import DebugDriver
+from phyagentos.runtime.drivers.remote import RemoteDriver
+from phyagentos.runtime.targets import websocket, wire
+from phyagentos.runtime.targets.conformance import Client, Subject
+from phyagentos.runtime.targets.handshake import Tokens, greet, make_key, mint
+from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.served_target import ServedTarget
+from phyagentos.runtime.targets.server import serve
+from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocket
+from tests.faulty_network import FaultyNetwork
+from tests.monitors.silence import LogMonitor
+
+LIBRARY = Library((find_shipped_root() / "benchmarks" / "library",))
+SILENCE_S = 0.5
+
+
+class Slow(DebugDriver):
+    """Waits in the middle of a command, as for another target, with a sign of life or without."""
+
+    waits_s, beats = 0.0, True
+
+    def apply(self, command):
+        until_s = time.monotonic() + self.waits_s  # noqa: TID251
+        while time.monotonic() < until_s:  # noqa: TID251
+            time.sleep(0.05)  # noqa: TID251
+            if self.beats and self.is_ending():
+                raise ExecutionError("ABORTED", "the session is to end")
+        return super().apply(command)
+
+
+class Stand:
+    """A slide that is served at a port of this machine, behind a network that can fail."""
+
+    def __init__(self, folder):
+        self.profile = read_target(LIBRARY.get_target("counter")).model_copy(update={"silence_max_s": SILENCE_S})
+        self.tokens, self.door = Tokens(make_key()), WebSocketDoor()
+        self.log = folder / "receive-counter.jsonl"
+        self.beyond = Slow(self.profile, LIBRARY)
+        self.served = ServedTarget(self.beyond, ReceiveLog(self.log), permits=self.tokens.permits)
+        self._ended = threading.Event()
+        args = (self.served, self.door, self.tokens, self._ended.is_set)
+        threading.Thread(target=serve, args=args, daemon=True).start()
+        self.network = FaultyNetwork(int(self.door.endpoint.rpartition(":")[2]))
+        self.endpoint = f"ws://127.0.0.1:{self.network.port}"
+        self.drivers = []
+
+    def connect(self):
+        """A worker's side, as after every start of a worker: the driver under the worker's own authority."""
+        channel = connect_websocket(self.endpoint)
+        greet(channel, mint(self.tokens._key))
+        driver = RemoteDriver(self.profile.model_copy(update={"endpoint": self.endpoint}), channel, self.tokens._key)
+        self.drivers.append(driver)
+        return Client(ServedTarget(driver, ReceiveLog(None)), Subject(open=lambda: driver, scene="counter"))
+
+    def read(self):
+        return [wire.msgspec.json.decode(line) for line in self.log.read_bytes().splitlines()]
+
+    def find_violations(self):
+        return list(LogMonitor(self.log.name, None).judge(self.log.read_bytes()))
+
+    def close(self):
+        self._ended.set()
+        self.network.close()
+        for driver in self.drivers:
+            driver.close()
+
+
+@pytest.fixture
+def stand(request, tmp_path, monkeypatch):
+    monkeypatch.setitem(websocket._FRAMES, "ping_interval", getattr(request, "param", 1.0))
+    monkeypatch.setitem(websocket._FRAMES, "ping_timeout", 1.0)
+    with contextlib.closing(Stand(tmp_path)) as made:
+        yield made
+
+
+def count_commands(stand, session):
+    return sum(
+        line["kind"] == "Command" and line["session"] == session and line.get("accepted", True) for line in stand.read()
+    )
+
+
+def wait_for(condition, limit_s=10.0):
+    deadline_s = time.monotonic() + limit_s  # noqa: TID251
+    while not condition() and time.monotonic() < deadline_s:  # noqa: TID251
+        time.sleep(0.02)  # noqa: TID251
+    assert condition()
+
+
+def test_a_target_that_is_silent_is_named_with_its_endpoint_within_its_limit(stand):
+    client = stand.connect().begin()
+    stand.beyond.waits_s, stand.beyond.beats = 5.0, False
+
+    began_s = time.monotonic()  # noqa: TID251
+    refused = client.send(client.make())
+    passed_s = time.monotonic() - began_s  # noqa: TID251
+
+    assert (type(refused), refused.code) == (wire.Refused, "TARGET_LOST")
+    expected = f"Command to 'counter' at {stand.endpoint}: no reply within {SILENCE_S} s"
+    assert refused.message == expected
+    assert SILENCE_S <= passed_s < SILENCE_S + 1.0
+    assert client.ask(wire.Observe()).message == expected, "a lost target stays lost, for the first reason"
+
+
+def test_a_target_that_beats_is_waited_for_beyond_its_limit_of_silence(stand):
+    client = stand.connect().begin()
+    stand.beyond.waits_s = 4 * SILENCE_S
+
+    assert isinstance(client.send(client.make()), wire.Step)
+
+
+def test_a_cancelled_command_is_broken_off_within_itself(stand):
+    client = stand.connect().begin()
+    command = client.make()
+    stand.beyond.waits_s = 30.0
+    client.target.driver.is_ending = lambda: True
+
+    began_s = time.monotonic()  # noqa: TID251
+    refused = client.ask(command)
+
+    assert refused.code == "ABORTED"
+    assert time.monotonic() - began_s < 2.0  # noqa: TID251
+    assert count_commands(stand, "conformance") == 0
+
+
+@pytest.mark.parametrize("delay_s", [0.02, 0.1])
+def test_delay_changes_no_outcome(stand, delay_s):
+    client = stand.connect().begin()
+    stand.network.delay_s = delay_s
+    for command in client.plan()[:5]:
+        assert isinstance(client.send(command), wire.Step)
+
+    assert count_commands(stand, "conformance") == 5
+    assert stand.find_violations() == []
+
+
+@pytest.mark.parametrize("fault", ["cut", "lost reply", "lost request"])
+def test_a_command_whose_reply_is_lost_is_never_sent_again(stand, fault):
+    client = stand.connect().begin()
+    command = client.make()
+    if fault == "lost request":
+        stand.network.is_lossy = True
+    elif fault == "lost reply":
+        stand.beyond.waits_s, stand.beyond.beats = 0.2, False
+        threading.Timer(0.1, lambda: setattr(stand.network, "is_lossy", True)).start()
+    else:
+        stand.beyond.waits_s, stand.beyond.beats = 0.2, False
+        threading.Timer(0.1, stand.network.cut).start()
+
+    refused = client.send(command)
+    assert refused.code == "TARGET_LOST"
+    stand.beyond.waits_s = 0.0
+    stand.network.cut()  # whatever half of a connection is left
+    time.sleep(0.3)  # noqa: TID251
+    stand.network.mend()
+    wait_for(lambda: stand.read()[-1]["kind"] == "Withdraw")
+    was = client.sequence + (fault != "lost request")
+    assert count_commands(stand, "conformance") == was
+
+    successor = stand.connect()
+    assert isinstance(successor.load(), wire.Loaded), "the same episode goes on"
+    before = successor.ask(wire.Observe()).target
+    assert successor.ask(wire.Begin("conformance", 1)).code == "STALE_TOKEN", "the epoch that was lost is over"
+    assert isinstance(successor.ask(wire.Begin("conformance", 2)), wire.Ack)
+    straight = wire.exchange(stand.drivers[-1]._channel, command, 1.0)
+    assert straight.code == "STALE_TOKEN", "the command of the lost connection belongs to another epoch"
+    assert successor.ask(wire.Observe()).target == before
+    assert count_commands(stand, "conformance") == was
+    assert stand.find_violations() == []
+
+
+def test_a_dead_connection_makes_room_within_some_seconds(stand):
+    client = stand.connect().begin()
+    stand.network.is_lossy = True  # no end of the connection is ever seen
+    assert client.ask(wire.Observe()).code == "TARGET_LOST"
+    wait_for(lambda: stand.read()[-1]["kind"] == "Withdraw", limit_s=20.0)
+    stand.network.mend()
+
+    assert isinstance(stand.connect().ask(wire.Observe()), wire.Observation)
+
+
+@pytest.mark.parametrize("stand", [60.0], indirect=True)
+def test_what_is_lost_is_named_without_waiting_for_its_last_words(stand):
+    client = stand.connect().begin()
+    stand.network.is_lossy = True
+
+    began_s = time.monotonic()  # noqa: TID251
+    assert client.ask(wire.Observe()).code == "TARGET_LOST"
+    assert time.monotonic() - began_s < SILENCE_S + 2.0  # noqa: TID251
