@@ -11,6 +11,7 @@ from phyagentos.cli.arguments import AsJson, open_library
 from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_result
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.targets import is_beside
 from phyagentos.protocol.documents.markdown import render_table
 from phyagentos.protocol.settings.safety import Safety, read_safety
 
@@ -90,7 +91,7 @@ def new(
 ) -> None:
     """Draft a profile from a model: joints, limits, tool and fingers as it has them, or guessed and marked so."""
     from phyagentos.runtime.models.drafting import draft_profile
-    from phyagentos.runtime.models.sources import find_model, is_beside
+    from phyagentos.runtime.models.sources import find_model
 
     path = find_model(model, Path())
     if not path.is_file():

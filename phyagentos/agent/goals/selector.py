@@ -12,7 +12,7 @@ from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.spec import Promise
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
-from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
 from phyagentos.protocol.world.predicates import syntax
 from phyagentos.protocol.world.predicates.predicate import Predicate, parse_predicate, substitute
 
@@ -50,7 +50,7 @@ def select(
 
     Args:
         skill: A name, or a guarantee.
-        target: A name of TARGETS.md, or `any`.
+        target: A name of TARGETS.md, or `any`: one whose model is sure to be here comes first.
         arguments: As authored.
         catalogue: The candidates.
         established: Guarantees of earlier nodes; a skill that begins with holding a thing needs one of them.
@@ -61,7 +61,8 @@ def select(
     """
     rejected: dict[str, str] = {}
     skills = list(_iter_skills(skill, arguments, catalogue, established, rejected))
-    targets = sorted(catalogue.targets) if target == ANY else [target]
+    certain = {name: is_beside(profile.model) for name, profile in catalogue.targets.items()}
+    targets = sorted(certain, key=lambda name: (not certain[name], name)) if target == ANY else [target]
     candidates = []
     for score, runtime, parameters, reasons in skills:
         for name in targets:
@@ -72,7 +73,7 @@ def select(
                 candidates.append((score, runtime.skill, name, parameters, reasons))
     if not candidates:
         raise DefinitionError(_describe_nothing(skill, target, rejected, catalogue, address))
-    candidates.sort(key=lambda candidate: candidate[:3])
+    candidates.sort(key=lambda candidate: (*candidate[:2], targets.index(candidate[2])))
     _, chosen, where, parameters, reasons = candidates[0]
     more = list(reasons)
     if target == ANY:
@@ -80,7 +81,8 @@ def select(
         needed = ", ".join((*needs.observations, *needs.actions, *needs.capabilities)) or "nothing"
         more.append(f"{where} offers what {chosen} needs: {needed}")
     for _, other, place, _, _ in candidates[1:]:
-        rejected[f"{other} on {place}"] = f"possible, but {chosen} on {where} comes first: fewer assumptions, then name"
+        first = f"{chosen} on {where} comes first: fewer assumptions, own model, name"
+        rejected[f"{other} on {place}"] = f"possible, but {first}"
     return Choice(skill=chosen, target=where, parameters=parameters, reasons=tuple(more), rejected=rejected)
 
 

@@ -19,6 +19,7 @@ from phyagentos.protocol.settings.operations import SESSION_OPERATIONS, Operatio
 from phyagentos.protocol.world.friction import Surface
 
 DRIVER_OF_KIND = {"simulation": "mujoco", "debug": "debug"}  # where a profile names none; a real robot has no default
+MODEL_SOURCES = ("menagerie", "package", "models")  # before the colon of a model that is not beside its profile
 SHARING = "mujoco"  # the driver whose world holds several targets
 
 Triple = tuple[float, float, float]
@@ -236,6 +237,11 @@ class TargetProfile(Authored):
             expected = "a gripper that opens" if self.end_effector == "opening" else "no gripper"
             raise ValueError(f"end_effector {self.end_effector!r} needs {expected}")
         return self
+
+
+def is_beside(model: str) -> bool:
+    """Whether a model is a path beside its profile, rather than one of a source that may not be here."""
+    return model.partition(":")[0] not in MODEL_SOURCES
 
 
 def find_driver_name(profile: TargetProfile) -> str:

@@ -20,6 +20,7 @@ from phyagentos.protocol.sessions.estop import provide_reserve
 from phyagentos.protocol.sessions.session import GoalId, SessionId
 
 MARKER = "workspace.yaml"
+_TARGETS = "\ntargets:\n"  # in safety.yaml, before the limits of each
 _LOCK = ".create.lock"
 _LIBRARY_FOLDERS = ("trees", "skills", "scenes", "robots")
 _COPIED_WHOLE = frozenset({"skills", "robots"})  # one folder is one thing: never a mixture of two roots
@@ -140,7 +141,9 @@ class Workspace:
         for path in _iter_pristine(library):
             if not (self.root / path.name).exists():
                 if path.name == self.safety.name:
-                    publish(self.safety, path.read_text() + "".join(_iter_limits(library)))
+                    text = path.read_text()
+                    more = _iter_limits(library, text) if _TARGETS in text else ()  # not where all is said in one line
+                    publish(self.safety, text + "".join(more))
                 else:
                     shutil.copyfile(path, self.root / path.name)
         if not self.skill_registry.exists():
@@ -195,12 +198,12 @@ def _iter_units(folder: Path, *, whole: bool) -> Iterator[Path]:
             yield path
 
 
-def _iter_limits(library: Library) -> Iterator[str]:
-    """What the `safety.yaml` beside each profile says below `targets:`."""
+def _iter_limits(library: Library, known: str) -> Iterator[str]:
+    """What the `safety.yaml` beside a profile says below `targets:`, of targets of which the known text says nothing."""
     for name in library.names_of_targets():
         path = library.get_target(name).with_name("safety.yaml")
-        if path.is_file():
-            yield "\n" + path.read_text().partition("\ntargets:\n")[2]
+        if path.is_file() and f"\n  {name}:" not in known:
+            yield "\n" + path.read_text().partition(_TARGETS)[2]
 
 
 def _iter_pristine(library: Library) -> Iterator[Path]:

@@ -14,10 +14,10 @@ import numpy as np
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import compute_rotation
-from phyagentos.protocol.capabilities.targets import Frame, TargetProfile
+from phyagentos.protocol.capabilities.targets import Frame, TargetProfile, is_beside
 from phyagentos.protocol.documents.enclosure import leads_out
 from phyagentos.protocol.documents.schema import read_yaml, validate
-from phyagentos.runtime.models.sources import find_model, is_beside
+from phyagentos.runtime.models.sources import find_model
 from phyagentos.runtime.models.urdf import URDF, read_urdf
 
 GRIPPER_ACTUATOR = "act_gripper"

@@ -14,15 +14,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.protocol.capabilities.targets import is_beside
 from phyagentos.protocol.documents.enclosure import leads_out
 
 MODELS, MENAGERIE_ROOT = "PHYAGENTOS_MODELS", "MENAGERIE_ROOT"
-SOURCES = ("menagerie", "package", "models")
-
-
-def is_beside(model: str) -> bool:
-    """Whether a model is a path beside its profile, rather than one of a source."""
-    return model.partition(":")[0] not in SOURCES
 
 
 def find_model(model: str, folder: Path, environ: Mapping[str, str] = os.environ) -> Path:

@@ -136,7 +136,7 @@ SABOTAGES = (
             Edit(
                 "phyagentos.runtime.motion.planning_scene",
                 "openings = np.linspace(high_m, low_m, SWEEP) if low_m < high_m else (high_m,) * SWEEP",
-                "openings = np.full(SWEEP, most_m)",
+                "openings = np.full(SWEEP, self.robot.profile.gripper.max_width_m)",
             ),
         ),
         tests=(
