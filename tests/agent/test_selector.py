@@ -72,3 +72,12 @@ def test_the_choice_does_not_depend_on_the_order_of_the_catalogue(catalogue):
     turned = replace(catalogue, skills=dict(reversed(catalogue.skills.items())))
     wanted = Promise(guarantees="inside(red_cube, red_tray)")
     assert select(wanted, "any", {}, catalogue) == select(wanted, "any", {}, turned)
+
+
+def test_any_is_first_a_robot_whose_model_is_sure_to_be_here(catalogue):
+    elsewhere = catalogue.targets["panda"].model_copy(update={"target": "arm", "model": "menagerie:an_arm/arm.xml"})
+    both = replace(catalogue, targets={"arm": elsewhere, **catalogue.targets})
+    wanted = Promise(guarantees="inside(red_cube, red_tray)")
+
+    assert select(wanted, "any", {}, both).target == "panda"
+    assert select(wanted, "any", {}, replace(catalogue, targets={"arm": elsewhere})).target == "arm"

@@ -4,6 +4,7 @@ import errno
 import shutil
 
 import pytest
+import yaml
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
@@ -212,3 +213,15 @@ def test_every_workspace_can_latch_the_emergency_stop_on_a_full_disk(tmp_path, m
     estop.latch(signals, estop.Latch(by="me"))
 
     assert estop.is_latched(signals)
+
+
+def test_limits_beside_a_profile_are_added_unless_the_site_has_its_own(tmp_path, library):
+    put(tmp_path / "shipped", "robots/toy/safety.yaml", "version: 1\ntargets:\n  toy:\n    own: 1\n")
+    for folder, text, expected in (
+        ("a", "version: 1\ntargets:\n  panda:\n    x: 1\n", {"panda": {"x": 1}, "toy": {"own": 1}}),
+        ("b", "version: 1\ntargets:\n  toy:\n    x: 2\n", {"toy": {"x": 2}}),
+        ("c", "version: 1\ntargets: {}\n", {}),
+    ):
+        put(tmp_path / "shipped", "protocol/safety.yaml", text)
+        workspace = Workspace.create(tmp_path / folder, Library((tmp_path / "shipped",)))
+        assert yaml.safe_load(workspace.safety.read_text())["targets"] == expected

@@ -199,7 +199,7 @@ def _iter_units(folder: Path, *, whole: bool) -> Iterator[Path]:
 
 
 def _iter_limits(library: Library, known: str) -> Iterator[str]:
-    """What the `safety.yaml` beside a profile says below `targets:`, of targets of which the known text says nothing."""
+    """What the `safety.yaml` beside a profile says below `targets:`, of targets that the known text lacks."""
     for name in library.names_of_targets():
         path = library.get_target(name).with_name("safety.yaml")
         if path.is_file() and f"\n  {name}:" not in known:
