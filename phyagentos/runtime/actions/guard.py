@@ -19,6 +19,7 @@ from phyagentos.runtime.actions.violations import Intervention, Violation, Viola
 from phyagentos.runtime.targets.wire import Command, Description, Step
 
 _FLOAT64 = np.dtype(np.float64)
+ENCODER_RAD = 0.001  # several deviations of any encoder here: two looks at a resting joint differ by less
 CLAMPED = {ViolationCode.JOINT_POSITION: "CLAMPED_JOINT", ViolationCode.GRIPPER_WIDTH: "CLAMPED_GRIPPER"}
 
 
@@ -79,6 +80,11 @@ class SafetyGuard:
         self._points[:, 0], self._slopes[:, 0] = 0.0, 0.0
         self._points[0, 0] = np.minimum(np.maximum(q_rad, self._limits.q_min), self._limits.q_max)
         self._last_time_s, self._first_time_s = -np.inf, np.inf
+
+    def begin_again(self, q_rad: Array) -> None:
+        """As `begin`, where the target has moved since; what its encoders alone may explain is no motion."""
+        if np.abs(np.asarray(q_rad) - self._points[0, 0]).max() > ENCODER_RAD:
+            self.begin(q_rad)
 
     def judge(self, command: Command, now: Step) -> Ruling:
         """Check one command at the target's latest step and apply the reaction to its violation."""

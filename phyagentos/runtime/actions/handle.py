@@ -288,7 +288,7 @@ class TargetSessionHandle:
         request = wire.Settle(session=self._session, epoch=self._epoch, duration_s=duration_s)
         self._step = self._ask(request, wire.Step)
         if self._guard is not None and not self._sequence:  # the first command begins where the arm stands now
-            self._guard.begin(np.asarray(self._step.target.q_rad, dtype=np.float64))
+            self._guard.begin_again(np.asarray(self._step.target.q_rad, dtype=np.float64))
         return self._step
 
     def end(self) -> wire.Ended:

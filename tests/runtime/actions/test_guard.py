@@ -206,3 +206,18 @@ def test_limits_with_the_wrong_number_of_joints_are_refused(limits):
 
     with pytest.raises(ValueError, match=r"a limit in rad/s has 2 numbers, the target has 7 joints"):
         SafetyGuard(limits.model_copy(update={"joint_velocity_max": short}), DESCRIPTION)
+
+
+def test_an_arm_that_rests_begins_where_it_was_seen_first_however_noisy_its_encoders_are(guard):
+    guard.begin_again(HOME + 1e-4)  # a later look, in real time
+    assert guard.check(build_command(), build_step()) is None
+
+
+def test_an_arm_that_was_moved_before_its_first_command_begins_where_it_stands(guard):
+    guard.begin_again(HOME + 0.01)
+    assert guard.check(build_command(), build_step()).code in {
+        ViolationCode.JOINT_VELOCITY,
+        ViolationCode.JOINT_ACCELERATION,
+        ViolationCode.JOINT_JERK,
+    }
+    assert guard.check(build_command(np.tile(HOME + 0.01, (N, 1))), build_step()) is None
