@@ -103,6 +103,13 @@ class Gripper(Authored):
 NO_GRIPPER = Gripper(joints=(), pads=(), max_width_m=0.0, stiffness_n_m=0.0, damping_ns_m=0.0, force_n=0.0)
 
 
+class DriverSettings(Authored):
+    """What one driver needs of its target, by names of its own: texts, numbers and lists of numbers."""
+
+    model_config = pydantic.ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, str | float | tuple[float, ...]]
+
+
 class TargetProfile(Authored):
     """One target of TARGETS.md.
 
@@ -112,7 +119,9 @@ class TargetProfile(Authored):
         kind: `debug` has no physics: the target takes each commanded posture at once (see `runtime.drivers.debug`).
         driver: What moves it, by its name in the registry of drivers; empty for the one of its kind: `mujoco` for
             `simulation`, `debug` for `debug`, none for `real_robot`.
-        endpoint: Where the driver `remote` finds its target (`ws://127.0.0.1:7000`).
+        endpoint: Where the driver finds its target: `ws://127.0.0.1:7000` for `remote`, a serial port (`/dev/ttyACM0`), a
+            CAN channel (`can0`) or a network interface (`eth0`).
+        settings: What the driver needs besides, by its own names.
         world: Name of the simulated world that it shares with the other targets of this name; empty for one of its own.
         end_effector: What its flange carries: a gripper with an `opening`, a `suction` cup, or `none`.
         model: MJCF file, relative to the profile; none for `debug`.
@@ -143,6 +152,7 @@ class TargetProfile(Authored):
     model: str = ""
     driver: str = ""
     endpoint: str = ""
+    settings: DriverSettings = DriverSettings()
     world: str = pydantic.Field(default="", pattern=r"^([a-z][a-z0-9_]*)?$")
     end_effector: Literal["opening", "suction", "none"] = "opening"
     tcp: str = "tcp"
