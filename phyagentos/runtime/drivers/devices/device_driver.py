@@ -18,7 +18,7 @@ from typing_extensions import override
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import Authored
-from phyagentos.protocol.world.environment import Pose, TargetState
+from phyagentos.protocol.world.environment import TargetState
 from phyagentos.runtime.drivers.devices.reference_point import ReferencePoint
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver

@@ -6,7 +6,6 @@ A servo has no emergency stop of its own; its stop is a goal where it stands.
 import math
 import termios
 from collections.abc import Callable, Sequence
-from functools import partial
 from types import ModuleType
 from typing import Any, Literal, TypeVar
 
@@ -20,7 +19,7 @@ from phyagentos.runtime.drivers.devices.device_driver import Array, Bus, DeviceS
 
 ReturnT = TypeVar("ReturnT")
 
-TORQUE, ACCELERATION, PRESENT, STATUS = 40, 41, 56, 65  # registers
+ACCELERATION, PRESENT, STATUS = 41, 56, 65  # registers; 40 is torque
 PRESENT_BYTES = STATUS - PRESENT + 1  # position, speed, load, voltage, temperature, a flag, status
 ANSWER_S = 0.04  # the longest that the package waits for an answer of six servos
 STEP_RAD = 2.0 * math.pi / 4096.0
@@ -87,20 +86,21 @@ class So101Bus(Bus):
     @override
     def enable(self, q_rad: Array, width_m: float) -> None:
         self.stop()
-        for each in self._ids:
-            self._ask(partial(self._set_torque, each), f"servo {each}")
 
     @override
     def write(self, q_rad: Array, qd_rad_s: Array, width_m: float) -> None:
         jaw = self._settings.jaw_closed_steps + self._jaw_range * width_m / max(self._width_max_m, 1e-9)
         goals = [*np.rint(self._zero + self._way * q_rad / STEP_RAD).astype(int).tolist(), round(jaw)]
-        speeds = [SPEED_MIN + int(SPEED_SHARE * abs(b - a) / self._step_s) for a, b in zip(self._goals, goals, strict=True)]
+        speeds = [
+            SPEED_MIN + int(SPEED_SHARE * abs(b - a) / self._step_s) for a, b in zip(self._goals, goals, strict=True)
+        ]
         self._send(goals, speeds)
 
     @override
     def stop(self) -> None:
+        """Torque on, and the goal where each servo stands, in one frame."""
         steps, _ = self._read_steps()
-        self._send(steps.tolist(), [SPEED_MIN] * len(steps))
+        self._send(steps.tolist(), [SPEED_MIN] * len(steps), torque=(1,))
 
     @override
     def close(self) -> None:
@@ -109,9 +109,6 @@ class So101Bus(Bus):
     @property
     def _jaw_range(self) -> int:
         return self._settings.jaw_open_steps - self._settings.jaw_closed_steps
-
-    def _set_torque(self, servo: int) -> int:
-        return int(self._packets.write1ByteTxRx(self._port, servo, TORQUE, 1)[0])
 
     def _read_steps(self) -> tuple[Any, Any]:
         """Positions and speeds of all servos, (n_servos,) [steps, steps/s]."""
@@ -129,14 +126,15 @@ class So101Bus(Bus):
                 return
         raise ExecutionError("TARGET_LOST", f"{self._place}: {whom}: {self._packets.getTxRxResult(result)}")
 
-    def _send(self, goals: list[int], speeds: Sequence[int]) -> None:
-        """One frame of goals for all servos: acceleration, position, time, speed."""
+    def _send(self, goals: list[int], speeds: Sequence[int], torque: tuple[int, ...] = ()) -> None:
+        """One frame for all servos: torque where it is given, acceleration, position, time, speed."""
         low, high = self._sdk.SCS_LOBYTE, self._sdk.SCS_HIBYTE
         rows: list[int] = []
         for each, goal, speed in zip(self._ids, goals, speeds, strict=True):
             word = self._sdk.SCS_TOSCS(goal, 15)
-            rows += [each, 0, low(word), high(word), 0, 0, low(speed), high(speed)]
-        self._ask(lambda: self._packets.syncWriteTxOnly(self._port, ACCELERATION, 7, rows, len(rows)), "the bus")
+            rows += [each, *torque, 0, low(word), high(word), 0, 0, low(speed), high(speed)]
+        at, length = ACCELERATION - len(torque), 7 + len(torque)
+        self._ask(lambda: self._packets.syncWriteTxOnly(self._port, at, length, rows, len(rows)), "the bus")
         self._goals = goals
 
     def _call(self, act: "Callable[[], ReturnT]") -> "ReturnT":
