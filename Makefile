@@ -13,6 +13,7 @@ DEMO_SPACE  := workspaces/demo
 FAST  := fast
 BOTH  := -n 2 --dist worksteal
 PEERS := build/peers
+DRIVERS := build/drivers
 PEERS_OF := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["peers"])
 
 .DEFAULT_GOAL := help
@@ -49,8 +50,15 @@ test: setup  ## every test, journeys last
 	&& $(BIN)/pytest -q tests/journeys/test_statecharts.py --journeys $$left \
 	&& rm -rf $$left
 
-test-extras: setup $(PEERS)/.installed  ## tests beside systems of others, which it installs in build/peers
+test-extras: setup $(PEERS)/.installed $(DRIVERS)/.installed  ## tests beside systems of others, which it installs in build/
 	@$(BIN)/pytest -q -m extras --peers-python=$(PEERS)/bin/python
+	@$(DRIVERS)/bin/pytest -q -m device
+
+$(DRIVERS)/.installed: pyproject.toml
+	@test -x $(DRIVERS)/bin/python || $(PYTHON) -m venv $(DRIVERS)
+	@echo "test-extras: installing phyagentos and the drivers of real robots into $(DRIVERS) (a few minutes)"
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101]'
+	@touch $@
 
 $(PEERS)/.installed: pyproject.toml | $(STAMP)
 	@test -x $(PEERS)/bin/python || $(PYTHON) -m venv $(PEERS)

@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Plant:
-    """Named joints with one position servo each, `servos` by joint; `on_step(dt)` is called before every physics step."""
+    """Named joints with one position servo each; `on_step(dt)` is called before every physics step."""
 
     def __init__(self, model, joints, servos, q_rad, on_step=lambda dt: None):
         self.model, self.data, self.lock = model, mujoco.MjData(model), threading.RLock()

@@ -100,7 +100,7 @@ def test_a_port_that_is_not_there_is_refused_by_its_name(menagerie, need_package
     need_package("scservo_sdk")
     site = make_site("so101", menagerie / "robotstudio_so101", endpoint="/dev/nothing")
 
-    with pytest.raises(ExecutionError, match="TARGET_LOST: /dev/nothing: .*No such file.*; check cable and power"):
+    with pytest.raises(ExecutionError, match=r"TARGET_LOST: /dev/nothing: .*No such file.*; check cable and power"):
         SO101.open(site)
 
 

@@ -119,8 +119,7 @@ class TargetProfile(Authored):
         kind: `debug` has no physics: the target takes each commanded posture at once (see `runtime.drivers.debug`).
         driver: What moves it, by its name in the registry of drivers; empty for the one of its kind: `mujoco` for
             `simulation`, `debug` for `debug`, none for `real_robot`.
-        endpoint: Where the driver finds its target: `ws://127.0.0.1:7000` for `remote`, a serial port (`/dev/ttyACM0`), a
-            CAN channel (`can0`) or a network interface (`eth0`).
+        endpoint: Where the driver finds its target: `ws://127.0.0.1:7000` for `remote`, or a bus (`/dev/ttyACM0`).
         settings: What the driver needs besides, by its own names.
         world: Name of the simulated world that it shares with the other targets of this name; empty for one of its own.
         end_effector: What its flange carries: a gripper with an `opening`, a `suction` cup, or `none`.
@@ -152,7 +151,7 @@ class TargetProfile(Authored):
     model: str = ""
     driver: str = ""
     endpoint: str = ""
-    settings: DriverSettings = DriverSettings()
+    settings: DriverSettings = DriverSettings.model_validate({})
     world: str = pydantic.Field(default="", pattern=r"^([a-z][a-z0-9_]*)?$")
     end_effector: Literal["opening", "suction", "none"] = "opening"
     tcp: str = "tcp"

@@ -89,7 +89,7 @@ class Bus(ABC):
 
     @abstractmethod
     def enable(self, q_rad: Array, width_m: float) -> None:
-        """Power the drives, which hold this posture; raises ExecutionError `ESTOPPED` while the robot's own stop is on."""
+        """Power the drives, which hold this posture."""
 
     @abstractmethod
     def write(self, q_rad: Array, qd_rad_s: Array, width_m: float) -> None:

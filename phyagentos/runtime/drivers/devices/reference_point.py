@@ -67,4 +67,5 @@ class ToolCentre:
         mujoco.mj_kinematics(self._model, self._data)
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, self._data.site_xmat[self._site])
-        return Pose(tuple(self._data.site_xpos[self._site].tolist()), tuple(quaternion.tolist()))
+        w, x, y, z = quaternion.tolist()
+        return Pose(tuple(self._data.site_xpos[self._site].tolist()), (w, x, y, z))

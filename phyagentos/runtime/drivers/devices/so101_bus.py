@@ -91,10 +91,8 @@ class So101Bus(Bus):
     def write(self, q_rad: Array, qd_rad_s: Array, width_m: float) -> None:
         jaw = self._settings.jaw_closed_steps + self._jaw_range * width_m / max(self._width_max_m, 1e-9)
         goals = [*np.rint(self._zero + self._way * q_rad / STEP_RAD).astype(int).tolist(), round(jaw)]
-        speeds = [
-            SPEED_MIN + int(SPEED_SHARE * abs(b - a) / self._step_s) for a, b in zip(self._goals, goals, strict=True)
-        ]
-        self._send(goals, speeds)
+        ways = zip(self._goals, goals, strict=True)
+        self._send(goals, [SPEED_MIN + int(SPEED_SHARE * abs(end - start) / self._step_s) for start, end in ways])
 
     @override
     def stop(self) -> None:
@@ -121,7 +119,7 @@ class So101Bus(Bus):
         """A question until it is answered; what is left of an earlier one is dropped."""
         for _ in range(max(round(self._settings.silence_max_s / ANSWER_S), 1)):
             self._port.is_using = False  # the package keeps it where a packet was cut off
-            self._call(lambda: self._port.ser.reset_input_buffer())
+            self._call(self._port.ser.reset_input_buffer)
             if (result := self._call(question)) == self._sdk.COMM_SUCCESS:
                 return
         raise ExecutionError("TARGET_LOST", f"{self._place}: {whom}: {self._packets.getTxRxResult(result)}")

@@ -1,4 +1,4 @@
-"""The drivers of real robots, as the entry points of this package announce them; nothing of a vendor is imported here."""
+"""Drivers of real robots, as entry points announce them; a vendor's package is imported when one is opened."""
 
 import importlib
 from types import ModuleType
