@@ -14,6 +14,7 @@ FAST  := fast
 BOTH  := -n 2 --dist worksteal
 OTHERS := peers gymnasium kit
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
+DRIVERS := build/drivers
 
 .DEFAULT_GOAL := help
 .PHONY: help setup pictures demo test test-extras check static format schemas wheel clean
@@ -49,8 +50,15 @@ test: setup  ## every test, journeys last
 	&& $(BIN)/pytest -q tests/journeys/test_statecharts.py --journeys $$left \
 	&& rm -rf $$left
 
-test-extras: setup $(OTHERS:%=build/%/.installed)  ## tests beside systems of others, which it installs in build/
+test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed  ## tests beside systems of others, which it installs in build/
 	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS),--$(each)-python=build/$(each)/bin/python)
+	@$(DRIVERS)/bin/pytest -q -m device
+
+$(DRIVERS)/.installed: pyproject.toml
+	@test -x $(DRIVERS)/bin/python || $(PYTHON) -m venv $(DRIVERS)
+	@echo "test-extras: installing phyagentos and the drivers of real robots into $(DRIVERS) (a few minutes)"
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101]'
+	@touch $@
 
 build/%/.installed: pyproject.toml | $(STAMP)
 	@test -x build/$*/bin/python || $(PYTHON) -m venv build/$*

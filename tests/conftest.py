@@ -16,7 +16,7 @@ if not os.environ.get("DISPLAY"):
     os.environ.setdefault("MUJOCO_GL", "egl")  # as a world process does; read by MuJoCo when it is imported
 
 SECOND_READER = Path(__file__).parents[1] / "protocol" / "followers" / "follow.mjs"
-SLOW = {"sim", "motion", "journey"}
+SLOW = {"sim", "motion", "journey", "device"}
 
 gc.set_threshold(50_000, 20, 50)  # four thousand tests and all libraries are looked through again and again otherwise
 

@@ -196,7 +196,8 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     bounds = read_tool_bounds(settings.limits)
     planner: Planner = PlannerProcess(profile_path, bounds) if profile.model else LocalPlanner(NoModel())
     connection: Channel = Loopback(local) if local is not None else connect_to_world(socket, token, clock)
-    sees_truth = settings.perception.sensing is Sensing.TRUTH or not profile.model
+    has_truth = not profile.model and profile.kind != "real_robot"
+    sees_truth = settings.perception.sensing is Sensing.TRUTH or has_truth
     heartbeat = HeartbeatWriter(workspace.heartbeats, target, clock)
     handle = open_handle(connection, settings.limits, workspace, profile_path, sees_truth=sees_truth)
     world = open_world_model(workspace, target, profile, handle, settings)
@@ -282,9 +283,14 @@ def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
 def open_world_model(
     workspace: Workspace, target: str, profile: TargetProfile, handle: "FrameSource", settings: "Settings"
 ) -> "WorldModel":
-    """What perception.yaml chooses; without a model the robot cannot be masked in pictures."""
+    """What perception.yaml chooses; without a model the robot cannot be masked in pictures.
+
+    A real robot without a camera perceives itself, and nothing else.
+    """
     from phyagentos.runtime.perception.true_world import TrueWorld
 
+    if profile.kind == "real_robot" and not settings.sensors.cameras:
+        return TrueWorld(target, handle, sensing="perceived")
     if settings.perception.sensing is Sensing.TRUTH or not profile.model:
         return TrueWorld(target, handle)
     from phyagentos.runtime.perception.perceived_world import PerceivedWorld

@@ -159,6 +159,13 @@ class Gripper(Authored):
 NO_GRIPPER = Gripper(joints=(), pads=(), max_width_m=0.0, stiffness_n_m=0.0, damping_ns_m=0.0, force_n=0.0)
 
 
+class DriverSettings(Authored):
+    """What one driver needs of its target, by names of its own: texts, numbers and lists of numbers."""
+
+    model_config = pydantic.ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, str | float | tuple[float, ...]]
+
+
 class TargetProfile(Authored):
     """One target of TARGETS.md.
 
@@ -168,8 +175,9 @@ class TargetProfile(Authored):
         kind: `debug` has no physics: the target takes each commanded posture at once (see `runtime.drivers.debug`).
         driver: What moves it, by its name in the registry of drivers; empty for the one of its kind: `mujoco` for
             `simulation`, `debug` for `debug`, none for `real_robot`.
-        endpoint: Where the driver `remote` finds its target (`ws://127.0.0.1:7000`).
+        endpoint: Where the driver finds its target: `ws://127.0.0.1:7000` for `remote`, or a bus (`/dev/ttyACM0`).
         silence_max_s: How long the driver `remote` waits for a sign of its target before it is lost [s].
+        settings: What the driver needs besides, by its own names.
         world: Name of the simulated world that it shares with the other targets of this name; empty for one of its own.
         end_effector: What its flange carries: a gripper with an `opening`, a `suction` cup, or `none`.
         model: MJCF or URDF file, relative to the profile or `SOURCE:PATH`, see `runtime.models.sources`; none for
@@ -206,6 +214,7 @@ class TargetProfile(Authored):
     driver: str = ""
     endpoint: str = ""
     silence_max_s: float = pydantic.Field(default=10.0, gt=0.0)
+    settings: DriverSettings = DriverSettings.model_validate({})
     world: str = pydantic.Field(default="", pattern=r"^([a-z][a-z0-9_]*)?$")
     end_effector: Literal["opening", "suction", "none"] = "opening"
     tcp: str = "tcp"

@@ -11,10 +11,11 @@ from phyagentos.runtime.targets.wire import Observation, Step
 
 
 class TrueWorld(WorldModel):
-    """Reports the simulator's ground truth."""
+    """Reports what the handle's observations hold: the simulator's ground truth, or a robot that has no camera."""
 
-    def __init__(self, target: str, handle: FrameSource) -> None:
+    def __init__(self, target: str, handle: FrameSource, sensing: str = "truth") -> None:
         super().__init__(target, handle)
+        self._sensing = sensing
         self._revision = 0
         self._names: dict[str, str] = {}  # by description, of bodies
 
@@ -39,7 +40,7 @@ class TrueWorld(WorldModel):
             scene=self._scene.name,
             episode=self._scene.episode,
             revision=self._revision,
-            sensing="truth",
+            sensing=self._sensing,
             entities=named,
             regions={region.name: region for region in regions},
             targets={self._target: msgspec.structs.replace(now.target, holding=holding)},

@@ -49,7 +49,7 @@ class TargetDriver(ABC):
 
     @abstractmethod
     def load(self, request: wire.LoadScene) -> wire.Loaded:
-        """Begin an episode; a device checks that it is at home. Never called while a session has authority.
+        """Begin an episode; a device begins it where it stands. Never called while a session has authority.
 
         Raises:
             ExecutionError: `MALFORMED` or `TARGET_LIMIT` for an unusable snapshot; the previous episode stays.
@@ -98,6 +98,11 @@ class TargetDriver(ABC):
     @abstractmethod
     def halt(self, category: int = 2) -> None:
         """Come to rest within the limits, by its own means, and hold; stop category of IEC 60204-1, 9.2.2."""
+
+    def emergency_stop(self) -> None:
+        """The emergency stop is latched, and a session has authority: as `halt`; a device also stops by its own."""
+        if self.is_moving:
+            self.halt()
 
     def invoke_tool(self, name: str, arguments: Mapping[str, Any]) -> wire.ToolResult:
         """Use one of the described tools; raises ExecutionError `MALFORMED` for wrong arguments."""

@@ -102,8 +102,8 @@ class ServedTarget:
             return False
         if self._authority.session and self._authority.stopped != "ESTOPPED":
             self._authority.stop("ESTOPPED")
-            if self.driver.is_moving:
-                self.driver.halt()
+            with contextlib.suppress(ExecutionError):  # a driver that lost its own device has nothing to stop
+                self.driver.emergency_stop()
             self._note_event("EStop")
         self._keep_stop()
         return True

@@ -1,0 +1,57 @@
+"""A watched workspace in which a goal moves an emulated robot, and what can be done to it meanwhile."""
+
+import json
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+from phyagentos.assembly.agent_plane import MemoryUse, open_agent
+from phyagentos.clock import SystemClock
+from tests.following import wait_until
+
+GOAL = Path(__file__).parent / "goal.yaml"
+LIMIT_S = 120.0
+
+
+class Journey:
+    """One goal on one target."""
+
+    def __init__(self, workspace, target, tmp_path):
+        self.workspace, self.target = workspace, target
+        self.goal = tmp_path / "goal.yaml"
+        self.goal.write_text(GOAL.read_text().replace("TARGET", target))
+        command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(workspace.root), "--trust-python"]
+        with (workspace.logs / "watch.log").open("wb") as log:
+            self.process = subprocess.Popen([*command, "--no-pictures"], stdout=log, stderr=log)
+        self._agent = open_agent(
+            workspace,
+            SystemClock(),
+            by="journey",
+            memory_use=MemoryUse.NONE,
+            is_runtime_alive=lambda _: self.process.poll() is None,
+        )
+        self.mission = self._agent.__enter__().mission
+
+    def begin(self):
+        """Pursue the goal in a thread, until the robot has been commanded for a while."""
+        self._reports = []
+        run = lambda: self._reports.append(self.mission.run(self.goal, seed=1, goal="nod"))  # noqa: E731
+        self._thread = threading.Thread(target=run, daemon=True)
+        self._thread.start()
+        wait_until(lambda: self._reports or self.count("Command") >= 10, "a motion", LIMIT_S)
+        return self
+
+    def finish(self):
+        self._thread.join(LIMIT_S)
+        return self._reports[0]
+
+    def count(self, kind):
+        log = self.workspace.logs / f"receive-{self.target}.jsonl"
+        written = log.read_text().rpartition("\n")[0] if log.exists() else ""
+        return sum(json.loads(line)["kind"] == kind for line in written.splitlines())
+
+    def close(self):
+        self.process.terminate()
+        self.process.wait(30)
+        self._agent.__exit__(None, None, None)
