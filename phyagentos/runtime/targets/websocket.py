@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
 from websockets.protocol import State
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 from websockets.sync.connection import Connection
 from websockets.sync.server import ServerConnection, serve
 
@@ -24,7 +24,7 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.runtime.channel import MESSAGE_MAX_BYTES
 
 BACKLOG = 8  # waiting clients while one is served
-_OPEN_S = 5.0
+_OPEN_S, _OPENINGS = 2.5, 2  # over TLS a first one was seen to stall; nothing is commanded before the greeting
 _PING_S = 5.0  # between two pings, and until the answer: a dead connection makes room for the next client
 _CLOSE_S = 0.5  # for the last words: what is lost gives none, and who waits for them gives no sign of life
 _FRAMES: Any = {
@@ -161,7 +161,7 @@ def connect_websocket(endpoint: str, trusted: Path | None = None) -> WebSocketCh
             raise InvalidURI(endpoint, "not ws:// or wss://")
         _check_encrypted(endpoint)
         tls = ssl.create_default_context(cafile=trusted) if scheme == "wss" else None
-        connection = opened.enter_context(connect(endpoint, ssl=tls, open_timeout=_OPEN_S, proxy=None, **_FRAMES))
+        connection = opened.enter_context(_open(endpoint, tls))
     except ssl.SSLCertVerificationError as error:
         hint = "Put the PEM file of the authority that signed it there, or serve with a certificate for this host."
         by = str(trusted) if trusted else "an authority of this system"
@@ -169,6 +169,18 @@ def connect_websocket(endpoint: str, trusted: Path | None = None) -> WebSocketCh
     except (OSError, InvalidHandshake, InvalidURI, ValueError) as error:
         raise ExecutionError("TARGET_LOST", f"no target answers at {endpoint}: {error}") from error
     return WebSocketChannel(connection, opened)
+
+
+def _open(endpoint: str, tls: ssl.SSLContext | None) -> ClientConnection:
+    for left in reversed(range(_OPENINGS)):
+        try:
+            connection: ClientConnection = connect(endpoint, ssl=tls, open_timeout=_OPEN_S, proxy=None, **_FRAMES)
+        except TimeoutError:
+            if not left:
+                raise
+        else:
+            return connection
+    raise TimeoutError
 
 
 def _check_encrypted(endpoint: str) -> None:

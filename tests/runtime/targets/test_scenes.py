@@ -7,9 +7,10 @@ import pytest
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
-from phyagentos.runtime.models.robot import build_robot, name_actuator, read_profile
+from phyagentos.runtime.models.robot import build_robot, name_actuator
 from phyagentos.runtime.models.scene import add_scene, draw_bodies
 from phyagentos.runtime.targets import wire
+from tests.models_here import read_profile_here
 
 pytestmark = pytest.mark.sim
 
@@ -44,7 +45,7 @@ def test_a_seed_makes_the_scene(make_rig, scene):
 
 @pytest.mark.parametrize("target", LIBRARY.names_of_targets())
 def test_a_robot_is_what_its_profile_says(target):
-    profile, folder = read_profile(LIBRARY.get_target(target))
+    profile, folder = read_profile_here(target)
     model = build_robot(profile, folder).compile()
     for index, joint in enumerate(profile.arm.joints):
         servo = model.actuator(name_actuator(joint))
@@ -53,7 +54,7 @@ def test_a_robot_is_what_its_profile_says(target):
         low, high = model.joint(joint).range
         assert low <= profile.arm.home_rad[index] <= high
     data = mujoco.MjData(model)
-    data.qpos[: len(profile.arm.joints)] = profile.arm.home_rad
+    data.qpos[[int(model.joint(name).qposadr[0]) for name in profile.arm.joints]] = profile.arm.home_rad
     mujoco.mj_forward(model, data)
     approach = data.site(profile.tcp).xmat.reshape(3, 3)[:, 2]
     assert approach[2] < -0.99

@@ -40,13 +40,15 @@ def test_the_kit_speaks_tls(tmp_path):
     both, alone = make_certificate(tmp_path)
     served = Served(tmp_path, sys.executable, options=("--certificate", str(both)))
     endpoint = served.start()
-    channel = connect_websocket(endpoint, alone)
-    greet(channel, mint(served.key))
+    try:
+        channel = connect_websocket(endpoint, alone)
+        greet(channel, mint(served.key))
 
-    assert endpoint.startswith("wss://")
-    assert isinstance(wire.exchange(channel, wire.Describe(), 5.0), wire.Description)
-    channel.close()
-    served.close()
+        assert endpoint.startswith("wss://")
+        assert isinstance(wire.exchange(channel, wire.Describe(), 5.0), wire.Description)
+        channel.close()
+    finally:
+        served.close()
 
 
 @pytest.mark.parametrize("host", ["192.0.2.1", "robot.example", "0.0.0.0"])
