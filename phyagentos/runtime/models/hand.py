@@ -50,8 +50,8 @@ class HandMotion:
         """Opening [m] at a length of the drive's tendon."""
         if self.drive is self.widths_m:
             return drive
-        order = np.argsort(self.drive)
-        return float(np.interp(drive, self.drive[order], self.widths_m[order]))
+        way = 1 if self.drive[0] < self.drive[-1] else -1  # a drive that lengthens while it closes is read backwards
+        return float(np.interp(drive, self.drive[::way], self.widths_m[::way]))
 
 
 def measure_hand(profile: TargetProfile, folder: Path) -> HandMotion:

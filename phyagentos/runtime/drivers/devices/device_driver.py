@@ -19,7 +19,7 @@ from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.world.environment import TargetState
-from phyagentos.runtime.drivers.devices.reference_point import ReferencePoint
+from phyagentos.runtime.drivers.devices.tool_centre import ToolCentre
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
 from phyagentos.runtime.targets.driver_registry import DriverSite
@@ -107,7 +107,7 @@ class Bus(ABC):
 class DeviceDriver(TargetDriver):
     """One real robot; `name` is the driver's in the registry."""
 
-    def __init__(self, name: str, site: DriverSite, bus: Bus, settings: DeviceSettings, point: ReferencePoint) -> None:
+    def __init__(self, name: str, site: DriverSite, bus: Bus, settings: DeviceSettings, point: ToolCentre) -> None:
         self.profile, self._name, self._clock = site.profile, name, site.clock
         self._bus, self._point = bus, point
         self._low, self._high = np.array(settings.q_min_rad), np.array(settings.q_max_rad)

@@ -25,8 +25,8 @@ def _import(package: str, driver: str, site: DriverSite) -> ModuleType:
 def _open_so101(site: DriverSite) -> "TargetDriver":
     sdk = _import("scservo_sdk", "so101", site)
     from phyagentos.runtime.drivers.devices.device_driver import DeviceDriver, read_settings
-    from phyagentos.runtime.drivers.devices.reference_point import ToolCentre
     from phyagentos.runtime.drivers.devices.so101_bus import So101Bus, So101Settings
+    from phyagentos.runtime.drivers.devices.tool_centre import ToolCentre
 
     settings, point = read_settings(So101Settings, site.profile), ToolCentre(site.profile, site.folder)
     return DeviceDriver("so101", site, So101Bus(sdk, site.profile, settings), settings, point)

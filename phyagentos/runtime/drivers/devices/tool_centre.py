@@ -1,43 +1,12 @@
-"""The point of a real robot that the guard watches: its tool's, by the model of its profile, or the trunk's."""
+"""The tool centre point of a real robot, which the guard watches, by the model of its profile."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Pose
-from phyagentos.runtime.targets.wire import Kinematics
-
-
-class ReferencePoint(Protocol):
-    """Where a point is at joint positions."""
-
-    @property
-    def kinematics(self) -> Kinematics:
-        """How it follows from the joints, for the guard."""
-
-    def locate(self, q_rad: NDArray[np.float64]) -> Pose:
-        """Its pose in the world, of joints (n_joints,)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Trunk:
-    """A trunk that stands where the profile mounts it, however the `n_joints` joints move."""
-
-    profile: TargetProfile
-
-    @property
-    def kinematics(self) -> Kinematics:
-        """Slides without effect."""
-        n, mount_m = len(self.profile.arm.joints), self.profile.mount_position_m
-        return Kinematics(((0.0, 0.0, 0.0),) * n, (mount_m,) * n, mount_m, (True,) * n)
-
-    def locate(self, q_rad: NDArray[np.float64]) -> Pose:
-        """The mount."""
-        return Pose(self.profile.mount_position_m, self.profile.mount_quaternion_wxyz)
 
 
 class ToolCentre:
@@ -60,7 +29,7 @@ class ToolCentre:
         self._site = found.site(profile.tcp).id
 
     def locate(self, q_rad: NDArray[np.float64]) -> Pose:
-        """Of measured joints."""
+        """Its pose in the world [m], of measured joints (n_joints,) [rad]."""
         import mujoco
 
         self._data.qpos[self._q] = q_rad
