@@ -5,6 +5,7 @@ what is movable keeps its size, and its place is scaled; what lies below (a tabl
 Names of scenes carry the target, so that every reader of a session sees the same one.
 """
 
+import math
 from collections.abc import Iterable
 
 from phyagentos.protocol.capabilities.library import Library
@@ -43,7 +44,13 @@ def read_placed(library: Library, name: str) -> SceneSpec:
 def place_scene(spec: SceneSpec, how: ScenePlacement) -> SceneSpec:
     """A scene scaled, then moved."""
     areas = {
-        name: Area(x_m=_span(area.x_m, how, 0), y_m=_span(area.y_m, how, 1), spacing_m=area.spacing_m)
+        name: area.model_copy(
+            update={
+                "x_m": _span(area.x_m, how, 0),
+                "y_m": _span(area.y_m, how, 1),
+                "clear_m": _find_clearance(name, spec) | area.clear_m,
+            }
+        )
         for name, area in spec.areas.items()
     }
     scaled = {name for name, body in spec.bodies.items() if _is_scaled(body, spec)}
@@ -59,6 +66,21 @@ def place_scene(spec: SceneSpec, how: ScenePlacement) -> SceneSpec:
         for name, region in spec.regions.items()
     }
     return spec.model_copy(update={"areas": areas, "bodies": bodies, "regions": regions})
+
+
+def _find_clearance(area: str, spec: SceneSpec) -> dict[str, float]:
+    """How far what is drawn from an area keeps from movable bodies beside it, which come nearer but do not shrink."""
+    bodies = spec.bodies.items()
+    drawn_m = max((_measure_radius(each) for _, each in bodies if each.place.area == area), default=0.0)
+    loose = {name: each for name, each in bodies if not (each.fixed or each.joint or each.part_of or each.place.area)}
+    return {name: drawn_m + _measure_radius(each) for name, each in loose.items()}
+
+
+def _measure_radius(body: Body) -> float:
+    """Of a circle about its place that holds a body, in whatever way it is turned about z [m]."""
+    solids = [each for each in body.shapes if not each.decor]
+    wide = [math.hypot(*each.size_m[:2]) if each.kind == "box" else each.size_m[0] for each in solids]
+    return max(math.hypot(*each.position_m[:2]) + radius for each, radius in zip(solids, wide, strict=True))
 
 
 def _is_scaled(body: Body, spec: SceneSpec) -> bool:

@@ -202,11 +202,17 @@ class Body(Authored):
 
 
 class Area(Authored):
-    """A rectangle to draw positions from, with a smallest distance between those drawn."""
+    """A rectangle to draw positions from.
+
+    Attributes:
+        spacing_m: Smallest distance between those drawn.
+        clear_m: Smallest distance of those drawn from other bodies, which stand earlier in the file.
+    """
 
     x_m: Span
     y_m: Span
     spacing_m: float = 0.0
+    clear_m: dict[str, float] = {}
 
 
 class NamedRegion(Authored):

@@ -18,7 +18,8 @@ from phyagentos.protocol.world.scenes import Body, Joint, Material, Placement, S
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.models.surfaces import find_surface
 
-DRAWS = 2000  # tries for one position of an area before the scene is called overfull
+DRAWS = 2000  # tries for one position of an area before its layout is given up
+LAYOUTS = 20  # that are tried before the scene is called overfull
 IDEAL_FRICTION = (1.0, 0.02, 0.001)  # where a scene names neither surface nor friction
 GRIP_PRIORITY = 3  # above that of finger pads
 GRIP_SOLREF, GRIP_IMPEDANCE = (0.005, 1.0), (0.95, 0.99, 0.001)  # as the pads of the shipped gripper
@@ -115,16 +116,24 @@ def _turn(point_m: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:
 
 
 def draw_bodies(spec: SceneSpec, seed: int) -> tuple[PlacedBody, ...]:
-    """Draw the start of every body.
+    """Draw the start of every body; where one finds no room, all are drawn again, up to `LAYOUTS` times.
 
     Raises:
         ExecutionError: `SCENE_OVERFULL` when an area has no room for all that is drawn from it.
     """
-    rng = np.random.default_rng(compute_seed(seed, "scene", spec.scene))
-    taken: dict[str, list[NDArray[np.float64]]] = {name: [] for name in spec.areas}
+    for layout in range(1, LAYOUTS):
+        try:
+            return _draw_layout(spec, seed, compute_seed(seed, "scene", spec.scene, *([layout] if layout > 1 else [])))
+        except ExecutionError:
+            continue
+    return _draw_layout(spec, seed, compute_seed(seed, "scene", spec.scene, LAYOUTS))
+
+
+def _draw_layout(spec: SceneSpec, seed: int, layout_seed: int) -> tuple[PlacedBody, ...]:
+    rng = np.random.default_rng(layout_seed)
     placed: list[PlacedBody] = []
     for name, body in spec.bodies.items():
-        position = _draw_position(spec, name, body.place, rng, taken)
+        position = _draw_position(spec, name, rng, placed)
         yaw = float(rng.uniform(*body.place.yaw_rad))
         if frame := next((item for item in placed if item.name == (body.place.frame or body.part_of)), None):
             position, yaw = frame.place(position), yaw + frame.yaw_rad
@@ -149,16 +158,21 @@ def _draw_properties(body: Body, seed: int) -> tuple[float, float | None]:
 
 
 def _draw_position(
-    spec: SceneSpec, name: str, place: Placement, rng: np.random.Generator, taken: dict[str, list[NDArray[np.float64]]]
+    spec: SceneSpec, name: str, rng: np.random.Generator, placed: Sequence[PlacedBody]
 ) -> NDArray[np.float64]:
+    place = spec.bodies[name].place
     base: NDArray[np.float64] = np.array(place.position_m) + rng.uniform(-1.0, 1.0, 3) * np.array(place.jitter_m)
     if place.area is None:
         return base
     area = spec.areas[place.area]
+    others = [
+        (np.array(each.position_m[:2]), area.spacing_m if each.body.place.area == place.area else area.clear_m[each.name])
+        for each in placed
+        if each.body.place.area == place.area or each.name in area.clear_m
+    ]
     for _ in range(DRAWS):
         point = np.array([rng.uniform(*area.x_m), rng.uniform(*area.y_m)])
-        if all(np.linalg.norm(point - other) >= area.spacing_m for other in taken[place.area]):
-            taken[place.area].append(point)
+        if all(np.linalg.norm(point - other) >= distance_m for other, distance_m in others):
             return np.array([point[0], point[1], base[2]])
     raise ExecutionError(
         "SCENE_OVERFULL",

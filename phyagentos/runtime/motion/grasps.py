@@ -63,7 +63,7 @@ def find_grasps(
     """Approaches to grasps of `entity`, the nearest first; if any, those from which `place` finds a way on."""
     gripper = scene.robot.profile.gripper
     entity = settle(entity, request.world.entities)
-    touching = frozenset((finger, entity.name) for finger in scene.robot.fingers)
+    touching = frozenset((jaw, entity.name) for jaw in scene.robot.jaws)
     make_way = partial(Way, hover_m=request.hover_m, tolerate=touching, tolerate_m=STRADDLE_M)
     turns = request.then is not None and request.then.up is not None
     is_whole = turns or len(entity.shapes) == 1  # what is turned is held across its middle

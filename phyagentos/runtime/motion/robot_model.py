@@ -61,6 +61,7 @@ class RobotModel:
         q_min_rad: (n_joints,) lower joint limits; `q_max_rad` likewise.
         mounting: The base and the first moving link, which stand on the mounting.
         fingers: Bodies that the gripper moves, open in `spec`.
+        jaws: Bodies that touch what is held: the fingers, and what carries a pad and stands still.
         hand: Bodies that move as one with the tool centre point.
         tool: Body that carries the tool centre point.
         bounds: Of where that point may be.
@@ -74,6 +75,7 @@ class RobotModel:
     bodies: frozenset[str]
     mounting: frozenset[str]
     fingers: Mapping[str, Track]
+    jaws: frozenset[str]
     hand: frozenset[str]
     tool: str
     bounds: ToolBounds
@@ -142,6 +144,7 @@ def build_robot_model(profile: TargetProfile, folder: Path, bounds: ToolBounds =
         bodies=frozenset(body.name for body in spec.bodies[1:]),
         mounting=frozenset({first_link, *(body.name for body in spec.worldbody.bodies)}),
         fingers=fingers,
+        jaws=frozenset({*fingers, *(box.body for box in profile.gripper.pad_boxes)}),
         hand=frozenset(
             model.body(body).name
             for body in range(1, model.nbody)

@@ -65,7 +65,8 @@ class Physics:
         self._balls = np.array([model.body(name).id for name in scene.balls], dtype=np.intp)
         loose = {model.body(entity.name).id for entity in self.entities if entity.movable} | set(self._balls.tolist())
         is_loose = np.array([int(body) in loose for body in model.geom_bodyid])
-        of_fingers = np.isin(model.body_weldid[model.geom_bodyid], [model.body_weldid[j.bodyid[0]] for j in fingers])
+        grips = [*(joint.bodyid[0] for joint in fingers), *model.geom_bodyid[self._pads]]  # a jaw may stand still
+        of_fingers = np.isin(model.body_weldid[model.geom_bodyid], model.body_weldid[grips])
         self._kinds = (_ROBOT * self._of_robot + _LOOSE * is_loose + _FINGER * of_fingers).astype(np.uint8)
         self._bodies = {model.body(entity.name).id: entity for entity in self.entities}
         self._movable = {entity.name for entity in self.entities if entity.movable}
