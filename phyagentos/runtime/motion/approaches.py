@@ -12,7 +12,7 @@ import numpy as np
 from phyagentos.geometry import compute_pose
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.job import Job
-from phyagentos.runtime.motion.kinematics import POLISHED, Kinematics
+from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
 from phyagentos.runtime.motion.poses import move_pose
 from phyagentos.runtime.motion.requests import Approach, Array, GoalPosture
@@ -158,7 +158,7 @@ def _find_hovers(
 def _find_line(hover: _Hover, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Array | None:
     way = hover.way
     with job.stage("ik"):
-        start = kinematics.solve(way.start, hover.q_rad, POLISHED)
+        start = kinematics.solve(way.start, hover.q_rad, kinematics.polished)
         found = None if start is None else kinematics.solve_line(start.q_rad, way.end)
     if start is None or found is None:
         job.rejected["line"] += 1

@@ -18,6 +18,7 @@ from phyagentos.runtime.motion.robot_model import RobotModel
 LINE_STEP_M = 0.01
 LINE_STEP_RAD = 0.1
 JUMP_MAX_RAD = 0.35  # a larger step between neighbours on a line is another branch of the inverse
+POSE_JOINTS = 6  # fewer reach a pose only as exactly as the axes of a model are parallel
 _DT_S = 0.1  # scales the velocity limits of the program only; convergence does not depend on it
 
 
@@ -42,10 +43,15 @@ class Solution:
 
 
 class Kinematics:
-    """The inverse kinematics of one robot."""
+    """The inverse kinematics of one robot.
+
+    Attributes:
+        polished: Tolerance of goal postures.
+    """
 
     def __init__(self, robot: RobotModel, chain: Chain) -> None:
         self.chain = chain
+        self.polished = POLISHED if len(chain.q_min_rad) >= POSE_JOINTS else REACHED
         self._configuration = mink.Configuration(robot.model)
         self._tool = mink.FrameTask(robot.profile.tcp, "site", position_cost=1.0, orientation_cost=0.5, lm_damping=1e-6)
         self._posture = mink.PostureTask(robot.model, cost=1e-4)

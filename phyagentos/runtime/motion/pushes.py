@@ -17,7 +17,7 @@ from phyagentos.protocol.world.environment import Entity, Pose
 from phyagentos.protocol.world.predicates.geometry import compute_center, compute_centroid, compute_reach, find_surface
 from phyagentos.runtime.motion.approaches import SAME_POSTURE_RAD, draw_seeds
 from phyagentos.runtime.motion.job import Job
-from phyagentos.runtime.motion.kinematics import POLISHED, Kinematics
+from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.lines import follow_waypoints
 from phyagentos.runtime.motion.planning_scene import PlanningScene, name_pair
 from phyagentos.runtime.motion.poses import interpolate_poses, point_tool_down, raise_pose
@@ -251,7 +251,7 @@ def _find_ways(
             if screened is None or any(np.abs(screened - other).max() < SAME_POSTURE_RAD for other in tried):
                 continue
             tried.append(screened)
-            start = kinematics.solve(above, screened, POLISHED)
+            start = kinematics.solve(above, screened, kinematics.polished)
         blocked = [] if start is None else scene.find_contacts(start.q_rad)
         if start is None or blocked:
             job.rejected[name_pair(blocked[0]) if blocked else "ik"] += 1
