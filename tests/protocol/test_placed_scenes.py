@@ -1,5 +1,8 @@
 """A scene that a robot's profile places keeps its things, and everything that it stands on, in order."""
 
+import itertools
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,6 +12,7 @@ from phyagentos.protocol.capabilities.placed_scenes import name_placed, name_pla
 from phyagentos.protocol.capabilities.targets import ScenePlacement, TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.models.scene import draw_bodies
 
 LIBRARY = Library.open()
 SCENE = "tabletop/cubes_and_trays"
@@ -33,6 +37,17 @@ def test_things_keep_their_size_and_trays_do_not(scale, x, z):
 
 def test_a_scene_of_which_nothing_is_asked_is_as_it_is():
     assert place_scene(SPEC, ScenePlacement()) == SPEC
+
+
+@pytest.mark.parametrize("scale", [0.5, 0.7])
+def test_what_comes_nearer_but_does_not_shrink_still_finds_room(scale):
+    """At half size three seeds of ten had no room for the fourth cube, and others put one into the bottle."""
+    placed = place_scene(SPEC, ScenePlacement(scale=scale))
+    for seed in range(60):
+        points_m = {each.name: each.position_m[:2] for each in draw_bodies(placed, seed)}
+        cubes_m = [points_m[f"{color}_cube"] for color in ("red", "green", "blue", "yellow")]
+        assert all(math.dist(a, b) >= SPEC.areas["start"].spacing_m for a, b in itertools.combinations(cubes_m, 2))
+        assert min(math.dist(each, points_m["bottle"]) for each in cubes_m) >= 0.03 + 0.02 * math.sqrt(2), seed
 
 
 @pytest.mark.parametrize("name", LIBRARY.names_of_scenes())

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import ScenePlacement, TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
-from phyagentos.protocol.world.scenes import Area, Body, SceneSpec, read_scene
+from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 
 _MARK = "@"
 _LEVEL_M = 0.001

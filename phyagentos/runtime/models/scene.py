@@ -14,7 +14,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.geometry import compute_rotation, convert_euler, multiply, to_parent, turn
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Interior, Mechanism, Pose, Region, Shape
 from phyagentos.protocol.world.predicates.geometry import compute_volume
-from phyagentos.protocol.world.scenes import Body, Joint, Material, Placement, SceneSpec, Solid
+from phyagentos.protocol.world.scenes import Body, Joint, Material, SceneSpec, Solid
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.models.surfaces import find_surface
 
@@ -166,7 +166,10 @@ def _draw_position(
         return base
     area = spec.areas[place.area]
     others = [
-        (np.array(each.position_m[:2]), area.spacing_m if each.body.place.area == place.area else area.clear_m[each.name])
+        (
+            np.array(each.position_m[:2]),
+            area.spacing_m if each.body.place.area == place.area else area.clear_m[each.name],
+        )
         for each in placed
         if each.body.place.area == place.area or each.name in area.clear_m
     ]

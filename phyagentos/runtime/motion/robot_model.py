@@ -120,6 +120,7 @@ def build_robot_model(profile: TargetProfile, folder: Path, bounds: ToolBounds =
     path = find_model(profile.model, folder)
     spec = read_robot(profile, folder)
     _check_types(spec, profile, path)
+    jaws = frozenset(spec.geom(name).parent.name for name in profile.gripper.pads)
     turning = _track_fingers(profile, folder) if profile.gripper.travel else {}
     _strip(spec)
     fingers = _replace_fingers(spec, profile, turning) if turning else _freeze_fingers(spec, profile)
@@ -144,7 +145,7 @@ def build_robot_model(profile: TargetProfile, folder: Path, bounds: ToolBounds =
         bodies=frozenset(body.name for body in spec.bodies[1:]),
         mounting=frozenset({first_link, *(body.name for body in spec.worldbody.bodies)}),
         fingers=fingers,
-        jaws=frozenset({*fingers, *(box.body for box in profile.gripper.pad_boxes)}),
+        jaws=jaws | fingers.keys(),
         hand=frozenset(
             model.body(body).name
             for body in range(1, model.nbody)

@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 from phyagentos.errors import DefinitionError
+from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.settings.safety import Safety
 from phyagentos.runtime.models.drafting import draft_profile
 from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.robot import build_robot, read_model, read_profile
 from phyagentos.runtime.models.sources import find_model
+from phyagentos.runtime.motion.chain import build_chain
+from phyagentos.runtime.motion.kinematics import POLISHED, Kinematics
 from phyagentos.runtime.motion.profile_checks import check_profile
 from phyagentos.runtime.motion.robot_model import build_robot_model
 
@@ -121,6 +124,7 @@ def test_planning_puts_each_finger_where_physics_has_it(beak):
     whole = build_robot(profile, folder).compile()
     data, tool = mujoco.MjData(whole), whole.body("lower").id
     assert set(robot.fingers) == {"jaw"}
+    assert robot.jaws == {"jaw", "lower"}  # one jaw stands still, and touches what is held all the same
     for width_m in (0.008, 0.017, 0.03):
         data.qpos[whole.joint("jaw").qposadr[0]] = hand.pose(width_m)[0]
         mujoco.mj_kinematics(whole, data)
@@ -128,6 +132,18 @@ def test_planning_puts_each_finger_where_physics_has_it(beak):
         position, turned = robot.fingers["jaw"].place(width_m)
         assert position == pytest.approx(R.T @ (data.xpos[whole.body("jaw").id] - data.xpos[tool]), abs=1e-5)
         assert abs(turned @ data.xquat[whole.body("jaw").id]) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_axes_that_are_not_quite_parallel_cost_a_short_arm_no_goal_posture(beak):
+    """SO100's turn by 0.1 to 10 microradians against each other: no posture reached a pose within one."""
+    robot = build_robot_model(*read_profile(beak))
+    kinematics = Kinematics(robot, chain := build_chain(robot))
+    bent = np.array(chain.compute_tcp(start := np.array([0.3, 0.5])))
+    bent[:3, :3] = compute_rotation((1.0, 2e-6, 0.0, 0.0)) @ bent[:3, :3]
+    assert kinematics.solve(bent, start, POLISHED) is None
+    found = kinematics.solve(bent, start, kinematics.polished)
+    assert found is not None
+    assert found.solved.rotation_error_rad == pytest.approx(4e-6, rel=0.1)
 
 
 def test_a_hand_that_does_not_open_so_wide_is_told_with_the_opening_it_has(beak):
