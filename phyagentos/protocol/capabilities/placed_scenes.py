@@ -48,7 +48,7 @@ def place_scene(spec: SceneSpec, how: ScenePlacement) -> SceneSpec:
             update={
                 "x_m": _span(area.x_m, how, 0),
                 "y_m": _span(area.y_m, how, 1),
-                "clear_m": _find_clearance(name, spec) | area.clear_m,
+                "clear_m": (_find_clearance(name, spec) if how.scale < 1.0 else {}) | area.clear_m,
             }
         )
         for name, area in spec.areas.items()
