@@ -31,16 +31,23 @@ class HandMotion:
         widths_m: (k,) openings, ascending from closed.
         drive: (k,) length of the drive's tendon at each.
         postures: (k, n) joint positions at each.
+        middles_m: (k,) place of the middle between the pads along the closing axis, from the tool centre point; other
+            than zero where one jaw stands still.
     """
 
     joints: tuple[str, ...]
     widths_m: Array
     drive: Array
     postures: Array
+    middles_m: Array
 
     def pose(self, width_m: float) -> Array:
         """(n,) joint positions at an opening [m]."""
         return np.array([np.interp(width_m, self.widths_m, column) for column in self.postures.T])
+
+    def find_middle(self, width_m: float) -> float:
+        """Where the middle of what is held is along the closing axis, from the tool centre point [m]."""
+        return float(np.interp(width_m, self.widths_m, self.middles_m))
 
     def compute_drive(self, width_m: Array) -> Array:
         """Lengths of the drive's tendon for openings (n,) [m]."""
@@ -63,7 +70,8 @@ def measure_hand(profile: TargetProfile, folder: Path) -> HandMotion:
     gripper = profile.gripper
     if not gripper.travel:
         widths_m, share = np.array([0.0, gripper.max_width_m]), max(len(gripper.joints), 1)
-        return HandMotion(gripper.joints, widths_m, widths_m, np.outer(widths_m / share, np.ones(len(gripper.joints))))
+        postures = np.outer(widths_m / share, np.ones(len(gripper.joints)))
+        return HandMotion(gripper.joints, widths_m, widths_m, postures, np.zeros(2))
     if len(gripper.pads) != 2 or len(gripper.travel) != len(gripper.joints):
         found = f"{len(gripper.pads)} pads, {len(gripper.joints)} joints and {len(gripper.travel)} values of travel"
         expected = "two pads that face each other, and a value for each joint"
@@ -85,12 +93,13 @@ def _measure(profile: TargetProfile, folder: Path, _changed_ns: int) -> HandMoti
     address = [int(joint.qposadr[0]) for joint in joints]
     ranges = np.array([model.joint(name).range for name in gripper.joints]) * np.array(gripper.travel)[:, None]
     pads = [model.geom(name).id for name in gripper.pads]
-    rows = []
+    tool, ends, rows = model.site(profile.tcp).id, np.empty(6), []
     for drive in np.linspace(ranges.min(axis=1).sum(), ranges.max(axis=1).sum(), SETTINGS).tolist():
         data.ctrl[servo] = drive
         mujoco.mj_step(model, data, nstep=round(SETTLE_S / profile.physics_step_s))
-        gap_m = mujoco.mj_geomDistance(model, data, pads[0], pads[1], FAR_M, None)
-        rows.append((max(gap_m, 0.0), float(data.actuator_length[servo]), *data.qpos[address]))
+        gap_m = mujoco.mj_geomDistance(model, data, pads[0], pads[1], FAR_M, ends)
+        middle_m = float(((ends[:3] + ends[3:]) / 2 - data.site_xpos[tool]) @ data.site_xmat[tool].reshape(3, 3)[:, 1])
+        rows.append((max(gap_m, 0.0), float(data.actuator_length[servo]), middle_m, *data.qpos[address]))
     found = np.array(sorted(rows))
     kept = np.r_[np.diff(found[:, 0]) > 0.0, True]  # of all that are closed, the last one
     found = found[kept]
@@ -98,4 +107,4 @@ def _measure(profile: TargetProfile, folder: Path, _changed_ns: int) -> HandMoti
         address_of = f"{profile.target}/target.yaml: gripper.max_width_m"
         expected = f"at most {found[-1, 0]:.4f} m, between {' and '.join(gripper.pads)} in the model"
         raise DefinitionError.of("WRONG_OPENING", address_of, f"{gripper.max_width_m} m", expected)
-    return HandMotion(tuple(joint.name for joint in joints), found[:, 0], found[:, 1], found[:, 2:])
+    return HandMotion(tuple(joint.name for joint in joints), found[:, 0], found[:, 1], found[:, 3:], found[:, 2])

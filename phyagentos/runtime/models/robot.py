@@ -23,6 +23,7 @@ from phyagentos.runtime.models.urdf import URDF, read_urdf
 GRIPPER_ACTUATOR = "act_gripper"
 GRIPPER_TENDON = "gripper_width"
 HAND, MOUNT = "hand/", "hand"  # prefix of a mounted hand's names; the body that cameras of the wrist are mounted on
+STAND, STAND_RADIUS_M, STAND_RGBA = "stand", 0.05, (0.3, 0.3, 0.33, 1.0)
 MOUNT_TO_TOOL_M = 0.1034  # from that body to the tool centre point, where a model has none of this name
 # Friction decides a grasp: torsional contact (condim 4), stiff, above what the other body says.
 _PAD = {
@@ -134,7 +135,22 @@ def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
             joint.limited, joint.range = True, (-2 * np.pi, 2 * np.pi)
     for body in spec.worldbody.bodies:
         body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
+    if (height_m := profile.mount_position_m[2]) > 0.0:
+        _add_stand(spec.worldbody.bodies[0], height_m)
     return spec
+
+
+def _add_stand(base: "mujoco.MjsBody", height_m: float) -> None:
+    """A column under a base that is mounted above the level of the table's top."""
+    down = compute_rotation(base.quat).T @ (0.0, 0.0, -height_m / 2)
+    base.add_geom(
+        name=STAND,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        pos=down,
+        quat=base.quat * (1.0, -1.0, -1.0, -1.0),
+        size=[STAND_RADIUS_M, height_m / 2, 0.0],
+        rgba=STAND_RGBA,
+    )
 
 
 def read_model(path: Path) -> mujoco.MjSpec:

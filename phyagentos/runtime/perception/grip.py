@@ -1,15 +1,16 @@
 """Which thing the fingers hold: their force, the opening of the gripper, and where things were last believed to be.
 
-The target's state reports that the fingers press on something, not what. Fingers centre a thing between them: along
-the closing axis its middle is that of the hand.
+The target's state reports that the fingers press on something, not what. Along the closing axis the middle of a thing
+is that between the pads.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from phyagentos.geometry import as_pose, compute_rotation, turn
 from phyagentos.protocol.world.environment import LIFTED_M, Entity, Status, TargetState
@@ -25,10 +26,23 @@ TIMES = 4  # as many as of its own
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hand:
-    """The gripper of one target; a touched thing's surface is at most `reach_m` from the tool centre point."""
+    """The gripper of one target.
+
+    Attributes:
+        reach_m: A touched thing's surface is at most so far from the middle between the pads.
+        find_middle: Place of that middle along the closing axis, from the tool centre point [m], at an opening [m].
+    """
 
     target: str
     reach_m: float
+    find_middle: Callable[[float], float]
+
+    def measure_away(self, entity: Entity, state: TargetState) -> Array:
+        """(3,) from the middle between the pads to a thing, in the frame of the tool [m]."""
+        tcp = compute_rotation(state.tcp.quaternion_wxyz)
+        away: Array = tcp.T @ (np.array(entity.pose.position_m) - np.array(state.tcp.position_m))
+        away[1] -= self.find_middle(state.gripper_width_m)
+        return away
 
 
 def find_held(entities: Mapping[str, Entity], state: TargetState, inventory: Inventory, hand: Hand) -> Entity | None:
@@ -43,14 +57,14 @@ def find_held(entities: Mapping[str, Entity], state: TargetState, inventory: Inv
         found = _measure(entity, thing, state, hand)
         if found is not None:
             candidates.append((found, name))
-    return None if not candidates else take_hold(entities[min(candidates)[1]], inventory, state)
+    return None if not candidates else take_hold(entities[min(candidates)[1]], inventory, state, hand)
 
 
 def _measure(entity: Entity, thing: ObjectModel, state: TargetState, hand: Hand) -> float | None:
     """How badly a thing fits between the fingers; None when it does not."""
     tcp = compute_rotation(state.tcp.quaternion_wxyz)
     rotation = compute_rotation(entity.pose.quaternion_wxyz)
-    away = tcp.T @ (np.array(entity.pose.position_m) - np.array(state.tcp.position_m))
+    away = hand.measure_away(entity, state)
     reach = np.array([thing.solids.measure_extent(rotation.T @ tcp[:, axis]) for axis in range(3)])  # (3, 2)
     low, high = away + reach[:, 0], away + reach[:, 1]
     beyond = float(np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)))  # 0 when the hand's middle is in its box
@@ -60,7 +74,7 @@ def _measure(entity: Entity, thing: ObjectModel, state: TargetState, hand: Hand)
     return beyond + 0.2 * float(np.linalg.norm((low + high) / 2))
 
 
-def take_hold(entity: Entity, inventory: Inventory, state: TargetState) -> Entity:
+def take_hold(entity: Entity, inventory: Inventory, state: TargetState, hand: Hand) -> Entity:
     """The entity held, centred and turned as the fingers press it."""
     thing = inventory.things[entity.name]
     tcp = compute_rotation(state.tcp.quaternion_wxyz)
@@ -68,7 +82,7 @@ def take_hold(entity: Entity, inventory: Inventory, state: TargetState) -> Entit
     local = tcp.T @ (np.array(entity.pose.position_m) - np.array(state.tcp.position_m))
     low, high = thing.solids.measure_extent(rotation.T @ tcp[:, 1])
     if high - low <= state.gripper_width_m + WIDTH_M:  # otherwise the fingers hold a part of it, as a rim
-        local[1] = -(low + high) / 2
+        local[1] = hand.find_middle(state.gripper_width_m) - (low + high) / 2
     return msgspec.structs.replace(
         entity,
         status=Status.HELD,
@@ -117,19 +131,31 @@ def let_go(entity: Entity) -> Entity:
     )
 
 
+def _find_near(thing: ObjectModel, entity: Entity, points_m: Array) -> NDArray[np.bool_]:
+    """(n,) whether points (n, 3) are at the surface of a thing, or within it, where it is believed to be."""
+    if not len(points_m):
+        return np.zeros(0, dtype=np.bool_)
+    local = (points_m - entity.pose.position_m) @ compute_rotation(entity.pose.quaternion_wxyz)
+    near: NDArray[np.bool_] = thing.solids.measure(local) < HELD_M
+    return near
+
+
 def check_hand(
     inventory: Inventory, entities: dict[str, Entity], cloud: Cloud, state: TargetState, hand: Hand
 ) -> dict[str, Entity]:
-    """The entities: the held thing seen in the hand, or exchanged for another one whose colour is seen in its place."""
+    """The entities: the held thing seen in the hand, or exchanged for another one whose colour is seen in its place.
+
+    What that other one shows of itself where it is believed to stand, beside the hand, does not count.
+    """
     held = next((entity for entity in entities.values() if entity.status is Status.HELD), None)
     if held is None or held.name not in inventory.things or not len(cloud.points_m):
         return entities
     thing = inventory.things[held.name]
-    local = (cloud.points_m - held.pose.position_m) @ compute_rotation(held.pose.quaternion_wxyz)
-    counts = np.bincount(cloud.colors[thing.solids.measure(local) < HELD_M], minlength=256)
-    own = int(counts[thing.colors[0]])
+    near = _find_near(thing, held, cloud.points_m)
+    points_m, colors = cloud.points_m[near], cloud.colors[near]
+    own = int((colors == thing.colors[0]).sum())
     others = {
-        int(counts[other.colors[0]]): name
+        int((~_find_near(other, entities[name], points_m[colors == other.colors[0]])).sum()): name
         for name, other in inventory.things.items()
         if other.template.movable and other.vessel is None and other.colors[0] != thing.colors[0] and name in entities
     }
@@ -139,7 +165,7 @@ def check_hand(
         shown = held.looks + 1 if lifted and own >= LEAST_POINTS else held.looks
         return entities if shown == held.looks else entities | {held.name: msgspec.structs.replace(held, looks=shown)}
     there = msgspec.structs.replace(entities[others[most]], pose=held.pose)
-    taken = carry(take_hold(there, inventory, state), state, hand)
+    taken = carry(take_hold(there, inventory, state, hand), state, hand)
     return {
         **entities,
         held.name: let_go(held),

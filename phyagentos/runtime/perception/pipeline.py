@@ -52,7 +52,7 @@ class Pipeline:
     ) -> None:
         self.inventory, self._noisy = inventory, noisy
         self._robot, self._target, self._max_age_s = robot, target, max_age_s
-        self._hand = Hand(target=target, reach_m=robot.reach_m)
+        self._hand = Hand(target=target, reach_m=robot.reach_m, find_middle=robot.find_middle)
         is_colorless = inventory.prior is Prior.SHAPES or not len(inventory.palette)
         colors = Colorless() if is_colorless else Palette(inventory.palette)
         self._segmenter: Segmenter = segmenter or colors

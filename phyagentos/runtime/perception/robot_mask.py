@@ -33,6 +33,7 @@ class RobotMask:
         self._data = mujoco.MjData(self._model)
         self._arm = [int(self._model.joint(name).qposadr[0]) for name in profile.arm.joints]
         self._hand = measure_hand(profile, folder)
+        self.find_middle = self._hand.find_middle
         self._fingers = [int(self._model.joint(name).qposadr[0]) for name in self._hand.joints]
         tips = {int(self._model.joint(name).bodyid[0]) for name in self._hand.joints}
         model = self._model

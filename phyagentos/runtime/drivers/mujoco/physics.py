@@ -27,6 +27,7 @@ RANGE_TOLERANCE_RAD = 1e-3  # what a contact may press a joint beyond its range
 RIGID = 0.9999  # constraint impedance of what must not give way
 _FREE = 6  # degrees of freedom of a body that nothing holds
 _ROBOT, _LOOSE, _FINGER = 1, 2, 4  # what a geom belongs to
+CLOSING_M_S = 0.005  # fingers that move faster press on nothing that stays
 FORCE_UNIT_N = 1.0  # of the grip force that follows from the motor's current; its scale error is not simulated
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
@@ -202,8 +203,14 @@ class Physics:
             gripper_width_m=self.gripper_width_m,
             tcp=self._compute_tool(q_rad - self.data.qpos[self.q_address]),
             holding=tuple(n for n, pads in touching.items() if pads == len(self._pads) and n in self._movable),
-            grip_force_n=FORCE_UNIT_N * max(round(-float(self.data.actuator_force[self._drive]) / FORCE_UNIT_N), 0),
+            grip_force_n=self._measure_grip(),
         )
+
+    def _measure_grip(self) -> float:
+        """Force that presses the fingers together [N], by the drive's current; while they move it overcomes friction."""
+        if abs(float(self.data.actuator_velocity[self._drive])) > CLOSING_M_S:
+            return 0.0
+        return FORCE_UNIT_N * max(round(-float(self.data.actuator_force[self._drive]) / FORCE_UNIT_N), 0)
 
     def _compute_tool(self, error_rad: Array) -> Pose:
         """Pose of the tool centre point for joints (n_joints,) measured with a small error [rad] (after `look`)."""
