@@ -8,10 +8,14 @@ import pytest
 
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import compute_rotation
+from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.settings.safety import Safety
+from phyagentos.protocol.world.environment import GRIP_N
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.models.drafting import draft_profile
 from phyagentos.runtime.models.hand import measure_hand
-from phyagentos.runtime.models.robot import build_robot, read_model, read_profile
+from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, STAND, build_robot, read_model, read_profile
 from phyagentos.runtime.models.sources import find_model
 from phyagentos.runtime.motion.chain import build_chain
 from phyagentos.runtime.motion.kinematics import POLISHED, Kinematics
@@ -114,6 +118,9 @@ def test_a_jaw_that_turns_is_calibrated_by_its_pads(beak):
         data.qpos[model.joint("jaw").qposadr[0]] = hand.pose(width_m)[0]
         mujoco.mj_kinematics(model, data)
         assert mujoco.mj_geomDistance(model, data, *pads, 1.0, None) == pytest.approx(width_m, abs=2e-4)
+        fixed, tool = data.geom("fixed_pad"), data.site("tcp")
+        surface_m = (fixed.xpos - tool.xpos) @ tool.xmat.reshape(3, 3)[:, 1] + model.geom("fixed_pad").size[1]
+        assert hand.find_middle(width_m) == pytest.approx(surface_m + width_m / 2, abs=5e-4)  # as one jaw stands still
         drive = float(hand.compute_drive(np.array([width_m]))[0])
         assert hand.compute_width(drive) == pytest.approx(width_m, abs=1e-9)
 
@@ -132,6 +139,36 @@ def test_planning_puts_each_finger_where_physics_has_it(beak):
         position, turned = robot.fingers["jaw"].place(width_m)
         assert position == pytest.approx(R.T @ (data.xpos[whole.body("jaw").id] - data.xpos[tool]), abs=1e-5)
         assert abs(turned @ data.xquat[whole.body("jaw").id]) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_a_jaw_that_is_still_closing_grips_nothing(beak):
+    """SO-101's drive pressed as hard against the damping of its own jaw: what stood beside the hand was held."""
+    change(beak, "force_n: 10.0", "force_n: 20.0")
+    change(beak.with_name("beak.xml"), 'range="0 0.6" damping="0.05"', 'range="0 0.6" damping="0.5"')
+    physics = Physics.alone(*read_profile(beak), read_scene(Library.open().get_scene("tabletop/cubes_and_trays")), seed=0)
+    physics.start(0.1)
+    physics.set_servos(physics.q_rad, np.zeros(2), 0.0)
+    pressed, gripping = [], []
+    for _ in range(20):
+        physics.step(1)
+        pressed.append(-float(physics.data.actuator(GRIPPER_ACTUATOR).force[0]))
+        gripping.append(physics.read_target({}).is_gripping)
+    assert max(pressed) > GRIP_N
+    assert not any(gripping)
+
+
+def test_a_raised_base_stands_on_something_that_is_solid_for_planning_too(beak):
+    change(
+        beak,
+        "model: beak.xml\n",
+        "model: beak.xml\nmount_position_m: [0.0, 0.0, 0.2]\nmount_quaternion_wxyz: [0.8, 0.6, 0, 0]\n",
+    )
+    profile, folder = read_profile(beak)
+    for model in (build_robot(profile, folder).compile(), build_robot_model(profile, folder).model):
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        assert data.geom(STAND).xpos == pytest.approx((0.0, 0.0, 0.1))
+        assert data.geom(STAND).xmat.reshape(3, 3) == pytest.approx(np.eye(3))
 
 
 def test_axes_that_are_not_quite_parallel_cost_a_short_arm_no_goal_posture(beak):

@@ -13,6 +13,7 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception import association
 from phyagentos.runtime.perception import belief as believing
 from phyagentos.runtime.perception.fitting import track
+from phyagentos.runtime.perception.grip import check_hand
 from phyagentos.runtime.perception.views import Cloud
 from tests.runtime.perception.conftest import redate
 
@@ -191,6 +192,27 @@ def test_points_on_what_the_fingers_hold_are_no_other_thing_of_a_like_color(twin
     rest = believing._leave_out(cloud, replace(inventory, palette=palette), seen.entities, ["can"])
 
     assert len(rest.points_m) == left
+
+
+@pytest.mark.parametrize(("beside_m", "held"), [(0.0, "first"), (0.2, "can")])
+def test_a_thing_that_stands_beside_the_hand_is_not_in_it(twins, beside_m, held):
+    """A bottle 9 mm beside a cube was said to be held; seen there but believed elsewhere, it was taken instead."""
+    seen, inventory = twins.look().entities, twins.pipeline.inventory
+    at = seen["first"].pose.position_m
+    can = Pose((at[0] + 0.05 + beside_m, at[1], at[2]), (1.0, 0.0, 0.0, 0.0))
+    entities = {"first": seen["first"], "can": msgspec.structs.replace(seen["can"], pose=can)}
+    grip = msgspec.structs.replace(
+        twins.state, tcp=Pose(at, (0.0, 1.0, 0.0, 0.0)), gripper_width_m=0.04, grip_force_n=9.0
+    )
+    hand = twins.pipeline._hand
+    entities = believing.follow_hand(inventory, entities, grip, hand, twins.time_s)
+    points_m = np.array(at) + np.linspace((0.024, 0.0, -0.01), (0.024, 0.0, 0.02), 12)  # on the near side of the can
+    pixels, color = np.zeros((12, 2), dtype=int), inventory.things["can"].colors[0]
+    cloud = Cloud(points_m=points_m, colors=np.full(12, color), view_index=pixels[:, 0], pixels=pixels)
+
+    believed = check_hand(inventory, entities, cloud, grip, hand)
+
+    assert [name for name, entity in believed.items() if entity.status is Status.HELD] == [held]
 
 
 @pytest.mark.parametrize(("risen_m", "looks"), [(0.01, 0), (0.04, 1)])

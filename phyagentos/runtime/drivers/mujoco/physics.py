@@ -207,7 +207,7 @@ class Physics:
         )
 
     def _measure_grip(self) -> float:
-        """Force that presses the fingers together [N], by the drive's current; while they move it overcomes friction."""
+        """Force that presses the fingers together [N], by the drive's current; while they move it is friction."""
         if abs(float(self.data.actuator_velocity[self._drive])) > CLOSING_M_S:
             return 0.0
         return FORCE_UNIT_N * max(round(-float(self.data.actuator_force[self._drive]) / FORCE_UNIT_N), 0)
