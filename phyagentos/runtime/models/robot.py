@@ -77,6 +77,14 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     return profile, path.parent
 
 
+def find_ancestors(model: mujoco.MjModel, body: int) -> list[int]:
+    """A body and all that carry it, from it to the world."""
+    found = [body]
+    while found[-1]:
+        found.append(int(model.body_parentid[found[-1]]))
+    return found
+
+
 def count_steps(profile: TargetProfile) -> int:
     """Physics steps in one control period."""
     return round(profile.control_period_s / profile.physics_step_s)
@@ -218,6 +226,8 @@ def _add_servos(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
         servo = spec.add_actuator(name=name_actuator(joint), target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         servo.set_to_position(kp=kp, kv=kv)
         servo.forcelimited, servo.forcerange = True, (-torque, torque)
+    if not gripper.joints:
+        return
     tendon = spec.add_tendon(name=GRIPPER_TENDON)
     for joint, share in zip(gripper.joints, gripper.travel or [1.0] * len(gripper.joints), strict=True):
         tendon.wrap_joint(joint, share)

@@ -51,10 +51,10 @@ class Physics:
         self.q_range = np.array([joint.range for joint in joints]).T  # (2, n_joints): lowest, highest
         servos = [model.actuator(prefix + name_actuator(name)).id for name in profile.arm.joints]
         self.servos = _as_slice(servos)
-        self._drive = model.actuator(prefix + GRIPPER_ACTUATOR).id
-        self.inputs = _as_slice([*servos, self._drive])
-        self._fingers = np.array([int(joint.qposadr[0]) for joint in fingers])
-        self._driven = np.array([int(joint.qposadr[0]) for joint in driven])
+        self._drive = [model.actuator(prefix + GRIPPER_ACTUATOR).id] if driven else []  # no more than one
+        self.inputs = _as_slice([*servos, *self._drive])
+        self._fingers = np.array([int(joint.qposadr[0]) for joint in fingers], dtype=np.intp)
+        self._driven = np.array([int(joint.qposadr[0]) for joint in driven], dtype=np.intp)
         self._travel = np.array(profile.gripper.travel or np.ones(len(driven)))
         self._pads = [model.geom(prefix + name).id for name in profile.gripper.pads]
         self._jacobian = np.zeros((6, model.nv))
@@ -69,8 +69,9 @@ class Physics:
         self._kinds = (_ROBOT * self._of_robot + _LOOSE * is_loose + _FINGER * of_fingers).astype(np.uint8)
         self._bodies = {model.body(entity.name).id: entity for entity in self.entities}
         self._movable = {entity.name for entity in self.entities if entity.movable}
-        decisive = model.geom_priority > model.geom_priority[self._pads].max()  # whose own friction decides a grip
-        self._gripping = np.union1d(self._pads, np.flatnonzero(decisive))
+        pads = np.array(self._pads, dtype=np.intp)
+        decisive = model.geom_priority > model.geom_priority[pads].max(initial=0)  # whose own friction decides a grip
+        self._gripping = np.union1d(pads, np.flatnonzero(decisive))
         self._grip_friction = np.array(model.geom_friction[self._gripping])
         self._pad_pairs = np.flatnonzero(np.isin(model.pair_geom1, self._pads) | np.isin(model.pair_geom2, self._pads))
         self._pair_friction = np.array(model.pair_friction[self._pad_pairs])
@@ -110,7 +111,7 @@ class Physics:
     @property
     def commanded_width_m(self) -> float:
         """Opening that the drive is told now."""
-        return self._hand.compute_width(float(self.data.ctrl[self._drive]))
+        return self._hand.compute_width(float(self.data.ctrl[self._drive].sum()))
 
     def start(self, settle_s: float) -> None:
         """Begin at time zero with the arm at home, and let things come to rest."""
@@ -156,10 +157,11 @@ class Physics:
         return state
 
     def compute_controls(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: Array) -> Array:
-        """(n, n_joints + 1) of `inputs` for n physics steps; damping leads by kv/kp so that the servo does not lag."""
-        controls = np.empty((len(q_rad), len(self.lead_s) + 1))
-        controls[:, :-1] = q_rad + self.lead_s * qd_rad_s
-        controls[:, -1] = self._hand.compute_drive(gripper_width_m)
+        """(n, n_inputs) of `inputs` for n physics steps; damping leads by kv/kp so that the servo does not lag."""
+        n = len(self.lead_s)
+        controls = np.empty((len(q_rad), n + len(self._drive)))
+        controls[:, :n] = q_rad + self.lead_s * qd_rad_s
+        controls[:, n:] = self._hand.compute_drive(gripper_width_m)[:, None]
         return controls
 
     def set_servos(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: float) -> None:
@@ -195,13 +197,14 @@ class Physics:
     def read_target(self, touching: dict[str, int]) -> TargetState:
         """The arm's own state (after `look`); the pose of the tool follows from the measured joints."""
         q_rad, qd_rad_s = self.measure_joints()
+        force_n = -float(self.data.actuator_force[self._drive].sum())
         return TargetState(
             q_rad=tuple(q_rad.tolist()),
             qd_rad_s=tuple(qd_rad_s.tolist()),
             gripper_width_m=self.gripper_width_m,
             tcp=self._compute_tool(q_rad - self.data.qpos[self.q_address]),
             holding=tuple(n for n, pads in touching.items() if pads == len(self._pads) and n in self._movable),
-            grip_force_n=FORCE_UNIT_N * max(round(-float(self.data.actuator_force[self._drive]) / FORCE_UNIT_N), 0),
+            grip_force_n=FORCE_UNIT_N * max(round(force_n / FORCE_UNIT_N), 0) if self._drive else None,
         )
 
     def _compute_tool(self, error_rad: Array) -> Pose:
@@ -283,7 +286,7 @@ class Physics:
             for pad, other in ((first, second), (second, first))
             if pad in self._pads and self.model.geom_bodyid[other] == body
         }
-        return len(touched) == len(self._pads)
+        return bool(touched) and len(touched) == len(self._pads)
 
     def find_clearance(self, point: Array, own: Array) -> float:
         """Horizontal distance from a point to the nearest movable thing that is not the one at `own` [m]."""
