@@ -3,7 +3,7 @@
     python benchmarks/fleet.py --seeds 20                  # every body whose model is here
     python benchmarks/fleet.py --seeds 5 ur5e leap_hand
 
-Arms with a gripper run `tidy_table`, the very file; `TASKS` names the goal graph of each other body. Each goal runs
+Arms with a gripper run `tidy_table`, the very file; `TASKS` names the goal graphs of each other body. Each goal runs
 through agent, journal, watchdog, worker, planner and world, as in `paos run`; a profile may place the scene within
 reach of its arm. What counts is what the task's eye says of the recorded state. Models that are not here are named with
 what brings them, and left out.
@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import yaml
-from judge import is_in_tray, is_posed
+from judge import is_held_up, is_in_tray, is_posed
 from rich.console import Console
 from rich.table import Table
 
@@ -80,14 +80,21 @@ def judge_postures(episode: Episode, profile: TargetProfile) -> list[bool]:
     ]
 
 
+def judge_lift(episode: Episode, _profile: TargetProfile) -> list[bool]:
+    """Whether the spool hangs between fingers at the end."""
+    folders = list_bundles(episode)
+    return [bool(folders) and is_held_up(folders[-1], "spool", ("post", "table"))]
+
+
 TIDY = Task("tidy_table", "cubes in their tray", judge_cubes)
 POSES = Task("hand_poses", "postures held", judge_postures)
-TASKS = {"leap_hand": POSES, "allegro_hand": POSES}
+LIFT = Task("hand_lift", "spools held up", judge_lift)
+TASKS = {"leap_hand": (POSES, LIFT), "allegro_hand": (POSES, LIFT)}
 
 
 @dataclass(slots=True)
 class Tally:
-    """What one body came to."""
+    """What one body came to in one task."""
 
     profile: TargetProfile
     task: Task
@@ -109,13 +116,13 @@ def list_bundles(episode: Episode) -> list[Path]:
 
 
 def choose_bodies(names: list[str], console: Console) -> list[Tally]:
-    """An empty tally of every body with a task; says which models are not here."""
+    """An empty tally for each task of every body; says which models are not here."""
     library, chosen = Library.open(), []
     for name in names or sorted(library.names_of_targets()):
         path = library.get_target(name)
         profile, folder = read_profile(path)
-        task = TASKS.get(name) or (TIDY if profile.end_effector == "opening" else None)
-        if profile.kind != "simulation" or task is None:
+        tasks = TASKS.get(name, (TIDY,) if profile.end_effector == "opening" else ())
+        if profile.kind != "simulation" or not tasks:
             continue
         try:
             for model in (profile.model, *((profile.hand.model,) if profile.hand is not None else ())):
@@ -125,7 +132,7 @@ def choose_bodies(names: list[str], console: Console) -> list[Tally]:
             continue
         files = {kind: path.parent.rglob(f"*.{kind}") for kind in ("yaml", "py")}
         lines = {kind: sum(len(each.read_text().splitlines()) for each in found) for kind, found in files.items()}
-        chosen.append(Tally(profile, task, lines))
+        chosen += (Tally(profile, task, lines) for task in tasks)
     return chosen
 
 
@@ -185,7 +192,7 @@ def main() -> int:
         table.add_row(
             tally.profile.target, tally.profile.model, tally.task.graph, done, str(goals), planning_s, *counts
         )
-        figures[tally.profile.target] = rate.value
+        figures[f"{tally.profile.target}: {tally.task.graph}"] = rate.value
         figures["false_successes"] += tally.false_successes
         figures["arms_at_95_percent"] += tally.task is TIDY and rate.value >= ENOUGH
         figures["others_below_95_percent"] += tally.task is not TIDY and rate.value < ENOUGH

@@ -1,9 +1,9 @@
-"""An eye of its own: says from a recorded simulator state whether a cube lies in a tray, or a robot is in a posture.
+"""An eye of its own: says from a recorded simulator state whether a cube lies in a tray, and the like.
 
 It loads `scene.mjb` and `terminal.npz` with MuJoCo and numpy alone; nothing of the framework that acted is imported.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mujoco
@@ -57,6 +57,31 @@ def is_posed(folder: Path, posture_rad: Mapping[str, float]) -> bool:
         late = course["time_s"] >= course["time_s"][-1] - POSED_S
         rows = np.vstack((course["q_measured"][late], q))
     return bool((np.abs(rows - wanted) <= POSED_RAD).all() and (np.abs(qd) <= REST_RAD_S).all())
+
+
+def is_held_up(folder: Path, thing: str, supports: Sequence[str]) -> bool:
+    """Whether a free body is at rest, on none of its supports, and touched by two fingers or more.
+
+    A finger is all that hangs on one body whose parent does not move.
+    """
+    if not (folder / "terminal.npz").exists():
+        return False
+    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
+    data = mujoco.MjData(model)
+    with np.load(folder / "terminal.npz") as terminal:
+        data.qpos[:], data.qvel[:] = terminal["qpos"], terminal["qvel"]
+    mujoco.mj_forward(model, data)
+    own = model.body(thing).id
+    pairs = model.geom_bodyid[data.contact.geom[: data.ncon]]
+    touching = {int(a if b == own else b) for a, b in pairs if own in (a, b)}
+    fingers = set()
+    for body in touching:
+        while model.body_weldid[body] and model.body_weldid[model.body_parentid[body]]:
+            body = int(model.body_parentid[body])
+        fingers |= {body} if model.body_weldid[body] else set()
+    dof = model.body_dofadr[own]
+    at_rest = float(np.linalg.norm(data.qvel[dof : dof + 3])) < REST_SPEED_M_S
+    return at_rest and len(fingers) >= 2 and not touching & {model.body(name).id for name in supports}
 
 
 def _compute_box(model: mujoco.MjModel, body: int) -> tuple[np.ndarray, np.ndarray]:
