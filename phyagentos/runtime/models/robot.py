@@ -56,11 +56,12 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     """
     located = read_yaml(path)
     profile = validate(TargetProfile, located)
-    lists = {name: value for name, value in profile.arm if isinstance(value, tuple)}
+    lists = {("arm", name): value for name, value in profile.arm if isinstance(value, tuple)}
+    lists |= {("postures", name): value for name, value in profile.postures.items()}
     n = len(profile.arm.joints)
     problems = [
-        located.problem("WRONG_LENGTH", ("arm", name), f"{len(value)} values", f"{n}, one per joint")
-        for name, value in lists.items()
+        located.problem("WRONG_LENGTH", address, f"{len(value)} values", f"{n}, one per joint")
+        for address, value in lists.items()
         if len(value) != n
     ]
     needs_file = is_beside(profile.model) and (profile.model != "" or profile.kind == "simulation")
@@ -75,6 +76,14 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     if problems:
         raise DefinitionError(problems)
     return profile, path.parent
+
+
+def find_ancestors(model: mujoco.MjModel, body: int) -> list[int]:
+    """A body and all that carry it, from it to the world."""
+    found = [body]
+    while found[-1]:
+        found.append(int(model.body_parentid[found[-1]]))
+    return found
 
 
 def count_steps(profile: TargetProfile) -> int:
@@ -233,6 +242,8 @@ def _add_servos(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
         servo = spec.add_actuator(name=name_actuator(joint), target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         servo.set_to_position(kp=kp, kv=kv)
         servo.forcelimited, servo.forcerange = True, (-torque, torque)
+    if not gripper.joints:
+        return
     tendon = spec.add_tendon(name=GRIPPER_TENDON)
     for joint, share in zip(gripper.joints, gripper.travel or [1.0] * len(gripper.joints), strict=True):
         tendon.wrap_joint(joint, share)

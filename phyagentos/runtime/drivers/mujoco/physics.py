@@ -52,10 +52,10 @@ class Physics:
         self.q_range = np.array([joint.range for joint in joints]).T  # (2, n_joints): lowest, highest
         servos = [model.actuator(prefix + name_actuator(name)).id for name in profile.arm.joints]
         self.servos = _as_slice(servos)
-        self._drive = model.actuator(prefix + GRIPPER_ACTUATOR).id
-        self.inputs = _as_slice([*servos, self._drive])
-        self._fingers = np.array([int(joint.qposadr[0]) for joint in fingers])
-        self._driven = np.array([int(joint.qposadr[0]) for joint in driven])
+        self._drive = [model.actuator(prefix + GRIPPER_ACTUATOR).id] if driven else []  # no more than one
+        self.inputs = _as_slice([*servos, *self._drive])
+        self._fingers = np.array([int(joint.qposadr[0]) for joint in fingers], dtype=np.intp)
+        self._driven = np.array([int(joint.qposadr[0]) for joint in driven], dtype=np.intp)
         self._travel = np.array(profile.gripper.travel or np.ones(len(driven)))
         self._pads = [model.geom(prefix + name).id for name in profile.gripper.pads]
         self._jacobian = np.zeros((6, model.nv))
@@ -66,13 +66,15 @@ class Physics:
         self._balls = np.array([model.body(name).id for name in scene.balls], dtype=np.intp)
         loose = {model.body(entity.name).id for entity in self.entities if entity.movable} | set(self._balls.tolist())
         is_loose = np.array([int(body) in loose for body in model.geom_bodyid])
-        grips = [*(joint.bodyid[0] for joint in fingers), *model.geom_bodyid[self._pads]]  # a jaw may stand still
-        of_fingers = np.isin(model.body_weldid[model.geom_bodyid], model.body_weldid[grips])
+        grips = [*(model.jnt_bodyid[joint.id] for joint in fingers), *(model.geom_bodyid[pad] for pad in self._pads)]
+        gripping = [int(model.body_weldid[body]) for body in grips]  # a jaw may stand still
+        of_fingers = np.isin(model.body_weldid[model.geom_bodyid], gripping)
         self._kinds = (_ROBOT * self._of_robot + _LOOSE * is_loose + _FINGER * of_fingers).astype(np.uint8)
         self._bodies = {model.body(entity.name).id: entity for entity in self.entities}
         self._movable = {entity.name for entity in self.entities if entity.movable}
-        decisive = model.geom_priority > model.geom_priority[self._pads].max()  # whose own friction decides a grip
-        self._gripping = np.union1d(self._pads, np.flatnonzero(decisive))
+        pads = np.array(self._pads, dtype=np.intp)
+        decisive = model.geom_priority > model.geom_priority[pads].max(initial=0)  # whose own friction decides a grip
+        self._gripping = np.union1d(pads, np.flatnonzero(decisive))
         self._grip_friction = np.array(model.geom_friction[self._gripping])
         self._pad_pairs = np.flatnonzero(np.isin(model.pair_geom1, self._pads) | np.isin(model.pair_geom2, self._pads))
         self._pair_friction = np.array(model.pair_friction[self._pad_pairs])
@@ -112,7 +114,7 @@ class Physics:
     @property
     def commanded_width_m(self) -> float:
         """Opening that the drive is told now."""
-        return self._hand.compute_width(float(self.data.ctrl[self._drive]))
+        return self._hand.compute_width(float(self.data.ctrl[self._drive].sum()))
 
     def start(self, settle_s: float) -> None:
         """Begin at time zero with the arm at home, and let things come to rest."""
@@ -158,10 +160,11 @@ class Physics:
         return state
 
     def compute_controls(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: Array) -> Array:
-        """(n, n_joints + 1) of `inputs` for n physics steps; damping leads by kv/kp so that the servo does not lag."""
-        controls = np.empty((len(q_rad), len(self.lead_s) + 1))
-        controls[:, :-1] = q_rad + self.lead_s * qd_rad_s
-        controls[:, -1] = self._hand.compute_drive(gripper_width_m)
+        """(n, n_inputs) of `inputs` for n physics steps; damping leads by kv/kp so that the servo does not lag."""
+        n = len(self.lead_s)
+        controls = np.empty((len(q_rad), n + len(self._drive)))
+        controls[:, :n] = q_rad + self.lead_s * qd_rad_s
+        controls[:, n:] = self._hand.compute_drive(gripper_width_m)[:, None]
         return controls
 
     def set_servos(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: float) -> None:
@@ -206,11 +209,13 @@ class Physics:
             grip_force_n=self._measure_grip(),
         )
 
-    def _measure_grip(self) -> float:
+    def _measure_grip(self) -> float | None:
         """Force that presses the fingers together [N], by the drive's current; while they move it is friction."""
-        if abs(float(self.data.actuator_velocity[self._drive])) > CLOSING_M_S:
-            return 0.0
-        return FORCE_UNIT_N * max(round(-float(self.data.actuator_force[self._drive]) / FORCE_UNIT_N), 0)
+        if not self._drive:
+            return None
+        moves = abs(float(self.data.actuator_velocity[self._drive].sum())) > CLOSING_M_S
+        force_n = -float(self.data.actuator_force[self._drive].sum())
+        return 0.0 if moves else FORCE_UNIT_N * max(round(force_n / FORCE_UNIT_N), 0)
 
     def _compute_tool(self, error_rad: Array) -> Pose:
         """Pose of the tool centre point for joints (n_joints,) measured with a small error [rad] (after `look`)."""
@@ -291,7 +296,7 @@ class Physics:
             for pad, other in ((first, second), (second, first))
             if pad in self._pads and self.model.geom_bodyid[other] == body
         }
-        return len(touched) == len(self._pads)
+        return bool(touched) and len(touched) == len(self._pads)
 
     def find_clearance(self, point: Array, own: Array) -> float:
         """Horizontal distance from a point to the nearest movable thing that is not the one at `own` [m]."""
