@@ -29,9 +29,9 @@ class Stance:
 
     q_rad: tuple[float, ...]
     height_m: float
-    sway_1_s: float = 5.0
+    sway_1_s: float = 9.0
     stiffness_1_s: float = 12.0
-    joint_stiffness_nm_rad: float = 20.0
+    joint_stiffness_nm_rad: float = 5.0
     joint_damping_nms_rad: float = 1.0
 
 
