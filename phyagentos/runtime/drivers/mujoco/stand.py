@@ -1,68 +1,45 @@
-"""Standing on two feet: the centre of mass is kept above them, whatever pushes, and the arms may reach.
+"""Standing on two feet: the centre of mass is kept above them, whatever pushes, while the arms reach.
 
-The ground's forces at the points of both feet give the body the wrench that returns it; legs are force controlled, with
-a weak servo to their posture. Feet stay where they are.
+The ground's forces at the points of both feet give the body the accelerations that return it. Feet stay where they are.
 """
 
-from dataclasses import dataclass
+import math
 
 import mujoco
 import numpy as np
 
-from phyagentos.runtime.drivers.mujoco.ground_forces import Array, FeetOnGround
+from phyagentos.geometry import UP
+from phyagentos.runtime.drivers.mujoco.legs import Array, Legs
 
-GRAVITY = 9.81
-
-
-@dataclass(frozen=True, slots=True)
-class Stance:
-    """How a body stands.
-
-    Attributes:
-        q_rad: Posture of the legs.
-        height_m: Of the body's frame above the ground.
-        sway_1_s: Natural frequency with which the centre of mass returns [rad/s].
-        stiffness_1_s: Natural frequency of the body's height and tilt [rad/s].
-        joint_stiffness_nm_rad: Of the legs' servo to their posture.
-        joint_damping_nms_rad: Of the legs.
-    """
-
-    q_rad: tuple[float, ...]
-    height_m: float
-    sway_1_s: float = 9.0
-    stiffness_1_s: float = 12.0
-    joint_stiffness_nm_rad: float = 5.0
-    joint_damping_nms_rad: float = 1.0
+SWAY_RAD_S = 14.0  # with which the centre of mass returns above the feet: four times what a pendulum of 1 m falls with
+TILT_RAD_S = 12.0  # with which the body's height and tilt return
+STIFFNESS_NM_RAD, DAMPING_NMS_RAD = 5.0, 1.0  # of the legs to their posture: for what the ground does not decide
 
 
 class Stand:
-    """Keeps a two-footed body upright where it stands; set-points of its pose are not followed."""
+    """Keeps a body on two feet, left and right, upright where it stands; set-points of its pose are not followed."""
 
-    def __init__(self, robot: FeetOnGround, stance: Stance) -> None:
-        self._robot, self._stance = robot, stance
-        self._yaw = None
+    def __init__(self, legs: Legs) -> None:
+        self._legs = legs
 
     def begin(self, data: mujoco.MjData) -> None:
-        """Forget the past."""
+        """There is no past to forget."""
 
     def control(self, data: mujoco.MjData, pose: Array, rate: Array) -> None:
         """Write the torques of the coming physics step."""
-        robot, stance = self._robot, self._stance
-        robot.look(data)
-        feet = range(len(robot.contacts))
-        posture = stance.joint_stiffness_nm_rad * (np.array(stance.q_rad) - robot.q_rad)
-        posture -= stance.joint_damping_nms_rad * robot.qd_rad_s
-        robot.command(data, robot.carry() + posture + robot.stand_on(feet, *self._find_wrench(feet, pose[2])))
+        legs = self._legs
+        legs.look(data)
+        posture = STIFFNESS_NM_RAD * (legs.home_rad - legs.q_rad) - DAMPING_NMS_RAD * legs.qd_rad_s
+        legs.command(data, legs.carry() + posture + legs.stand_on((0, 1), *self._find_return()))
 
-    def _find_wrench(self, feet: range, yaw: float) -> tuple[Array, Array]:
-        """Force and moment about the centre of mass that return it above the feet, and the body upright."""
-        robot, s, w = self._robot, self._stance.sway_1_s, self._stance.stiffness_1_s
-        support = np.mean([robot.find_foot(foot) for foot in feet], axis=0)
-        velocity = robot.find_center_velocity()
-        acceleration = s * s * (support - robot.center_m) - 2.0 * s * velocity
-        height = support[2] + self._stance.height_m - robot.position_m[2]
-        acceleration[2] = w * w * height - 2.0 * w * robot.velocity_m_s[2]
-        tilt = np.cross(robot.rotation[:, 2], (0.0, 0.0, 1.0))
-        tilt[2] = (yaw - robot.yaw_rad + np.pi) % (2 * np.pi) - np.pi
-        angular = w * w * tilt - 2.0 * w * robot.spin_rad_s
-        return robot.mass_kg * (acceleration + (0.0, 0.0, GRAVITY)), robot.find_inertia() @ angular
+    def _find_return(self) -> tuple[Array, Array]:
+        """(3,) and (3,) accelerations, critically damped: above the feet, upright, at its height, facing as they do."""
+        legs, w, s = self._legs, TILT_RAD_S, SWAY_RAD_S
+        left, right = legs.find_foot(0), legs.find_foot(1)
+        middle, aside = (left + right) / 2, left - right
+        acceleration = s * s * (middle - legs.center_m) - 2.0 * s * legs.find_center_velocity()
+        height = middle[2] + legs.height_m - legs.position_m[2]
+        acceleration[2] = w * w * height - 2.0 * w * legs.velocity_m_s[2]
+        error = np.cross(legs.rotation @ UP, UP)
+        error[2] = math.remainder(math.atan2(-aside[0], aside[1]) - legs.yaw_rad, math.tau)
+        return acceleration, w * w * error - 2.0 * w * legs.spin_rad_s

@@ -1,156 +1,107 @@
 """A trot: a body on four feet, diagonal pairs in turn, which follows a planar pose by stepping under itself.
 
-The pair on the ground gives the trunk its wrench; the pair in the air is led to where the body will need it
-(M. Raibert, Legged Robots That Balance, 1986). Where nothing is asked it stands on all four.
+The pair on the ground gives the body the accelerations that it needs; the pair in the air is led to where the body will
+need it (M. Raibert, Legged Robots That Balance, 1986, chapter 2). At its goal the body stands on all four feet.
 """
 
-from dataclasses import dataclass
+import math
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from phyagentos.runtime.drivers.mujoco.ground_forces import Array, FeetOnGround
+from phyagentos.geometry import UP
+from phyagentos.runtime.drivers.mujoco.legs import Array, Legs
 
 PAIRS = ((0, 3), (1, 2))  # front left and rear right, front right and rear left
-GRAVITY = 9.81
-DRIFT_M_S = 0.08
-DEAD_M, DEAD_RAD, STRAY_M = 0.02, 0.03, 0.06  # errors of the pose, and of a foot's place, that are not stepped for
-
-
-@dataclass(frozen=True, slots=True)
-class Gait:
-    """A trot's measures.
-
-    Attributes:
-        height_m: Of the body's frame above the ground.
-        step_s: Time of a step, in which one pair is in the air.
-        lift_m: How high a foot is lifted.
-        pull_1_s: Share of an error of the pose that is made good in a second.
-        speed_max: Largest velocities: forwards, sideways [m/s], turning [rad/s].
-        stiffness_1_s: Natural frequency of the trunk's height and tilt [rad/s].
-        foot_stiffness_n_m: Of a foot in the air.
-        foot_damping_ns_m: Of a foot in the air.
-    """
-
-    height_m: float = 0.27
-    step_s: float = 0.22
-    lift_m: float = 0.07
-    pull_1_s: float = 2.0
-    drift_1_s2: float = 1.0
-    speed_max: tuple[float, float, float] = (0.6, 0.3, 1.2)
-    stiffness_1_s: float = 14.0
-    foot_stiffness_n_m: float = 600.0
-    foot_damping_ns_m: float = 15.0
+STEP_S, LIFT_M = 0.18, 0.07  # of a step: its time, and how high the feet are lifted
+PRESS_M = 0.02  # so far below the ground is a foot led at last: it lands on what gives way, too
+SPEED_MAX = np.array([0.6, 0.3, 1.2])  # forwards and sideways [m/s], turning [rad/s]
+PULL_1_S = 4.0  # share of an error of the pose that is made good in a second
+RETURN_RAD_S, DAMPING = (
+    16.0,
+    0.7,
+)  # of height, tilt and velocity: three times what the body falls with; share of critical
+FOOT_N_M, FOOT_NS_M = 1200.0, 30.0  # stiffness and damping of a foot in the air
+CATCH = 0.5  # share of the step that would stop a velocity that was not asked for
+DEAD_M, DEAD_RAD, STRAY_M = 0.02, 0.03, 0.04  # errors of the pose, and of a foot's place, that are not stepped for
 
 
 class Trot:
-    """Moves a four-footed body through its motors, so that its planar pose follows set-points."""
+    """Moves a body on four feet (front left, front right, rear left, rear right), so that its pose follows set-points."""
 
-    def __init__(self, robot: FeetOnGround, gait: Gait, stance: Array) -> None:
-        """`stance` (4, 2): x and y of the feet under the body: front left, front right, rear left, rear right."""
-        self._robot, self._gait, self._stance = robot, gait, stance
-        self._phase_s, self._pair, self._lifted = 0.0, -1, np.zeros((4, 3))  # pair in the air; none while it stands
-        self._drift = np.zeros(2)
+    def __init__(self, legs: Legs) -> None:
+        self._legs = legs
+        self._stance_m = (legs.home_feet_m - legs.home_feet_m.mean(axis=0))[:, :2]
+        self._fall_s = math.sqrt(legs.height_m / -float(legs.model.opt.gravity[2]))  # time scale of falling over
+        self._air: tuple[int, ...] = ()  # feet in the air; none while it stands
+        self._since_s, self._lifted_m = 0.0, np.zeros((4, 3))  # since they were lifted, and from where
 
     def begin(self, data: mujoco.MjData) -> None:
-        """Forget the past."""
-        self._phase_s, self._pair, self._drift = 0.0, -1, np.zeros(2)
+        """Forget the past: all feet are on the ground."""
+        self._air, self._since_s = (), 0.0
 
     def control(self, data: mujoco.MjData, pose: Array, rate: Array) -> None:
-        """Write the torques of the coming physics step; `pose` (3,) x, y, yaw in the world, and its rates."""
-        robot, gait = self._robot, self._gait
-        robot.look(data)
-        wanted = self._find_velocity(pose, rate)
-        self._step(data, pose, rate)
-        standing = [foot for foot in range(4) if self._pair < 0 or foot not in PAIRS[self._pair]]
-        torque = robot.carry() + robot.stand_on(standing, *self._find_wrench(wanted, pose[2], standing))
-        for foot in set(range(4)) - set(standing):
-            torque += self._swing(foot, wanted)
-        robot.command(data, torque)
-        self._phase_s += self._robot.model.opt.timestep
+        """Write the torques of the coming physics step; `pose` (3,) is x, y, yaw in the world, `rate` its velocity."""
+        legs = self._legs
+        legs.look(data)
+        velocity = self._find_velocity(pose, rate)
+        if not self._air or self._since_s >= STEP_S:
+            self._change_feet(pose, rate)
+        ground = [foot for foot in range(4) if foot not in self._air]
+        torque = legs.carry() + legs.stand_on(ground, *self._find_return(velocity, ground))
+        for foot in self._air:
+            torque += legs.push(foot, self._lead_foot(foot, velocity))
+        legs.command(data, torque)
+        self._since_s += legs.model.opt.timestep
 
     def _find_velocity(self, pose: Array, rate: Array) -> Array:
-        """(3,) velocities towards the pose: x and y in the body's heading, turning."""
-        robot, gait = self._robot, self._gait
-        away = pose[:2] - robot.position_m[:2]
-        turn = rate[2] + gait.pull_1_s * wrap(pose[2] - robot.yaw_rad)
-        back = _turn(robot.yaw_rad).T
-        if self._pair >= 0:
-            self._drift += back @ away * gait.drift_1_s2 * robot.model.opt.timestep
-            self._drift = np.clip(self._drift, -DRIFT_M_S, DRIFT_M_S)
-        ahead = back @ (rate[:2] + gait.pull_1_s * away) + self._drift
-        limit = np.array(gait.speed_max)
-        return np.clip(np.array([*ahead, turn]), -limit, limit)
+        """(3,) velocity towards the pose: x and y in the world, turning."""
+        legs = self._legs
+        error = np.array([*(pose[:2] - legs.position_m[:2]), math.remainder(pose[2] - legs.yaw_rad, math.tau)])
+        wanted = rate + PULL_1_S * error
+        heading = _turn(legs.yaw_rad)
+        ahead = np.clip(heading.T @ wanted[:2], -SPEED_MAX[:2], SPEED_MAX[:2])
+        return np.append(heading @ ahead, np.clip(wanted[2], -SPEED_MAX[2], SPEED_MAX[2]))
 
-    def _step(self, data: mujoco.MjData, pose: Array, rate: Array) -> None:
-        """Change pairs when a step is over; begin and end to step at such moments only."""
-        robot = self._robot
-        if self._pair >= 0 and self._phase_s < self._gait.step_s:
-            return
-        if self._pair < 0 and not self._has_to_step(pose, rate):
-            return
-        if self._pair >= 0 and not self._has_to_step(pose, rate):
-            self._pair = -1
-            return
-        self._pair, self._phase_s = (self._pair + 1) % 2 if self._pair >= 0 else 0, 0.0
-        for foot in PAIRS[self._pair]:
-            self._lifted[foot] = robot.find_foot(foot)
+    def _change_feet(self, pose: Array, rate: Array) -> None:
+        """Begin the next step, or stand."""
+        legs = self._legs
+        is_there = np.hypot(*(pose[:2] - legs.position_m[:2])) < DEAD_M
+        is_turned = abs(math.remainder(pose[2] - legs.yaw_rad, math.tau)) < DEAD_RAD
+        is_under = all(np.hypot(*(legs.find_foot(foot)[:2] - self._find_place(foot))) < STRAY_M for foot in range(4))
+        stands = is_there and is_turned and is_under and not rate.any()
+        self._air = () if stands else PAIRS[1] if self._air == PAIRS[0] else PAIRS[0]
+        self._since_s = 0.0
+        for foot in self._air:
+            self._lifted_m[foot] = legs.find_foot(foot)
 
-    def _has_to_step(self, pose: Array, rate: Array) -> bool:
-        robot = self._robot
-        is_away = np.linalg.norm(pose[:2] - robot.position_m[:2]) > DEAD_M
-        is_turned = abs(wrap(pose[2] - robot.yaw_rad)) > DEAD_RAD
-        strayed = max(np.linalg.norm(robot.find_foot(foot)[:2] - self._find_home(foot)) for foot in range(4))
-        return bool(is_away or is_turned or rate.any() or strayed > STRAY_M)
+    def _find_place(self, foot: int) -> Array:
+        """(2,) where a foot stands under the body at rest."""
+        return np.array(self._legs.center_m[:2] + _turn(self._legs.yaw_rad) @ self._stance_m[foot])
 
-    def _find_home(self, foot: int) -> Array:
-        """(2,) where a foot stands under a body at rest."""
-        return self._robot.center_m[:2] + _turn(self._robot.yaw_rad) @ self._stance[foot]
+    def _find_return(self, velocity: Array, ground: list[int]) -> tuple[Array, Array]:
+        """(3,) and (3,) accelerations that keep height and tilt, and lead the velocity."""
+        legs, w = self._legs, RETURN_RAD_S
+        level = np.mean([legs.find_foot(foot)[2] for foot in ground]) + legs.height_m
+        acceleration = w * (np.array([*velocity[:2], 0.0]) - legs.velocity_m_s)
+        acceleration[2] = w * w * (level - legs.position_m[2]) - 2.0 * DAMPING * w * legs.velocity_m_s[2]
+        angular = w * w * np.cross(legs.rotation @ UP, UP) - 2.0 * DAMPING * w * legs.spin_rad_s
+        angular[2] = w * (velocity[2] - legs.spin_rad_s[2])
+        return acceleration, angular
 
-    def _find_wrench(self, wanted: Array, yaw: float, standing: list[int]) -> tuple[Array, Array]:
-        """Force and moment about the centre of mass that keep height and tilt, and lead the velocity."""
-        robot, gait = self._robot, self._gait
-        w = gait.stiffness_1_s
-        ground = np.mean([robot.find_foot(foot)[2] for foot in standing])
-        velocity = np.append(_turn(robot.yaw_rad) @ wanted[:2], 0.0)
-        acceleration = w * (velocity - robot.velocity_m_s)
-        acceleration[2] = w * w * (ground + gait.height_m - robot.position_m[2]) - 1.4 * w * robot.velocity_m_s[2]
-        force = robot.mass_kg * (acceleration + (0.0, 0.0, GRAVITY))
-        upright = robot.rotation[:, 2]
-        tilt = np.cross(upright, (0.0, 0.0, 1.0))
-        spin = robot.spin_rad_s
-        angular = w * w * tilt - 1.4 * w * spin
-        angular[2] = w * (wanted[2] - spin[2])
-        return force, robot.find_inertia() @ angular
-
-    def _swing(self, foot: int, wanted: Array) -> Array:
-        """(n,) torques that lead a foot through the air to its next place."""
-        robot, gait = self._robot, self._gait
-        share = min(self._phase_s / gait.step_s, 1.0)
-        velocity = robot.velocity_m_s[:2]
-        heading = _turn(robot.yaw_rad)
-        lever = _turn(robot.yaw_rad) @ self._stance[foot]
-        asked = heading @ wanted[:2]
-        turning = wanted[2] * np.array([-lever[1], lever[0]])
-        left_s = gait.step_s * (1.0 - share)
-        lean = np.sqrt(gait.height_m / GRAVITY)
-        landing = self._find_home(foot) + velocity * left_s + turning * left_s
-        landing += (velocity + turning) * gait.step_s / 2 + 0.5 * lean * (velocity - asked)
-        start = self._lifted[foot]
-        smooth = share * share * (3 - 2 * share)
-        along = start[:2] + smooth * (landing - start[:2])
-        height = start[2] + gait.lift_m * np.sin(np.pi * share) - 0.02 * share
-        goal = np.array([*along, height])
-        rising = gait.lift_m * np.pi / gait.step_s * np.cos(np.pi * share)
-        moving = np.array([*((landing - start[:2]) * 6 * share * (1 - share) / gait.step_s), rising])
-        error, lag = goal - robot.find_foot(foot), moving - robot.find_foot_velocity(foot)
-        return robot.push(foot, gait.foot_stiffness_n_m * error + gait.foot_damping_ns_m * lag)
-
-
-def wrap(angle: float) -> float:
-    """The same angle between -pi and pi."""
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+    def _lead_foot(self, foot: int, velocity: Array) -> Array:
+        """(3,) force that leads a foot through the air to its next place."""
+        legs, start = self._legs, self._lifted_m[foot]
+        share = self._since_s / STEP_S
+        lever = _turn(legs.yaw_rad) @ self._stance_m[foot]
+        moving = legs.velocity_m_s[:2] + velocity[2] * np.array([-lever[1], lever[0]])  # of the place under the body
+        landing = self._find_place(foot) + (STEP_S - self._since_s + STEP_S / 2) * moving
+        landing += CATCH * self._fall_s * (legs.velocity_m_s[:2] - velocity[:2])
+        way = landing - start[:2]
+        goal = start + (*(share * share * (3 - 2 * share) * way), LIFT_M * math.sin(math.pi * share) - PRESS_M * share)
+        rate = np.array([*(6 * share * (1 - share) * way), math.pi * LIFT_M * math.cos(math.pi * share)]) / STEP_S
+        error, lag = goal - legs.find_foot(foot), rate - legs.find_foot_velocity(foot)
+        return np.array(FOOT_N_M * error + FOOT_NS_M * lag)
 
 
 def _turn(yaw: float) -> Array:
