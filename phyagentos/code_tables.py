@@ -61,6 +61,7 @@ UNKNOWN_NODE         No node of this name in the goal graph.
 UNKNOWN_OUTPUT       The skill has no output of this name.
 UNKNOWN_PARAMETER    The skill has no parameter of this name.
 UNKNOWN_PORT         The leaf or subtree has no port of this name.
+UNKNOWN_POSTURE      The target's profile names no posture so.
 UNKNOWN_PREDICATE    No predicate of this name.
 UNKNOWN_REFERENCE    A `$reference` that nothing defines.
 UNKNOWN_SCENE        No scene of this name.

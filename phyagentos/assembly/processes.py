@@ -290,9 +290,9 @@ def open_world_model(
     from phyagentos.runtime.perception.true_world import TrueWorld
 
     if profile.kind == "real_robot" and not settings.sensors.cameras:
-        return TrueWorld(target, handle, sensing="perceived")
+        return TrueWorld(target, handle, sensing="perceived", profile=profile)
     if settings.perception.sensing is Sensing.TRUTH or not profile.model:
-        return TrueWorld(target, handle)
+        return TrueWorld(target, handle, profile=profile)
     from phyagentos.runtime.perception.perceived_world import PerceivedWorld
     from phyagentos.runtime.perception.robot_mask import RobotMask
 
@@ -308,6 +308,7 @@ def open_world_model(
         detector=open_detector(settings),
         noisy=settings.sensors.get_noise().varies,
         prior=settings.perception.prior,
+        profile=profile,
     )
 
 

@@ -10,6 +10,7 @@ from phyagentos.agent.goals.dag import GoalDag
 from phyagentos.agent.goals.graph import check_goal_graph, read_goal_graph, render_mermaid
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.skill_runtimes import Parameter, SkillRuntime
 
 GOOD = """
     goal: good
@@ -249,3 +250,20 @@ def test_a_goal_says_which_targets_stand_in_one_world(write_graph, catalogue, wo
 
     assert [problem.code for problem in problems] == [code] * bool(code)
     assert not code or re.search(sentence, str(problems[0]))
+
+
+def test_a_posture_that_the_target_does_not_have_is_a_problem_with_the_nearest_name(write_graph, catalogue):
+    reach = SkillRuntime(
+        skill="reach", description="d", tree="reach", parameters={"posture": Parameter(type="posture")}
+    )
+    panda = catalogue.targets["panda"].model_copy(update={"postures": {"fist": (1.0,), "open_hand": (0.0,)}})
+    catalogue = replace(catalogue, skills={"reach": reach}, targets={"panda": panda})
+    text = """
+        goal: g
+        objective: o
+        scene: table
+        sessions: {a: {skill: reach, target: panda, with: {posture: %s}, accept: ["in_posture(target, fist)"]}}
+        """
+    assert check_goal_graph(write_graph(text % "fist"), catalogue) == []
+    (problem,) = check_goal_graph(write_graph(text % "openhand"), catalogue)
+    assert (problem.code, problem.hint) == ("UNKNOWN_POSTURE", "Did you mean 'open_hand'?")

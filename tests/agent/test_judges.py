@@ -115,6 +115,8 @@ def test_a_force_spike_of_one_period_counts(tmp_path):
         ("metric(final_tracking_error_rad) <= 0.02", Truth.TRUE),
         ("metric(peak_tracking_error_rad) <= 0.02", Truth.FALSE),
         ("metric(final_gripper_width_m) > 0.03", Truth.TRUE),
+        ("metric(final_rest_s) > 0.059", Truth.TRUE),  # since the third of six periods
+        ("metric(final_rest_s) > 0.061", Truth.FALSE),
     ],
 )
 def test_numbers_of_the_trajectory(tmp_path, text, truth):

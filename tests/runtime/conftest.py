@@ -306,7 +306,10 @@ class Bench:
         self.beats = []
         self.runner = SessionRunner(
             target=Embodiment(
-                handle=self.handle, world=TrueWorld("panda", self.handle), profile=profile, limits=limits
+                handle=self.handle,
+                world=TrueWorld("panda", self.handle, profile=profile),
+                profile=profile,
+                limits=limits,
             ),
             skills=SkillLoader(
                 planner=planner,

@@ -200,6 +200,8 @@ class Checks:
                     yield self.located.problem("MISSING_PARAMETER", (*node.path, "with"), found, parameter.type, hint)
             elif isinstance(value, str) and REFERENCE.search(value):
                 continue  # a data edge: its type is checked with the output
+            elif parameter.type == "posture" and value not in (known := self.catalogue.targets[choice.target].postures):
+                yield self.located.unknown("UNKNOWN_POSTURE", path, str(value), known)
             else:
                 yield from iter_mismatches(self.located, path, parameter, value, self._kinds)
 

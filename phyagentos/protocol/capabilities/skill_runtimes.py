@@ -24,16 +24,19 @@ _NUMERIC: dict[str, tuple[type, ...]] = {
     "string": (str,),
     "entity": (str,),
     "place": (str,),
+    "posture": (str,),
 }
 
-ParameterType = Literal["entity", "entities", "place", "point", "points", "number", "integer", "string", "boolean"]
+ParameterType = Literal[
+    "entity", "entities", "place", "point", "points", "posture", "number", "integer", "string", "boolean"
+]
 
 
 class Parameter(Authored):
     """One argument of a skill.
 
     `entity` is the name of a thing, `place` of a thing with an interior or of a region, `point` three metres in the
-    world frame; `entities` and `points` are lists of them, at least one.
+    world frame; `entities` and `points` are lists of them, at least one. `posture` is a name of the target's profile.
 
     Attributes:
         type: What it takes.
@@ -202,7 +205,7 @@ def find_mismatch(parameter: Parameter, value: Any) -> str:
     if parameter.type in {"number", "integer"} and not _is_number(value):
         return parameter.type
     if not isinstance(value, _NUMERIC[parameter.type]):
-        return "a name" if parameter.type in {"entity", "place"} else parameter.type
+        return "a name" if parameter.type in {"entity", "place", "posture"} else parameter.type
     if parameter.choices and value not in parameter.choices:
         return " or ".join(map(repr, parameter.choices))
     if not _is_number(value):

@@ -10,6 +10,7 @@ from enum import StrEnum
 from typing import Literal, Self
 
 import pydantic
+from typing_extensions import override
 
 from phyagentos.errors import Problem
 from phyagentos.protocol.documents.document import DocumentFormat
@@ -198,6 +199,7 @@ class TargetProfile(Authored):
         force_bias_n: Greatest constant error of a contact force that is estimated from joint torques [N].
         force_noise_n: Standard deviation of that estimate [N].
         arm: Its joints.
+        postures: Postures that it can be asked for by name, one value for each joint of `arm` [rad].
         gripper: Its hand; left out where the end effector does not open.
         observations: What it offers; a skill's `needs.observations` are matched against these names.
         actions: What it takes; a skill's `needs.actions` are matched against these names.
@@ -230,11 +232,16 @@ class TargetProfile(Authored):
     force_bias_n: float = pydantic.Field(default=0.0, ge=0.0)
     force_noise_n: float = pydantic.Field(default=0.0, ge=0.0)
     arm: Arm
+    postures: dict[str, tuple[float, ...]] = {}
     gripper: Gripper = NO_GRIPPER
     observations: tuple[str, ...] = ()
     actions: tuple[str, ...] = ()
     capabilities: tuple[str, ...] = ()
     operations: tuple[Operation, ...] = SESSION_OPERATIONS
+
+    @override
+    def __hash__(self) -> int:
+        return hash(self.target)  # its mapping has no hash; that two are equal is asked of every field
 
     @pydantic.model_validator(mode="after")
     def _check_end_effector(self) -> Self:

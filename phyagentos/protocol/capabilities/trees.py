@@ -23,6 +23,7 @@ PortType = Literal[
     "place",
     "point",
     "points",
+    "posture",
     "number",
     "integer",
     "string",

@@ -27,7 +27,7 @@ class Role(StrEnum):
     MOVE = "move"
     """Moves the arm and what it holds; `label` names the way that was chosen."""
     HOME = "home"
-    """Moves the arm to its home posture."""
+    """Moves the arm to its home posture, or to the one that its input `posture` names."""
     GRASP = "grasp"
     """Closes the fingers."""
     VERIFY = "verify"

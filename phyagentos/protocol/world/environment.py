@@ -225,6 +225,8 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
         fingers_touching: How many finger pads touch something, by touch sensors; 0 for a hand without such.
         grip_force_n: Force that presses the fingers together, by the current of their motor [N]; None where it is
             not measured.
+        postures: Postures of its profile by name, (n_joints,) each [rad].
+        q_std_rad: Standard deviation of each of `q_rad` as its profile states [rad]; 0 when not stated.
     """
 
     q_rad: tuple[float, ...]
@@ -234,6 +236,8 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
     holding: tuple[str, ...] = ()
     fingers_touching: int = 0
     grip_force_n: float | None = None
+    postures: dict[str, tuple[float, ...]] = {}
+    q_std_rad: float = 0.0
 
     @property
     def is_gripping(self) -> bool:

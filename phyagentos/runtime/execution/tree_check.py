@@ -39,6 +39,7 @@ PORT_TYPES: dict[str, type] = {  # type names of trees and skills
     "place": str,
     "point": tuple,
     "points": Points,
+    "posture": str,
     "number": float,
     "integer": int,
     "string": str,

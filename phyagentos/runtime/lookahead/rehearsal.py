@@ -107,7 +107,7 @@ class Stage:
         self.handle.load(self.scene)
         self.start = settle_estimate(self.physics, environment, profile)
         self._snapshot = robot.snapshot().data
-        self.world = TrueWorld(profile.target, self.handle)
+        self.world = TrueWorld(profile.target, self.handle, profile=profile)
 
     @property
     def physics(self) -> Physics:

@@ -55,11 +55,12 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     """
     located = read_yaml(path)
     profile = validate(TargetProfile, located)
-    lists = {name: value for name, value in profile.arm if isinstance(value, tuple)}
+    lists = {("arm", name): value for name, value in profile.arm if isinstance(value, tuple)}
+    lists |= {("postures", name): value for name, value in profile.postures.items()}
     n = len(profile.arm.joints)
     problems = [
-        located.problem("WRONG_LENGTH", ("arm", name), f"{len(value)} values", f"{n}, one per joint")
-        for name, value in lists.items()
+        located.problem("WRONG_LENGTH", address, f"{len(value)} values", f"{n}, one per joint")
+        for address, value in lists.items()
         if len(value) != n
     ]
     needs_file = is_beside(profile.model) and (profile.model != "" or profile.kind == "simulation")

@@ -39,18 +39,19 @@ def _describe_no_limits(profile: TargetProfile, path: Path) -> Problem:
 
 
 def _iter_posture_problems(robot: RobotModel, located: Located) -> Iterator[Problem]:
-    """Of the home posture: joints beyond their range, and what touches."""
+    """Of the home posture and the named ones: joints beyond their range, and what touches."""
     names = robot.profile.arm.joints
-    outside = (robot.home_rad < robot.q_min_rad) | (robot.home_rad > robot.q_max_rad)
-    for index in np.flatnonzero(outside).tolist():
-        low, high = robot.q_min_rad[index], robot.q_max_rad[index]
-        found, expected = f"{names[index]} at {robot.home_rad[index]:g} rad", f"{low:.4g} to {high:.4g}"
-        yield located.problem("INVALID_VALUE", ("arm", "home_rad", index), found, expected)
     scene = PlanningScenes(robot).get_scene(World(entities=()))
-    for first, second in [] if outside.any() else scene.find_contacts(robot.home_rad):
-        yield located.problem(
-            "IN_COLLISION", ("arm", "home_rad"), f"{first} touches {second}", "a posture that is free"
-        )
+    postures = {("arm", "home_rad"): robot.home_rad}
+    postures |= {("postures", name): np.array(value) for name, value in robot.profile.postures.items()}
+    for address, q_rad in postures.items():
+        outside = (q_rad < robot.q_min_rad) | (q_rad > robot.q_max_rad)
+        for index in np.flatnonzero(outside).tolist():
+            low, high = robot.q_min_rad[index], robot.q_max_rad[index]
+            found, expected = f"{names[index]} at {q_rad[index]:g} rad", f"{low:.4g} to {high:.4g}"
+            yield located.problem("INVALID_VALUE", (*address, index), found, expected)
+        for first, second in [] if outside.any() else scene.find_contacts(q_rad):
+            yield located.problem("IN_COLLISION", address, f"{first} touches {second}", "a posture that is free")
 
 
 def _iter_gripper_problems(robot: RobotModel, located: Located) -> Iterator[Problem]:

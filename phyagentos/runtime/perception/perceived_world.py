@@ -12,6 +12,7 @@ from typing_extensions import override
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.placed_scenes import read_placed
+from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.looks import FORMAT
 from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.world.environment import Environment, Status, TargetState
@@ -58,8 +59,9 @@ class PerceivedWorld(WorldModel):
         *,
         noisy: bool = True,
         prior: Prior = Prior.FULL,
+        profile: TargetProfile | None = None,
     ) -> None:
-        super().__init__(target, handle)
+        super().__init__(target, handle, profile)
         self._noisy, self._prior = noisy, prior
         self._detector = detector
         self._library, self._robot = library, robot

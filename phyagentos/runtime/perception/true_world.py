@@ -3,6 +3,7 @@
 import msgspec
 from typing_extensions import override
 
+from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.descriptions import name_described
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.perception.look import FrameSource
@@ -13,8 +14,10 @@ from phyagentos.runtime.targets.wire import Observation, Step
 class TrueWorld(WorldModel):
     """Reports what the handle's observations hold: the simulator's ground truth, or a robot that has no camera."""
 
-    def __init__(self, target: str, handle: FrameSource, sensing: str = "truth") -> None:
-        super().__init__(target, handle)
+    def __init__(
+        self, target: str, handle: FrameSource, sensing: str = "truth", *, profile: TargetProfile | None = None
+    ) -> None:
+        super().__init__(target, handle, profile)
         self._sensing = sensing
         self._revision = 0
         self._names: dict[str, str] = {}  # by description, of bodies

@@ -7,7 +7,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+import msgspec
+
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.looks import format_picture, get_picture, shows
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.environment import Environment
@@ -56,15 +59,15 @@ HAND = Need(only_hand=True)
 
 
 class WorldModel(ABC):
-    """Perception of one target.
+    """Perception of one target, whose state comes with the postures of its profile, where it has one.
 
     Attributes:
         looks: Whole looks since `enter`, after the latest one before it; empty without perception.
         latest_look: The latest look, whole or partial.
     """
 
-    def __init__(self, target: str, handle: FrameSource) -> None:
-        self._target, self._handle = target, handle
+    def __init__(self, target: str, handle: FrameSource, profile: TargetProfile | None = None) -> None:
+        self._target, self._handle, self._profile = target, handle, profile
         self._current_scene: Scene | None = None
         self._step: Step | None = None
         self._present: Environment | None = None
@@ -149,6 +152,10 @@ class WorldModel(ABC):
         return self._present if self._is_looked_at or not need.is_look else None
 
     def _answer(self, world: Environment, need: Need) -> Environment:
-        """The same world; kept as the answer until the next command."""
+        """The same world, with the target's postures; kept as the answer until the next command."""
+        if self._profile is not None and self._profile.postures:
+            postures, std_rad = self._profile.postures, self._profile.arm.position_noise_rad
+            state = msgspec.structs.replace(world.targets[self._target], postures=postures, q_std_rad=std_rad)
+            world = msgspec.structs.replace(world, targets=world.targets | {self._target: state})
         self._present, self._is_looked_at = world, need.everything
         return world

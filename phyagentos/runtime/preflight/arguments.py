@@ -10,12 +10,20 @@ import numpy as np
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import compute_rotation, to_parent
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_mismatch
+from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.descriptions import find_candidates
 from phyagentos.protocol.world.environment import UNNAMED, Environment
 from phyagentos.protocol.world.predicates.exchanges import exchange, find_groups
-from phyagentos.protocol.world.predicates.predicate import Predicate, View, find_formula, iter_entities, parse_predicate
+from phyagentos.protocol.world.predicates.predicate import (
+    Predicate,
+    View,
+    find_formula,
+    iter_entities,
+    iter_postures,
+    parse_predicate,
+)
 from phyagentos.protocol.world.predicates.syntax import And, Call, Name, iter_calls
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.preflight.findings import make_problem
@@ -103,6 +111,20 @@ def iter_name_problems(
                     reported.add(name)
                     address = f"{kind}[{index}]"
                     yield _make_missing(session, now, address, name, sorted(known["place"]), f"{kind}: {text}")
+
+
+def iter_posture_problems(session: Session, skill: SkillRuntime | None, profile: TargetProfile) -> Iterator[Problem]:
+    """Postures that the profile of the target does not name: arguments, and those of conditions about this target."""
+    parameters = skill.parameters.items() if skill is not None else ()
+    named = {f"parameters.{name}": session.parameters.get(name) for name, each in parameters if each.type == "posture"}
+    for kind in _CONDITIONS:
+        for index, text in enumerate(getattr(session, kind)):
+            asked = (posture for target, posture in iter_postures(text) if target in {"target", session.target})
+            named |= {f"{kind}[{index}]": posture for posture in asked}
+    for address, posture in named.items():
+        if isinstance(posture, str) and posture not in profile.postures:
+            by = f"target {profile.target}: postures"
+            yield Problem.unknown("UNKNOWN_POSTURE", address, posture, profile.postures, by=by)
 
 
 def _make_missing(

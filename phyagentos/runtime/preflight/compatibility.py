@@ -19,6 +19,7 @@ from phyagentos.runtime.preflight.arguments import (
     iter_limit_problems,
     iter_name_problems,
     iter_parameter_problems,
+    iter_posture_problems,
     iter_precondition_problems,
     iter_predicate_problems,
 )
@@ -78,6 +79,7 @@ class Preflight:
         problems += iter_predicate_problems(session)
         problems += iter_resource_problems(session, self.settings.contract)
         skill = self.skills.get(session.skill)
+        problems += iter_posture_problems(session, skill, self.profile)
         if skill is None:
             problems.append(Problem.unknown("UNKNOWN_SKILL", "skill", session.skill, self.skills))
         else:

@@ -5,7 +5,7 @@ way within its budget is no proof.
 """
 
 from collections.abc import Generator, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -105,7 +105,9 @@ def compute_reach(kinematics: Kinematics | None) -> Reach | None:
 
 @dataclass(frozen=True, slots=True)
 class Home:
-    """The tree goes to the home posture, before anything has moved."""
+    """The tree goes to the home posture, or to a named one, before anything has been grasped."""
+
+    posture: str = "home"
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +137,7 @@ class DryRun:
         registry: Where leaves declare their roles.
         clock: Measures the cost.
         home_rad: (n_joints,) posture before a session [rad].
+        postures: (n_joints,) each that the target's profile names [rad].
         reach: Bound on the tool; None without one.
         patience_s: Longest wait for one answer, by the wall clock [s]; then it decides nothing.
     """
@@ -145,6 +148,7 @@ class DryRun:
     clock: Clock
     home_rad: tuple[float, ...]
     reach: Reach | None
+    postures: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     patience_s: float = ANSWER_S
 
     def run(self, session: Session, tree: str, now: Environment, *, thorough: bool) -> tuple[Trial, ...]:
@@ -167,10 +171,10 @@ class DryRun:
         trials += self._iter_beyond(session)
         for motion in find_motions(tree, session.parameters, self.library, self.registry):
             if isinstance(motion, Home):
-                home_rad = np.asarray(self.home_rad, dtype=np.float64)
-                if float(np.abs(home_rad - q_rad).max()) > NUDGE_RAD:
-                    trials.append(self._try_posture(session, "home", world, home_rad))
-                    q_rad = home_rad
+                goal_rad = np.asarray(self.postures.get(motion.posture, self.home_rad), dtype=np.float64)
+                if float(np.abs(goal_rad - q_rad).max()) > NUDGE_RAD:
+                    trials.append(self._try_posture(session, motion.posture, world, goal_rad))
+                    q_rad = goal_rad
             elif isinstance(motion, Grasp):
                 entity = now.entities.get(motion.object)
                 if entity is None or entity.held_by:
@@ -221,7 +225,7 @@ class DryRun:
             return _judge(f"{name} posture", answer, ms, proves=False)
         if not answer.contacts:
             return Trial(motion=f"{name} posture", outcome="possible", ms=ms)
-        is_proved = name == "home" or not answer.escapes
+        is_proved = name != "start" or not answer.escapes
         message = f"in this posture {', '.join(answer.contacts)} touch" + ("" if is_proved else "; there is a way out")
         outcome: Literal["impossible", "undecided"] = "impossible" if is_proved else "undecided"
         return Trial(motion=f"{name} posture", outcome=outcome, code="IN_COLLISION", message=message, ms=ms)
@@ -345,7 +349,7 @@ def _find_in(
         leaf = registry.find(child.type) if child.kind is NodeKind.LEAF else None
         role = leaf.ROLE if leaf is not None else None
         if role is Role.HOME:
-            yield Home()
+            yield Home(wired.get("posture") or "home")
         elif role in _GRASPING and isinstance(object := wired.get("object"), str):
             then, makes_room = _make_destination(wired), role is Role.PLAN_ROOM
             if then is not None or not makes_room:

@@ -196,6 +196,7 @@ class Examiner:
             clock=self.clock,
             home_rad=profile.arm.home_rad,
             reach=compute_reach(live.kinematics),
+            postures=profile.postures,
             patience_s=min(ANSWER_S, SHARE * session.limits.preflight_s),
         )
         return dry_run.run(session, skill.tree, now, thorough=thorough)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     Trajectory = Mapping[str, NDArray[np.float64]]
 
 REPORTED = "reported_"  # begins the name of a number that is the controller's own word
+REST_RAD = 0.02  # what a joint that is held moves by as others stop
 MAX_BYTES = 64 * 1024 * 1024  # of a trajectory: an hour of a seven-jointed arm
 
 
@@ -49,9 +50,19 @@ def _read_peak_acceleration(trajectory: "Trajectory") -> float:
     return float((abs(np.diff(trajectory["qd_measured"], axis=0)) / step_s).max())
 
 
+def _read_rest(trajectory: "Trajectory") -> float:
+    """How long at its end every joint was measured within `REST_RAD` of its last place [s]."""
+    import numpy as np
+
+    q, time_s = trajectory["q_measured"], trajectory["time_s"]
+    (moved,) = np.nonzero(abs(q - q[-1]).max(axis=1) > REST_RAD)
+    return float(time_s[-1] - time_s[min(moved[-1] + 1, len(q) - 1) if len(moved) else 0])
+
+
 TRAJECTORY_METRICS: "Mapping[str, Callable[[Trajectory], float]]" = {
     "final_joint_speed_rad_s": _read_last("qd_measured"),
     "final_tracking_error_rad": lambda trajectory: _read_error(trajectory, slice(-1, None)),
+    "final_rest_s": _read_rest,
     "final_gripper_width_m": _read_last("gripper_measured_m"),
     "peak_joint_speed_rad_s": _read_peak("qd_measured"),
     "peak_joint_acceleration_rad_s2": _read_peak_acceleration,

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from phyagentos.errors import format_names
 from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child, to_parent
 from phyagentos.protocol.world.environment import CLOSED_M, FRESH_S, Entity, Status, TargetState
 from phyagentos.protocol.world.predicates.geometry import (
@@ -51,6 +52,7 @@ PERCEIVED_STD_RAD = 0.02
 SHIFT_STD_M = 0.005  # by which a thing may have been shifted unseen as what hides it was put down on it
 COARSE_RAD, COARSE_FACTOR = 0.11, 3.0  # few pixels fit many turns: such a doubt is not that of a normal distribution
 DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
+POSTURE_RAD = 0.05  # the error of a servo that carries a load stays below
 OPEN_FRACTION = 0.9
 CLOSED_FRACTION = 0.1
 
@@ -377,6 +379,22 @@ def measure_speed(view: View, a: Entity) -> Reading:
     return Reading(a.speed_m_s, {"speed_m_s": round(a.speed_m_s, 5)}, f"{a.name} moves at {a.speed_m_s:.3f} m/s")
 
 
+def measure_in_posture(view: View, target: str, posture: str, tol_rad: float) -> Reading:
+    """Every joint, as measured, within `tol_rad` of a posture that the target's profile names."""
+    state = view.now.targets.get(target)
+    if state is None:
+        raise FactUnknown(f"target {target} is not in the snapshot")
+    if posture not in state.postures:
+        raise FactUnknown(f"{target} has no posture {posture!r}; it has {format_names(state.postures)}")
+    off_rad = [abs(is_at - asked) for is_at, asked in zip(state.q_rad, state.postures[posture], strict=True)]
+    worst_rad = max(off_rad)
+    joint = off_rad.index(worst_rad) + 1
+    because = f"joint {joint} of {target} is {worst_rad:.3f} rad from {posture}, allowed are {tol_rad:g} rad"
+    scale_rad = max(tol_rad, 1e-3)
+    measured: dict[str, float | str | bool] = {"joint": joint, "off_rad": round(worst_rad, 5)}
+    return Reading((tol_rad - worst_rad) / scale_rad, measured, because, DOUBT_STDS * state.q_std_rad / scale_rad)
+
+
 def measure_metric(view: View, name: str) -> Reading:
     """A number that was measured during the session, within its own `NAME_error`; unknown when not measured."""
     if name not in view.metrics:
@@ -449,6 +467,14 @@ BUILTINS: tuple[PredicateDefinition, ...] = (
         max_age_s=0.5,
         lasting=False,
         by_name=True,
+    ),
+    _define(
+        "in_posture",
+        measure_in_posture,
+        Argument("target", ArgumentKind.TARGET),
+        Argument("posture", ArgumentKind.POSTURE),
+        Argument("tol_rad", ArgumentKind.NUMBER, POSTURE_RAD),
+        lasting=False,
     ),
     _number("metric", measure_metric, Argument("name", ArgumentKind.METRIC)),
     _define("unstated", measure_unstated, lasting=False),

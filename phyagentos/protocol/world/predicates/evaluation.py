@@ -213,10 +213,7 @@ def _resolve(definition: PredicateDefinition, terms: Sequence[syntax.Term], view
                 resolved.append(view.target)
             case ArgumentKind.ENTITY, syntax.Name(text) if not definition.by_name:
                 resolved.append(get_entity(view, text, definition.max_age_s))
-            case (
-                (ArgumentKind.ENTITY | ArgumentKind.CONTAINER | ArgumentKind.TARGET | ArgumentKind.METRIC),
-                syntax.Name(text),
-            ):
+            case kind, syntax.Name(text) if kind is not ArgumentKind.NUMBER:
                 resolved.append(text)
             case _, syntax.Variable(path):
                 raise FactUnknown(f"${{{path}}} was never substituted")

@@ -38,6 +38,8 @@ class ArgumentKind(StrEnum):
     """A target; the word `target` means the session's own."""
     METRIC = "metric"
     """The name of a number that was measured during the session."""
+    POSTURE = "posture"
+    """The name of a posture of the target that is named before it."""
     NUMBER = "number"
     """A number in the unit that the argument's name carries."""
 

@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 from typing import Any
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
@@ -34,6 +34,7 @@ __all__ = [
     "is_metric_only",
     "iter_entities",
     "iter_metrics",
+    "iter_postures",
     "parse_predicate",
     "substitute",
     "worse",
@@ -41,18 +42,13 @@ __all__ = [
 
 _REFERENCE = re.compile(r"\$\{\s*([^{}]+?)\s*\}")
 _TAKES = {
-    syntax.Name: (
-        ArgumentKind.ENTITY,
-        ArgumentKind.CONTAINER,
-        ArgumentKind.PLACE,
-        ArgumentKind.TARGET,
-        ArgumentKind.METRIC,
-    ),
+    syntax.Name: tuple(kind for kind in ArgumentKind if kind is not ArgumentKind.NUMBER),
     syntax.Star: (ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE),
     syntax.Variable: tuple(ArgumentKind),
     syntax.Number: (ArgumentKind.NUMBER,),
     syntax.Point: (ArgumentKind.PLACE,),
 }
+_OF_NO_WORLD = (ArgumentKind.METRIC, ArgumentKind.POSTURE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +86,8 @@ class Predicate:
         return all(definition is not None and definition.lasting for definition in found)
 
     def iter_references(self) -> Iterator[Reference]:
-        """Every name it mentions, left to right; names of metrics are none of the world's."""
-        return (each for each in _iter_names(self.formula) if each.kind is not ArgumentKind.METRIC)
+        """Every name it mentions, left to right; names of metrics and postures are none of the world's."""
+        return (each for each in _iter_names(self.formula) if each.kind not in _OF_NO_WORLD)
 
     def rename_targets(self, targets: Mapping[str, str]) -> "Predicate":
         """The same predicate with target roles replaced by the targets they stand for."""
@@ -161,6 +157,13 @@ def iter_metrics(text: str) -> Iterator[str]:
     predicate, _ = _parse(text, True)
     names = _iter_names(predicate.formula) if predicate is not None else ()
     return (each.name for each in names if each.kind is ArgumentKind.METRIC)
+
+
+def iter_postures(text: str) -> Iterator[tuple[str, str]]:
+    """Each posture that a predicate names, after its target; none of text that is no predicate."""
+    predicate, _ = _parse(text, True)
+    names = _iter_names(predicate.formula) if predicate is not None else ()
+    return ((target.name, each.name) for target, each in pairwise(names) if each.kind is ArgumentKind.POSTURE)
 
 
 @lru_cache(maxsize=4096)

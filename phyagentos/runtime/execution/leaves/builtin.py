@@ -13,6 +13,7 @@ from phyagentos.runtime.execution.leaves.look import Look
 from phyagentos.runtime.execution.leaves.move_home import MoveHome
 from phyagentos.runtime.execution.leaves.move_level import MoveLevel
 from phyagentos.runtime.execution.leaves.move_linear import MoveLinear
+from phyagentos.runtime.execution.leaves.move_posture import MovePosture
 from phyagentos.runtime.execution.leaves.move_to import MoveTo
 from phyagentos.runtime.execution.leaves.plan_carry import PlanCarry
 from phyagentos.runtime.execution.leaves.plan_grasp import PlanGrasp
@@ -43,6 +44,7 @@ def register_builtin(registry: LeafRegistry) -> None:
     registry.register("move_home", MoveHome)
     registry.register("move_level", MoveLevel)
     registry.register("move_linear", MoveLinear)
+    registry.register("move_posture", MovePosture)
     registry.register("move_to", MoveTo)
     registry.register("open_gripper", OpenGripper)
     registry.register("plan_carry", PlanCarry)

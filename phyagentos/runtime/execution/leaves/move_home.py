@@ -16,17 +16,21 @@ class MoveHome(MovingLeaf):
         "speed": PortInformation(data_type=float, default_value=1.0, description="Fraction of the velocity limits."),
     }
 
+    def find_goal_rad(self) -> tuple[float, ...]:
+        """(n_joints,) where to go [rad]."""
+        return self.context.profile.arm.home_rad
+
     def compose(self) -> MotionRequest | Status:
         """One request."""
         payload = self.find("payload")
         self._held = None if payload is None else payload.entity
-        home = np.asarray(self.context.profile.arm.home_rad, dtype=np.float64)
-        if np.abs(home - self.context.commands.q_rad).max() < HOME_TOLERANCE_RAD:
+        goal = np.asarray(self.find_goal_rad(), dtype=np.float64)
+        if np.abs(goal - self.context.commands.q_rad).max() < HOME_TOLERANCE_RAD:
             return self.succeed("already there")
         return PlanMove(
             world=self.world(),
             q_rad=self.context.commands.q_rad,
-            goals_rad=home[None, :],
+            goals_rad=goal[None, :],
             seed=self.context.draw_seed(self.path),
             payload=payload or self.find_held(),
             speed=self.scale_speed(self.read("speed")),
