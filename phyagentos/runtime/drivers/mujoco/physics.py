@@ -321,6 +321,10 @@ class Physics:
         """Remove the hand's force from a body."""
         self.data.xfrc_applied[self.model.body(name).id] = 0.0
 
+    def push(self, joint: str, force_n: Array) -> None:
+        """Apply a force (3,) in the world to the link of a joint, at its centre of mass, until the next push."""
+        self.data.xfrc_applied[int(self.model.joint(self._prefix + joint).bodyid[0]), :3] = force_n
+
     def check_posture(self, q_rad: Array) -> tuple[Array, str]:
         """The arm in another posture (n_joints,) [rad], everything else in place.
 
