@@ -225,6 +225,7 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
         fingers_touching: How many finger pads touch something, by touch sensors; 0 for a hand without such.
         grip_force_n: Force that presses the fingers together, by the current of their motor [N]; None where it is
             not measured.
+        base: Measured x, y [m] and heading [rad] of its base in the world; None where it is fixed.
     """
 
     q_rad: tuple[float, ...]
@@ -234,6 +235,7 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
     holding: tuple[str, ...] = ()
     fingers_touching: int = 0
     grip_force_n: float | None = None
+    base: tuple[float, float, float] | None = None
 
     @property
     def is_gripping(self) -> bool:
