@@ -90,7 +90,7 @@ def _prepare(
     posture = dict(base.posture_rad)
     unknown = [name for name in (*base.joints, *posture) if name not in known]
     if unknown:
-        raise DefinitionError([Problem.unknown("UNKNOWN_JOINT", str(path), name, known) for name in unknown])
+        raise DefinitionError([Problem.unknown("UNKNOWN_NAME", str(path), name, known) for name in unknown])
     if base.wheels is not None:
         for geom in [geom for geom in spec.geoms if geom.parent.name in base.wheels.links]:
             geom.contype, geom.conaffinity = 0, 0
