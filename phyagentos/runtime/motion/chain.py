@@ -1,4 +1,4 @@
-"""Forward kinematics and a fast inverse of a serial arm, compiled by numba.
+"""Forward kinematics and a fast inverse of a serial arm, that of a base before it, compiled by numba.
 
 The inverse only screens; mink (`kinematics`) polishes what it finds. No `fastmath`: the same bits on every machine
 with the same mathematical library.
@@ -28,6 +28,7 @@ class Chain:
         q_min_rad: (n_joints,) lower limits less a margin; `q_max_rad` likewise.
         link_of_body: Link index by body id of the robot's model.
         zero: (n_joints + 1, 4, 4) `world_T_link` at joint angles zero.
+        slides: So many of the first joints slide along that axis instead: those of a base that moves.
     """
 
     frames: Array
@@ -36,6 +37,7 @@ class Chain:
     q_max_rad: Array
     link_of_body: dict[int, int]
     zero: Array
+    slides: int
 
     def compute_tcp(self, q_rad: Array) -> Array:
         """`world_T_tcp` (4, 4) of a posture (n_joints,)."""
@@ -45,7 +47,7 @@ class Chain:
     def compute_tcp_path(self, path_rad: Array) -> Array:
         """`world_T_tcp` (k, 4, 4) of postures (k, n_joints)."""
         last = np.empty((len(path_rad), 3, 4))
-        _compute_last_links(np.ascontiguousarray(path_rad, dtype=np.float64), self.frames, last)
+        _compute_last_links(np.ascontiguousarray(path_rad, dtype=np.float64), self.frames, self.slides, last)
         T = np.tile(np.eye(4), (len(path_rad), 1, 1))
         T[:, :3] = last[:, :, :3] @ self.tcp
         T[:, :3, 3] += last[:, :, 3]
@@ -56,7 +58,7 @@ class Chain:
         q = np.zeros_like(self.q_min_rad)
         target = np.ascontiguousarray(world_T_tcp[:3])
         start = np.ascontiguousarray(start_rad, dtype=np.float64)
-        found = _solve(start, target, self.frames, self.tcp, self.q_min_rad, self.q_max_rad, q)
+        found = _solve(start, target, self.frames, self.slides, self.tcp, self.q_min_rad, self.q_max_rad, q)
         return q if found else None
 
 
@@ -84,6 +86,7 @@ def build_chain(robot: RobotModel) -> Chain:
         q_max_rad=robot.q_max_rad - LIMIT_MARGIN_RAD,
         link_of_body={body: link_of_body[int(model.body_weldid[body])] for body in range(model.nbody)},
         zero=np.array(zero),
+        slides=int((model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE).sum()),
     )
 
 
@@ -99,13 +102,14 @@ def _align_z_with(axis: Array) -> Array:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def compute_links(q, frames, links):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - compiled
-    """Write `world_T_link` (n_joints + 1, 3, 4) of the posture `q` into `links`."""
+def compute_links(q, frames, slides, links):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - compiled
+    """Write `world_T_link` (n_joints + 1, 3, 4) of the posture `q` into `links`; the first `slides` joints slide."""
     for r in range(3):
         for k in range(4):
             links[0, r, k] = frames[0, r, k]
     for i in range(1, frames.shape[0]):
-        c, s = np.cos(q[i - 1]), np.sin(q[i - 1])
+        turn = 0.0 if i <= slides else q[i - 1]
+        c, s = np.cos(turn), np.sin(turn)
         for r in range(3):
             a, b, d = links[i - 1, r, 0], links[i - 1, r, 1], links[i - 1, r, 2]
             x = a * frames[i, 0, 0] + b * frames[i, 1, 0] + d * frames[i, 2, 0]
@@ -114,26 +118,28 @@ def compute_links(q, frames, links):  # type: ignore[no-untyped-def]  # noqa: AN
             links[i, r, 1] = c * y - s * x
             links[i, r, 2] = a * frames[i, 0, 2] + b * frames[i, 1, 2] + d * frames[i, 2, 2]
             links[i, r, 3] = a * frames[i, 0, 3] + b * frames[i, 1, 3] + d * frames[i, 2, 3] + links[i - 1, r, 3]
+            if i <= slides:
+                links[i, r, 3] += links[i, r, 2] * q[i - 1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _compute_last_links(path, frames, last):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _compute_last_links(path, frames, slides, last):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Write `world_T_link` (k, 3, 4) of the last link in each posture of a path into `last`."""
     links = np.empty_like(frames)
     for k in range(len(path)):
-        compute_links(path[k], frames, links)
+        compute_links(path[k], frames, slides, links)
         last[k] = links[-1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve(start, target, frames, tcp, q_min, q_max, q):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _solve(start, target, frames, slides, tcp, q_min, q_max, q):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Damped least squares, dq = J^T (J J^T + lambda I)^-1 e, clamped to the limits; at most 60 steps."""
     n = start.shape[0]
     links, T = np.zeros(frames.shape), np.zeros((3, 4))
     J, H, e = np.zeros((6, n)), np.zeros((6, 6)), np.zeros(6)
     q[:] = start
     for _ in range(60):
-        compute_links(q, frames, links)
+        compute_links(q, frames, slides, links)
         for r in range(3):
             for c in range(4):
                 T[r, c] = links[n, r, 0] * tcp[0, c] + links[n, r, 1] * tcp[1, c] + links[n, r, 2] * tcp[2, c]
@@ -148,6 +154,8 @@ def _solve(start, target, frames, tcp, q_min, q_max, q):  # type: ignore[no-unty
             J[1, i] = L[2, 2] * dx - L[0, 2] * dz
             J[2, i] = L[0, 2] * dy - L[1, 2] * dx
             J[3, i], J[4, i], J[5, i] = L[0, 2], L[1, 2], L[2, 2]
+            if i < slides:
+                J[:3, i], J[3:, i] = L[:, 2], 0.0
         damping = 1e-4 + 1e-2 * min(1.0, position_error**2 + rotation_error**2)
         for r in range(6):
             for c in range(r + 1):

@@ -37,6 +37,7 @@ class SphereArrays(NamedTuple):
 
     Attributes:
         frames: (n + 1, 3, 4) of the chain.
+        slides: Of the chain.
         spheres: (s, 4) centre in the link frame, radius.
         first: (c + 1,) index of the first sphere of each cluster.
         link: (c,) link of each cluster.
@@ -49,6 +50,7 @@ class SphereArrays(NamedTuple):
     """
 
     frames: Array
+    slides: int
     spheres: Array
     first: Integers
     link: Integers
@@ -97,6 +99,7 @@ class SphereModel:
         boxes, kinds = _box_obstacles(scene)
         return SphereArrays(
             frames=self._chain.frames,
+            slides=self._chain.slides,
             spheres=np.vstack([cover for _, _, cover in clusters]),
             first=np.cumsum([0, *(len(cover) for _, _, cover in clusters)]),
             link=np.array([link for link, _, _ in clusters]),
@@ -120,7 +123,7 @@ class SphereModel:
             mujoco.mj_collision(robot.model, data)
             if data.ncon:
                 continue
-            compute_links(q, self._chain.frames, links)
+            compute_links(q, self._chain.frames, self._chain.slides, links)
             for rows, (link, _, cover) in zip(centers, self._clusters, strict=True):
                 rows.append(cover[:, :3] @ links[link, :, :3].T + links[link, :, 3])
         placed = [np.array(rows) for rows in centers]
