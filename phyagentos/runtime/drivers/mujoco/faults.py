@@ -48,7 +48,7 @@ class FaultActivation(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         kind: As in the fault file.
-        body: The object, the joint that seizes or whose link is pushed, or the pattern of the cameras that are corrupted.
+        body: The object, the joint that seizes or whose link is pushed, or the pattern of the corrupted cameras.
         time_s: Of its beginning.
         start_m: The object's place then.
         goal_m: The object's place at the end of a hand's pull.

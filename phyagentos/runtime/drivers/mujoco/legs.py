@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from phyagentos.errors import DefinitionError
 from phyagentos.geometry import UP
+from phyagentos.protocol.capabilities.targets import Base
+from phyagentos.runtime.drivers.mujoco.planar_base import PlanarBase
 
 Array = NDArray[np.float64]
 FRICTION = 0.5  # that is relied on, below that of most floors
@@ -30,36 +33,27 @@ class Legs:
         height_m: Of that frame above the ground then.
     """
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        body: str,
-        joints: Sequence[str],
-        motors: Sequence[str],
-        feet: Sequence[str],
-        home_rad: Sequence[float],
-    ) -> None:
-        """`feet` are bodies; each sphere among their geoms that collides is a point of contact."""
-        self.model, self._seen = model, mujoco.MjData(model)
-        self._body = model.body(body).id
-        free = int(model.body_jntadr[self._body])
-        self._q, self._v = int(model.jnt_qposadr[free]), int(model.jnt_dofadr[free])
-        self._q_address = np.array([model.joint(name).qposadr[0] for name in joints])
-        self._v_address = np.array([model.joint(name).dofadr[0] for name in joints])
-        self._motors = np.array([model.actuator(name).id for name in motors])
-        self._contacts = [_find_spheres(model, foot) for foot in feet]
-        self._mass_kg = float(model.body_subtreemass[self._body])
-        self.weight_n = self._mass_kg * float(-model.opt.gravity[2])
-        self.home_rad = np.array(home_rad)
-        self.home_feet_m = self._find_home()
-        self.height_m = -float(self.home_feet_m[:, 2].min())
+    def __init__(self, model: mujoco.MjModel, planar: PlanarBase, base: Base, n_feet: int) -> None:
+        """Feet are the bodies of the base's joints that have solid spheres, in the order of the joints.
 
-    def _find_home(self) -> Array:
-        self._seen.qpos[:] = self.model.qpos0
-        self._seen.qpos[self._q_address] = self.home_rad
-        mujoco.mj_kinematics(self.model, self._seen)
-        feet = np.array([self.find_foot(foot) for foot in range(len(self._contacts))])
-        return (feet - self.position_m) @ self.rotation
+        Raises:
+            DefinitionError: `INVALID_VALUE` when there are more or fewer feet.
+        """
+        self.model, self._planar, self._seen = model, planar, mujoco.MjData(model)
+        spheres = (_find_spheres(model, int(model.jnt_bodyid[joint])) for joint in planar.joints)
+        self._contacts = [found for found in spheres if found]
+        if len(self._contacts) != n_feet:
+            found = f"{len(self._contacts)} bodies with solid spheres"
+            raise DefinitionError.of(
+                "INVALID_VALUE", f"base.joints of kind {base.kind!r}", found, f"{n_feet}, its feet"
+            )
+        self._mass_kg = float(model.body_subtreemass[planar.body])
+        self.weight_n = self._mass_kg * float(-model.opt.gravity[2])
+        self.home_rad = planar.rest
+        planar.place(self._seen, np.zeros(3))
+        mujoco.mj_kinematics(model, self._seen)
+        self.home_feet_m = np.array([self.find_foot(foot) for foot in range(n_feet)]) - self.position_m
+        self.height_m = -float(self.home_feet_m[:, 2].min())
 
     def look(self, data: mujoco.MjData) -> None:
         """Take a state, for all that follows."""
@@ -73,17 +67,17 @@ class Legs:
     @property
     def position_m(self) -> Array:
         """(3,) of the body's frame."""
-        return np.array(self._seen.xpos[self._body])
+        return np.array(self._seen.xpos[self._planar.body])
 
     @property
     def velocity_m_s(self) -> Array:
         """(3,) of the body's frame, in the world."""
-        return np.array(self._seen.qvel[self._v : self._v + 3])
+        return np.array(self._seen.qvel[self._planar.free_v : self._planar.free_v + 3])
 
     @property
     def rotation(self) -> Array:
         """(3, 3) `world_R_body`."""
-        return np.array(self._seen.xmat[self._body]).reshape(3, 3)
+        return np.array(self._seen.xmat[self._planar.body]).reshape(3, 3)
 
     @property
     def yaw_rad(self) -> float:
@@ -93,27 +87,27 @@ class Legs:
     @property
     def spin_rad_s(self) -> Array:
         """(3,) angular velocity, in the world."""
-        return self.rotation @ self._seen.qvel[self._v + 3 : self._v + 6]
+        return np.array(self.rotation @ self._seen.qvel[self._planar.free_v + 3 : self._planar.free_v + 6])
 
     @property
     def center_m(self) -> Array:
         """(3,) centre of mass."""
-        return np.array(self._seen.subtree_com[self._body])
+        return np.array(self._seen.subtree_com[self._planar.body])
 
     @property
     def q_rad(self) -> Array:
         """(n,) of the legs."""
-        return np.array(self._seen.qpos[self._q_address])
+        return np.array(self._seen.qpos[self._planar.q_address])
 
     @property
     def qd_rad_s(self) -> Array:
         """(n,) of the legs."""
-        return np.array(self._seen.qvel[self._v_address])
+        return np.array(self._seen.qvel[self._planar.v_address])
 
     def find_center_velocity(self) -> Array:
         """(3,) of the centre of mass."""
         J = np.zeros((3, self.model.nv))
-        mujoco.mj_jacSubtreeCom(self.model, self._seen, J, self._body)
+        mujoco.mj_jacSubtreeCom(self.model, self._seen, J, self._planar.body)
         return np.array(J @ self._seen.qvel)
 
     def find_inertia(self) -> Array:
@@ -121,14 +115,14 @@ class Legs:
         M = np.zeros((self.model.nv, self.model.nv))
         mujoco.mj_crb(self.model, self._seen)
         mujoco.mj_fullM(self.model, self._seen, M)
-        turning = slice(self._v + 3, self._v + 6)
+        turning = slice(self._planar.free_v + 3, self._planar.free_v + 6)
         r = self.center_m - self.position_m
         about_body = self.rotation @ M[turning, turning] @ self.rotation.T
         return np.array(about_body - self._mass_kg * (r @ r * np.eye(3) - np.outer(r, r)))
 
     def find_foot(self, foot: int) -> Array:
         """(3,) the middle of a foot's points of contact."""
-        return np.mean([self._find_point(geom) for geom in self._contacts[foot]], axis=0)
+        return np.array(np.mean([self._find_point(geom) for geom in self._contacts[foot]], axis=0))
 
     def find_foot_velocity(self, foot: int) -> Array:
         """(3,) of that middle."""
@@ -136,12 +130,12 @@ class Legs:
 
     def carry(self) -> Array:
         """(n,) torques of the legs against their own weight and swing."""
-        return np.array(self._seen.qfrc_bias[self._v_address])
+        return np.array(self._seen.qfrc_bias[self._planar.v_address])
 
     def push(self, foot: int, force_n: Array) -> Array:
         """(n,) torques of the legs by which a foot exerts a force (3,) on the world, its own weight apart."""
         J = self._find_jacobian(self._contacts[foot][0], self.find_foot(foot))
-        return np.array(J[:, self._v_address].T @ force_n)
+        return np.array(J[:, self._planar.v_address].T @ force_n)
 
     def stand_on(self, feet: Sequence[int], acceleration_m_s2: Array, angular_rad_s2: Array) -> Array:
         """(n,) torques that give the centre of mass, and the body about it, accelerations as near as the ground can."""
@@ -150,15 +144,15 @@ class Legs:
         force = self._mass_kg * (acceleration_m_s2 - self.model.opt.gravity)
         moment = self.find_inertia() @ angular_rad_s2
         forces = share_wrench(points - self.center_m, force, moment, self.weight_n)
-        torque = np.zeros(len(self._v_address))
+        torque = np.zeros(len(self._planar.v_address))
         for geom, point, share in zip(geoms, points, forces, strict=True):
-            torque -= self._find_jacobian(geom, point)[:, self._v_address].T @ share
+            torque -= self._find_jacobian(geom, point)[:, self._planar.v_address].T @ share
         return torque
 
     def command(self, data: mujoco.MjData, torque_nm: Array) -> None:
         """Write torques (n,) of the legs, within the motors' limits."""
-        low, high = self.model.actuator_ctrlrange[self._motors].T
-        data.ctrl[self._motors] = np.clip(torque_nm, low, high)
+        low, high = self.model.actuator_forcerange[self._planar.motors].T
+        data.ctrl[self._planar.motors] = np.clip(torque_nm, low, high)
 
     def _find_point(self, geom: int) -> Array:
         """(3,) the lowest point of a sphere."""
@@ -187,7 +181,7 @@ def share_wrench(levers_m: Array, force_n: Array, moment_nm: Array, weight_n: fl
     return np.array((shares[:, None] * rays).reshape(k, edges, 3).sum(axis=1) * weight_n)
 
 
-def _find_spheres(model: mujoco.MjModel, body: str) -> list[int]:
-    start, count = int(model.body(body).geomadr[0]), int(model.body(body).geomnum[0])
+def _find_spheres(model: mujoco.MjModel, body: int) -> list[int]:
+    start, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
     sphere = mujoco.mjtGeom.mjGEOM_SPHERE
     return [g for g in range(start, start + count) if model.geom_type[g] == sphere and model.geom_contype[g]]

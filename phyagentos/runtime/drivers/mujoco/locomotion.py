@@ -12,6 +12,8 @@ import numpy as np
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.targets import Base, TargetProfile
 from phyagentos.runtime.drivers.mujoco.planar_base import Array, PlanarBase
+from phyagentos.runtime.drivers.mujoco.stand import Stand
+from phyagentos.runtime.drivers.mujoco.trot import Trot
 
 GAIN_1_S = 4.0  # speed by which an omniwheel base makes up for a metre or radian that it is off
 
@@ -66,7 +68,11 @@ class OmniDrive:
         data.ctrl[planar.motors] = self._spins @ (c * vx + s * vy, c * vy - s * vx, spin)
 
 
-LOCOMOTIONS: Mapping[str, Callable[[mujoco.MjModel, PlanarBase, Base], Locomotion]] = {"omni": OmniDrive}
+LOCOMOTIONS: Mapping[str, Callable[[mujoco.MjModel, PlanarBase, Base], Locomotion]] = {
+    "omni": OmniDrive,
+    "trot": Trot,
+    "stand": Stand,
+}
 
 
 def make_locomotion(model: mujoco.MjModel, planar: PlanarBase, profile: TargetProfile) -> Locomotion:

@@ -9,7 +9,9 @@ import mujoco
 import numpy as np
 
 from phyagentos.geometry import UP
+from phyagentos.protocol.capabilities.targets import Base
 from phyagentos.runtime.drivers.mujoco.legs import Array, Legs
+from phyagentos.runtime.drivers.mujoco.planar_base import PlanarBase
 
 SWAY_RAD_S = 14.0  # with which the centre of mass returns above the feet: four times what a pendulum of 1 m falls with
 TILT_RAD_S = 12.0  # with which the body's height and tilt return
@@ -19,8 +21,8 @@ STIFFNESS_NM_RAD, DAMPING_NMS_RAD = 5.0, 1.0  # of the legs to their posture: fo
 class Stand:
     """Keeps a body on two feet, left and right, upright where it stands; set-points of its pose are not followed."""
 
-    def __init__(self, legs: Legs) -> None:
-        self._legs = legs
+    def __init__(self, model: mujoco.MjModel, planar: PlanarBase, base: Base) -> None:
+        self._legs = Legs(model, planar, base, n_feet=2)
 
     def begin(self, data: mujoco.MjData) -> None:
         """There is no past to forget."""

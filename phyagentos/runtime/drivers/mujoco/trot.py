@@ -10,7 +10,9 @@ import mujoco
 import numpy as np
 
 from phyagentos.geometry import UP
+from phyagentos.protocol.capabilities.targets import Base
 from phyagentos.runtime.drivers.mujoco.legs import Array, Legs
+from phyagentos.runtime.drivers.mujoco.planar_base import PlanarBase
 
 PAIRS = ((0, 3), (1, 2))  # front left and rear right, front right and rear left
 STEP_S, LIFT_M = 0.18, 0.07  # of a step: its time, and how high the feet are lifted
@@ -27,12 +29,12 @@ DEAD_M, DEAD_RAD, STRAY_M = 0.02, 0.03, 0.04  # errors of the pose, and of a foo
 
 
 class Trot:
-    """Moves a body on four feet (front left, front right, rear left, rear right), so that its pose follows set-points."""
+    """Moves a body on four feet, front left and right, rear left and right, so that its pose follows set-points."""
 
-    def __init__(self, legs: Legs) -> None:
-        self._legs = legs
+    def __init__(self, model: mujoco.MjModel, planar: PlanarBase, base: Base) -> None:
+        self._legs = legs = Legs(model, planar, base, n_feet=4)
         self._stance_m = (legs.home_feet_m - legs.home_feet_m.mean(axis=0))[:, :2]
-        self._fall_s = math.sqrt(legs.height_m / -float(legs.model.opt.gravity[2]))  # time scale of falling over
+        self._fall_s = math.sqrt(legs.height_m / -float(model.opt.gravity[2]))  # time scale of falling over
         self._air: tuple[int, ...] = ()  # feet in the air; none while it stands
         self._since_s, self._lifted_m = 0.0, np.zeros((4, 3))  # since they were lifted, and from where
 
@@ -98,7 +100,8 @@ class Trot:
         landing = self._find_place(foot) + (STEP_S - self._since_s + STEP_S / 2) * moving
         landing += CATCH * self._fall_s * (legs.velocity_m_s[:2] - velocity[:2])
         way = landing - start[:2]
-        goal = start + (*(share * share * (3 - 2 * share) * way), LIFT_M * math.sin(math.pi * share) - PRESS_M * share)
+        raised_m = LIFT_M * math.sin(math.pi * share) - PRESS_M * share
+        goal = start + np.array([*(share * share * (3 - 2 * share) * way), raised_m])
         rate = np.array([*(6 * share * (1 - share) * way), math.pi * LIFT_M * math.cos(math.pi * share)]) / STEP_S
         error, lag = goal - legs.find_foot(foot), rate - legs.find_foot_velocity(foot)
         return np.array(FOOT_N_M * error + FOOT_NS_M * lag)
