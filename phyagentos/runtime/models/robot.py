@@ -78,6 +78,14 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     return profile, path.parent
 
 
+def find_ancestors(model: mujoco.MjModel, body: int) -> list[int]:
+    """A body and all that carry it, from it to the world."""
+    found = [body]
+    while found[-1]:
+        found.append(int(model.body_parentid[found[-1]]))
+    return found
+
+
 def count_steps(profile: TargetProfile) -> int:
     """Physics steps in one control period."""
     return round(profile.control_period_s / profile.physics_step_s)

@@ -1,15 +1,15 @@
-"""Forward kinematics and a fast inverse of a serial arm, that of a base before it, compiled by numba.
+"""Forward kinematics of a tree of joints, those of a base first, and a fast inverse, compiled by numba.
 
 The inverse only screens; mink (`kinematics`) polishes what it finds. No `fastmath`: the same bits on every machine
 with the same mathematical library.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import mujoco
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_inverse
 from phyagentos.runtime.motion.requests import Array
@@ -20,11 +20,13 @@ LIMIT_MARGIN_RAD = 0.02  # a posture at a joint limit leaves no room for a corre
 
 @dataclass(frozen=True, slots=True)
 class Chain:
-    """Kinematics of a serial arm; link 0 is the base, link i turns about its own z axis by joint i.
+    """Kinematics of a tree of joints; link 0 is the base, link i turns about its own z axis by joint i.
 
     Attributes:
-        frames: (n_joints + 1, 3, 4) `link(i-1)_T_link(i)` at joint angle zero; row 0 is `world_T_base`.
-        tcp: (3, 4) `last_link_T_tcp`.
+        frames: (n_joints + 1, 3, 4) `parent_T_link(i)` at joint angle zero; row 0 is `world_T_base`.
+        parents: (n_joints + 1,) the link that carries each, an earlier one; i - 1 in a serial arm.
+        tool: The link that carries the tool centre point; the last one of a serial arm, 0 on the palm of a hand.
+        tcp: (3, 4) `tool_link_T_tcp`.
         q_min_rad: (n_joints,) lower limits less a margin; `q_max_rad` likewise.
         link_of_body: Link index by body id of the robot's model.
         zero: (n_joints + 1, 4, 4) `world_T_link` at joint angles zero.
@@ -32,6 +34,8 @@ class Chain:
     """
 
     frames: Array
+    parents: NDArray[np.int64]
+    tool: int
     tcp: Array
     q_min_rad: Array
     q_max_rad: Array
@@ -46,11 +50,12 @@ class Chain:
 
     def compute_tcp_path(self, path_rad: Array) -> Array:
         """`world_T_tcp` (k, 4, 4) of postures (k, n_joints)."""
-        last = np.empty((len(path_rad), 3, 4))
-        _compute_last_links(np.ascontiguousarray(path_rad, dtype=np.float64), self.frames, self.slides, last)
+        carrier = np.empty((len(path_rad), 3, 4))
+        rows = np.ascontiguousarray(path_rad, dtype=np.float64)
+        _compute_tool_links(rows, self.frames, self.parents, self.slides, self.tool, carrier)
         T = np.tile(np.eye(4), (len(path_rad), 1, 1))
-        T[:, :3] = last[:, :, :3] @ self.tcp
-        T[:, :3, 3] += last[:, :, 3]
+        T[:, :3] = carrier[:, :, :3] @ self.tcp
+        T[:, :3, 3] += carrier[:, :, 3]
         return T
 
     def solve(self, world_T_tcp: Array, start_rad: Array) -> Array | None:
@@ -58,7 +63,8 @@ class Chain:
         q = np.zeros_like(self.q_min_rad)
         target = np.ascontiguousarray(world_T_tcp[:3])
         start = np.ascontiguousarray(start_rad, dtype=np.float64)
-        found = _solve(start, target, self.frames, self.slides, self.tcp, self.q_min_rad, self.q_max_rad, q)
+        tree = self.frames, self.parents, self.slides, self.tool, self.tcp
+        found = _solve(start, target, *tree, self.q_min_rad, self.q_max_rad, q)
         return q if found else None
 
 
@@ -74,14 +80,17 @@ def build_chain(robot: RobotModel) -> Chain:
         T[:3, 3] = data.xanchor[joint]
         zero.append(T)
         link_of_body[int(model.body_weldid[model.jnt_bodyid[joint]])] = joint + 1
-    frames = [zero[0], *(compute_inverse(a) @ b for a, b in pairwise(zero))]
-    world_T_tcp = np.eye(4)
-    site = model.site(robot.profile.tcp).id
+    parents = [link_of_body[int(model.body_weldid[model.body_parentid[body]])] for body in model.jnt_bodyid]
+    frames = [zero[0], *(compute_inverse(zero[a]) @ b for a, b in zip(parents, zero[1:], strict=True))]
+    world_T_tcp, site = np.eye(4), model.site(robot.profile.tcp).id
+    tool = link_of_body[int(model.body_weldid[model.site_bodyid[site]])]
     world_T_tcp[:3, :3] = data.site_xmat[site].reshape(3, 3)
     world_T_tcp[:3, 3] = data.site_xpos[site]
     return Chain(
         frames=np.ascontiguousarray(np.array(frames)[:, :3]),
-        tcp=np.ascontiguousarray((compute_inverse(zero[-1]) @ world_T_tcp)[:3]),
+        parents=np.array([0, *parents], dtype=np.int64),
+        tool=tool,
+        tcp=np.ascontiguousarray((compute_inverse(zero[tool]) @ world_T_tcp)[:3]),
         q_min_rad=robot.q_min_rad + LIMIT_MARGIN_RAD,
         q_max_rad=robot.q_max_rad - LIMIT_MARGIN_RAD,
         link_of_body={body: link_of_body[int(model.body_weldid[body])] for body in range(model.nbody)},
@@ -102,53 +111,56 @@ def _align_z_with(axis: Array) -> Array:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def compute_links(q, frames, slides, links):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - compiled
+def compute_links(q, frames, parents, slides, links):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - compiled
     """Write `world_T_link` (n_joints + 1, 3, 4) of the posture `q` into `links`; the first `slides` joints slide."""
     for r in range(3):
         for k in range(4):
             links[0, r, k] = frames[0, r, k]
     for i in range(1, frames.shape[0]):
-        turn = 0.0 if i <= slides else q[i - 1]
+        turn, p = 0.0 if i <= slides else q[i - 1], parents[i]
         c, s = np.cos(turn), np.sin(turn)
         for r in range(3):
-            a, b, d = links[i - 1, r, 0], links[i - 1, r, 1], links[i - 1, r, 2]
+            a, b, d = links[p, r, 0], links[p, r, 1], links[p, r, 2]
             x = a * frames[i, 0, 0] + b * frames[i, 1, 0] + d * frames[i, 2, 0]
             y = a * frames[i, 0, 1] + b * frames[i, 1, 1] + d * frames[i, 2, 1]
             links[i, r, 0] = c * x + s * y
             links[i, r, 1] = c * y - s * x
             links[i, r, 2] = a * frames[i, 0, 2] + b * frames[i, 1, 2] + d * frames[i, 2, 2]
-            links[i, r, 3] = a * frames[i, 0, 3] + b * frames[i, 1, 3] + d * frames[i, 2, 3] + links[i - 1, r, 3]
+            links[i, r, 3] = a * frames[i, 0, 3] + b * frames[i, 1, 3] + d * frames[i, 2, 3] + links[p, r, 3]
             if i <= slides:
                 links[i, r, 3] += links[i, r, 2] * q[i - 1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _compute_last_links(path, frames, slides, last):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Write `world_T_link` (k, 3, 4) of the last link in each posture of a path into `last`."""
+def _compute_tool_links(path, frames, parents, slides, tool, carrier):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Write `world_T_link` (k, 3, 4) of the link with the tool in each posture of a path into `carrier`."""
     links = np.empty_like(frames)
     for k in range(len(path)):
-        compute_links(path[k], frames, slides, links)
-        last[k] = links[-1]
+        compute_links(path[k], frames, parents, slides, links)
+        carrier[k] = links[tool]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve(start, target, frames, slides, tcp, q_min, q_max, q):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _solve(start, target, frames, parents, slides, tool, tcp, q_min, q_max, q):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Damped least squares, dq = J^T (J J^T + lambda I)^-1 e, clamped to the limits; at most 60 steps."""
     n = start.shape[0]
     links, T = np.zeros(frames.shape), np.zeros((3, 4))
     J, H, e = np.zeros((6, n)), np.zeros((6, 6)), np.zeros(6)
     q[:] = start
     for _ in range(60):
-        compute_links(q, frames, slides, links)
+        compute_links(q, frames, parents, slides, links)
         for r in range(3):
             for c in range(4):
-                T[r, c] = links[n, r, 0] * tcp[0, c] + links[n, r, 1] * tcp[1, c] + links[n, r, 2] * tcp[2, c]
-            T[r, 3] += links[n, r, 3]
+                T[r, c] = links[tool, r, 0] * tcp[0, c] + links[tool, r, 1] * tcp[1, c] + links[tool, r, 2] * tcp[2, c]
+            T[r, 3] += links[tool, r, 3]
         position_error, rotation_error = _compute_error(target, T, e)
         if position_error < 1e-4 and rotation_error < 1e-3:
             return True
-        for i in range(n):
-            L = links[i + 1]
+        J[:] = 0.0
+        link = tool
+        while link > 0:  # the joints that carry the tool
+            i, L = link - 1, links[link]
+            link = parents[link]
             dx, dy, dz = T[0, 3] - L[0, 3], T[1, 3] - L[1, 3], T[2, 3] - L[2, 3]
             J[0, i] = L[1, 2] * dz - L[2, 2] * dy
             J[1, i] = L[2, 2] * dx - L[0, 2] * dz

@@ -172,6 +172,7 @@ def _strip(spec: mujoco.MjSpec) -> None:
     for geom in list(spec.geoms):
         if (geom.contype == 0 and geom.conaffinity == 0) or geom.parent.name == "world":
             spec.delete(geom)
+    spec.compiler.boundmass = spec.compiler.boundinertia = 1e-9  # a body may have its mass from visuals alone
     spec.discard_visual()  # meshes and materials that no geom uses any more cost 95 % of a compilation
 
 

@@ -37,6 +37,7 @@ class SphereArrays(NamedTuple):
 
     Attributes:
         frames: (n + 1, 3, 4) of the chain.
+        parents: (n + 1,) of its links.
         slides: Of the chain.
         spheres: (s, 4) centre in the link frame, radius.
         first: (c + 1,) index of the first sphere of each cluster.
@@ -50,6 +51,7 @@ class SphereArrays(NamedTuple):
     """
 
     frames: Array
+    parents: Integers
     slides: int
     spheres: Array
     first: Integers
@@ -88,17 +90,19 @@ class SphereModel:
     def build_arrays(self, scene: PlanningScene) -> SphereArrays:
         """The arrays for the scene as posed now, payload included."""
         clusters, pairs, shrink = list(self._clusters), list(self._pairs), list(self._shrink)
-        last = len(self._chain.frames) - 1
+        last = self._chain.tool
         if scene.payload_shapes:
             tcp = np.vstack((self._chain.tcp, (0.0, 0.0, 0.0, 1.0)))
             cover = [_move(_cover_payload(s), compute_matrix(s.pose)) for s in scene.payload_shapes]
-            pairs += [(i, len(clusters)) for i, (link, _, _) in enumerate(clusters) if link <= last - self._wrist]
+            links = [link for link, _, _ in clusters]
+            pairs += [(i, len(clusters)) for i, link in enumerate(links) if not last - self._wrist < link <= last]
             shrink += [0.0] * (len(pairs) - len(shrink))
             clusters.append((last, _ALL, _move(np.vstack(cover), tcp @ scene.tcp_T_payload)))
         clusters.append((last, _WALL, np.append(self._chain.tcp[:, 3], BALL_M)[None]))
         boxes, kinds = _box_obstacles(scene)
         return SphereArrays(
             frames=self._chain.frames,
+            parents=self._chain.parents,
             slides=self._chain.slides,
             spheres=np.vstack([cover for _, _, cover in clusters]),
             first=np.cumsum([0, *(len(cover) for _, _, cover in clusters)]),
@@ -123,7 +127,7 @@ class SphereModel:
             mujoco.mj_collision(robot.model, data)
             if data.ncon:
                 continue
-            compute_links(q, self._chain.frames, self._chain.slides, links)
+            compute_links(q, self._chain.frames, self._chain.parents, self._chain.slides, links)
             for rows, (link, _, cover) in zip(centers, self._clusters, strict=True):
                 rows.append(cover[:, :3] @ links[link, :, :3].T + links[link, :, 3])
         placed = [np.array(rows) for rows in centers]

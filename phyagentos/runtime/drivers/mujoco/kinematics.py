@@ -4,13 +4,17 @@ import mujoco
 import numpy as np
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.models.robot import find_ancestors
 from phyagentos.runtime.targets.wire import Kinematics
 
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def read_kinematics(model: mujoco.MjModel, profile: TargetProfile, prefix: str = "") -> Kinematics | None:
-    """Axes and anchors at joint positions zero, in the world frame; None when a joint neither turns nor slides."""
+    """Axes and anchors at joint positions zero, in the world frame; None when a joint neither turns nor slides.
+
+    A joint that does not move the tool centre point, as that of a finger beside it, is described as a slide of no way.
+    """
     joints = [model.joint(prefix + name) for name in profile.arm.joints]
     kinds = [int(joint.type[0]) for joint in joints]
     if not {_HINGE, _SLIDE}.issuperset(kinds):
@@ -21,11 +25,14 @@ def read_kinematics(model: mujoco.MjModel, profile: TargetProfile, prefix: str =
         data.qpos[joint.qposadr[0]] = 0.0
     mujoco.mj_kinematics(model, data)
     ids = np.array([joint.id for joint in joints])
+    site = model.site(prefix + profile.tcp).id
+    moves = np.isin(model.jnt_bodyid[ids], find_ancestors(model, int(model.site_bodyid[site])))
+    slides = [kind == _SLIDE or not moved for kind, moved in zip(kinds, moves, strict=True)]
     return Kinematics(
-        axes=_as_triples(data.xaxis[ids]),
+        axes=_as_triples(data.xaxis[ids] * moves[:, None]),
         anchors_m=_as_triples(data.xanchor[ids]),
-        tcp_m=_as_triples(data.site_xpos[model.site(prefix + profile.tcp).id][None])[0],
-        slides=tuple(kind == _SLIDE for kind in kinds) if _SLIDE in kinds else (),
+        tcp_m=_as_triples(data.site_xpos[site][None])[0],
+        slides=tuple(slides) if any(slides) else (),
     )
 
 

@@ -80,9 +80,9 @@ class Physics:
         self._kinds = (_ROBOT * self._of_robot + _LOOSE * is_loose + _FINGER * of_fingers).astype(np.uint8)
         self._bodies = {model.body(entity.name).id: entity for entity in self.entities}
         self._movable = {entity.name for entity in self.entities if entity.movable}
-        highest = model.geom_priority[self._pads].max(initial=0)
-        decisive = model.geom_priority > highest  # whose own friction decides a grip
-        self._gripping = np.union1d(self._pads, np.flatnonzero(decisive)).astype(np.intp)
+        pads = np.array(self._pads, dtype=np.intp)
+        decisive = model.geom_priority > model.geom_priority[pads].max(initial=0)  # whose own friction decides a grip
+        self._gripping = np.union1d(pads, np.flatnonzero(decisive))
         self._grip_friction = np.array(model.geom_friction[self._gripping])
         self._pad_pairs = np.flatnonzero(np.isin(model.pair_geom1, self._pads) | np.isin(model.pair_geom2, self._pads))
         self._pair_friction = np.array(model.pair_friction[self._pad_pairs])
@@ -242,14 +242,14 @@ class Physics:
     def read_target(self, touching: dict[str, int]) -> TargetState:
         """The arm's own state (after `look`); the pose of the tool follows from the measured joints."""
         q_rad, qd_rad_s = self.measure_joints()
+        force_n = -float(self.data.actuator_force[self._drive].sum())
         return TargetState(
             q_rad=tuple(q_rad.tolist()),
             qd_rad_s=tuple(qd_rad_s.tolist()),
             gripper_width_m=self.gripper_width_m,
             tcp=self._compute_tool(q_rad - self._read_joints(self.data)[0]),
             holding=tuple(n for n, pads in touching.items() if pads == len(self._pads) and n in self._movable),
-            grip_force_n=FORCE_UNIT_N
-            * max(round(-float(self.data.actuator_force[self._drive].sum()) / FORCE_UNIT_N), 0),
+            grip_force_n=FORCE_UNIT_N * max(round(force_n / FORCE_UNIT_N), 0) if len(self._drive) else None,
             base=None if self.base is None else (float(q_rad[0]), float(q_rad[1]), float(q_rad[2])),
         )
 
@@ -335,7 +335,7 @@ class Physics:
             for pad, other in ((first, second), (second, first))
             if pad in self._pads and self.model.geom_bodyid[other] == body
         }
-        return bool(self._pads) and len(touched) == len(self._pads)
+        return bool(touched) and len(touched) == len(self._pads)
 
     def find_clearance(self, point: Array, own: Array) -> float:
         """Horizontal distance from a point to the nearest movable thing that is not the one at `own` [m]."""

@@ -32,7 +32,7 @@ from phyagentos.runtime.drivers.mujoco.local_limits import END_MARGIN_RAD
 from phyagentos.runtime.drivers.mujoco.physics import Physics, advance
 from phyagentos.runtime.drivers.mujoco.rendering import render_png
 from phyagentos.runtime.drivers.mujoco.simulation import BROKEN_OFF, ReadAgreement, Simulation
-from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, build_robot, count_steps
+from phyagentos.runtime.models.robot import build_robot, count_steps
 from phyagentos.runtime.models.world import CompiledScene, compile_scene, name_prefix
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
@@ -209,7 +209,7 @@ class MujocoDriver(TargetDriver):
             cameras=cameras,
             mode=self.world.mode,
             kinematics=read_kinematics(model, profile, prefix),
-            gripper_force_n=_find_grip(model, profile, prefix),
+            gripper_force_n=profile.gripper.force_n,
             joints=profile.arm.joints,
             depth_cameras=present.rig.names if present else (),
             version=wire.WIRE_VERSION,
@@ -344,10 +344,3 @@ class MujocoDriver(TargetDriver):
         if self._present is None:
             raise ExecutionError("NO_SCENE", "no scene is loaded; send LoadScene first")
         return self._present
-
-
-def _find_grip(model: mujoco.MjModel, profile: TargetProfile, prefix: str) -> float:
-    """Greatest force of a finger in the model [N]; zero without a gripper."""
-    if not profile.gripper.joints:
-        return 0.0
-    return float(np.abs(model.actuator(prefix + GRIPPER_ACTUATOR).forcerange).max())
