@@ -80,7 +80,11 @@ def build_chain(robot: RobotModel) -> Chain:
         T[:3, 3] = data.xanchor[joint]
         zero.append(T)
         link_of_body[int(model.body_weldid[model.jnt_bodyid[joint]])] = joint + 1
-    parents = [link_of_body[int(model.body_weldid[model.body_parentid[body]])] for body in model.jnt_bodyid]
+    bodies = model.jnt_bodyid.tolist()
+    parents = [  # a body's further joints follow its first one
+        joint if body in bodies[:joint] else link_of_body[int(model.body_weldid[model.body_parentid[body]])]
+        for joint, body in enumerate(bodies)
+    ]
     frames = [zero[0], *(compute_inverse(zero[a]) @ b for a, b in zip(parents, zero[1:], strict=True))]
     world_T_tcp, site = np.eye(4), model.site(robot.profile.tcp).id
     tool = link_of_body[int(model.body_weldid[model.site_bodyid[site]])]
