@@ -395,6 +395,18 @@ def measure_in_posture(view: View, target: str, posture: str, tol_rad: float) ->
     return Reading((tol_rad - worst_rad) / scale_rad, measured, because, DOUBT_STDS * state.q_std_rad / scale_rad)
 
 
+def measure_standing(view: View, target: str, least_m: float) -> Reading:
+    """The body of its base is upright within 15 degrees, and its frame at least so high in the world."""
+    state = view.now.targets.get(target)
+    if state is None or state.trunk is None:
+        raise FactUnknown(f"how the base of {target} stands is not in the snapshot")
+    tilt_rad, height_m = compute_tilt(state.trunk), state.trunk.position_m[2]
+    leans = f"{target} leans {math.degrees(tilt_rad):.1f} degrees"
+    because = f"{leans} at a height of {height_m:.3f} m, asked are {least_m:g} m"
+    margin = min(1.0 - tilt_rad / UPRIGHT_RAD, (height_m - least_m) / max(least_m, 1e-3))
+    return Reading(margin, {"tilt_rad": round(tilt_rad, 5), "height_m": round(height_m, 5)}, because)
+
+
 def measure_metric(view: View, name: str) -> Reading:
     """A number that was measured during the session, within its own `NAME_error`; unknown when not measured."""
     if name not in view.metrics:
@@ -474,6 +486,13 @@ BUILTINS: tuple[PredicateDefinition, ...] = (
         Argument("target", ArgumentKind.TARGET),
         Argument("posture", ArgumentKind.POSTURE),
         Argument("tol_rad", ArgumentKind.NUMBER, POSTURE_RAD),
+        lasting=False,
+    ),
+    _define(
+        "standing",
+        measure_standing,
+        Argument("target", ArgumentKind.TARGET),
+        Argument("least_m", ArgumentKind.NUMBER),
         lasting=False,
     ),
     _number("metric", measure_metric, Argument("name", ArgumentKind.METRIC)),

@@ -251,6 +251,7 @@ class Physics:
             holding=tuple(n for n, pads in touching.items() if pads == len(self._pads) and n in self._movable),
             grip_force_n=FORCE_UNIT_N * max(round(force_n / FORCE_UNIT_N), 0) if len(self._drive) else None,
             base=None if self.base is None else (float(q_rad[0]), float(q_rad[1]), float(q_rad[2])),
+            trunk=None if self.base is None else self._read_pose(self.base.body),
         )
 
     def _compute_tool(self, error_rad: Array) -> Pose:
@@ -273,11 +274,10 @@ class Physics:
         """Ground truth of every thing (after `look`); `holders` maps entities to the target that holds each."""
         found = []
         for body, entity in self._bodies.items():
-            pose = Pose(tuple(self.seen.xpos[body].tolist()), tuple(self.seen.xquat[body].tolist()))
             found.append(
                 msgspec.structs.replace(
                     entity,
-                    pose=pose,
+                    pose=self._read_pose(body),
                     speed_m_s=self._find_speed(body),
                     joint=self._find_opening(body),
                     held_by=holders.get(entity.name),
@@ -286,6 +286,9 @@ class Physics:
                 )
             )
         return tuple(found)
+
+    def _read_pose(self, body: int) -> Pose:
+        return Pose(tuple(self.seen.xpos[body].tolist()), tuple(self.seen.xquat[body].tolist()))
 
     def _count_balls(self, body: int, inside: Interior | None) -> Contents | None:
         """Balls whose middle is in the interior of a body; None for what has none, or where there are no balls."""
