@@ -69,9 +69,9 @@ def open_shared_world(sites: Sequence[DriverSite], read_agreement: "ReadAgreemen
 def _open_robot(world: "SimulatedWorld", site: DriverSite) -> "MujocoDriver":
     from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 
-    if site.profile.end_effector != "opening":
+    if site.profile.end_effector == "suction":
         found = repr(site.profile.end_effector)
-        expected = "'opening', for driver 'mujoco'"
+        expected = "'opening' or 'none', for driver 'mujoco'"
         hint = "Name a driver that moves such a hand, or give the model a gripper."
         raise DefinitionError.of("NO_DRIVER", f"{site.profile.target}/target.yaml: end_effector", found, expected, hint)
     return MujocoDriver(world, site.profile, site.folder)

@@ -53,6 +53,8 @@ COARSE_RAD, COARSE_FACTOR = 0.11, 3.0  # few pixels fit many turns: such a doubt
 DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
 OPEN_FRACTION = 0.9
 CLOSED_FRACTION = 0.1
+FACING_RAD = 0.1  # by which a base in its place may be turned
+APART_M = 0.05  # by which a base may stand nearer or farther than it should
 
 
 def _find_position_doubt(view: View, *entities: Entity | None) -> float:
@@ -377,6 +379,30 @@ def measure_speed(view: View, a: Entity) -> Reading:
     return Reading(a.speed_m_s, {"speed_m_s": round(a.speed_m_s, 5)}, f"{a.name} moves at {a.speed_m_s:.3f} m/s")
 
 
+def measure_docked(view: View, target: str, place: Place, standoff_m: float) -> Reading:
+    """Its base rests with its origin in a region, headed as that, or so far from the centre of a thing, facing it."""
+    state = view.now.targets.get(target)
+    if state is None or state.base is None:
+        raise FactUnknown(f"where the base of {target} stands is not in the snapshot")
+    x, y, heading_rad = state.base
+    _, _, z = place.pose.position_m
+    if place.name in view.now.regions:
+        ahead = rotate(place.pose.quaternion_wxyz, (1.0, 0.0, 0.0))
+        local = to_child(place.pose, (x, y, z))
+        off_m, allowed_m = max((abs(p) - h, h) for p, h in zip(local[:2], place.half_m[:2], strict=True))
+        off_m += allowed_m
+    else:
+        ahead = (place.pose.position_m[0] - x, place.pose.position_m[1] - y, 0.0)
+        off_m, allowed_m = abs(math.hypot(*ahead) - standoff_m), APART_M
+    turned_rad = abs(math.remainder(heading_rad - math.atan2(ahead[1], ahead[0]), math.tau))
+    because = (
+        f"the base of {target} is {off_m:.3f} m off {place.name}, and turned {math.degrees(turned_rad):.1f} degrees"
+    )
+    margin = 1.0 - max(off_m / allowed_m, turned_rad / FACING_RAD)
+    doubt = _find_position_doubt(view, view.now.entities.get(place.name)) / allowed_m
+    return Reading(margin, {"off_m": round(off_m, 5), "turned_rad": round(turned_rad, 5)}, because, doubt)
+
+
 def measure_metric(view: View, name: str) -> Reading:
     """A number that was measured during the session, within its own `NAME_error`; unknown when not measured."""
     if name not in view.metrics:
@@ -449,6 +475,13 @@ BUILTINS: tuple[PredicateDefinition, ...] = (
         max_age_s=0.5,
         lasting=False,
         by_name=True,
+    ),
+    _define(
+        "docked",
+        measure_docked,
+        Argument("target", ArgumentKind.TARGET),
+        _PLACE,
+        Argument("standoff_m", ArgumentKind.NUMBER, 0.4),
     ),
     _number("metric", measure_metric, Argument("name", ArgumentKind.METRIC)),
     _define("unstated", measure_unstated, lasting=False),
