@@ -271,7 +271,8 @@ class TargetProfile(Authored):
         force_noise_n: Standard deviation of that estimate [N].
         base: What it drives or walks with; none where it is fixed.
         arm: Its joints.
-        postures: Postures that it can be asked for by name, one value for each joint of `arm` [rad].
+        postures: Postures that it can be asked for by name, one value for each joint of `arm` [rad], without the pose
+            of a base.
         gripper: Its hand; left out where the end effector does not open.
         observations: What it offers; a skill's `needs.observations` are matched against these names.
         actions: What it takes; a skill's `needs.actions` are matched against these names.

@@ -58,11 +58,11 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     profile = validate(TargetProfile, located)
     lists = {("arm", name): value for name, value in profile.arm if isinstance(value, tuple)}
     lists |= {("postures", name): value for name, value in profile.postures.items()}
-    n = len(profile.arm.joints)
+    sizes = {"arm": len(profile.arm.joints), "postures": len(profile.arm.joints[profile.servoed])}
     problems = [
-        located.problem("WRONG_LENGTH", address, f"{len(value)} values", f"{n}, one per joint")
+        located.problem("WRONG_LENGTH", address, f"{len(value)} values", f"{sizes[address[0]]}, one per joint")
         for address, value in lists.items()
-        if len(value) != n
+        if len(value) != sizes[address[0]]
     ]
     needs_file = is_beside(profile.model) and (profile.model != "" or profile.kind == "simulation")
     if needs_file and not (path.parent / profile.model).is_file():

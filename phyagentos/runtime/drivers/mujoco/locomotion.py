@@ -19,7 +19,13 @@ GAIN_1_S = 4.0  # speed by which an omniwheel base makes up for a metre or radia
 
 
 class Locomotion(Protocol):
-    """Motor inputs of a base, so that its planar pose follows set-points."""
+    """Motor inputs of a base, so that its planar pose follows set-points.
+
+    Attributes:
+        follows: Whether it does; one that stands where it is sways, and that is no tracking error.
+    """
+
+    follows: bool
 
     def begin(self, data: mujoco.MjData) -> None:
         """Forget the past: the base stands, and an episode or a session begins."""
@@ -40,6 +46,8 @@ class OmniDrive:
     A wheel at c (3,) whose axle is a unit vector a rolls without slip at (v + w x c) (a x z) / r for a speed v and a
     spin w of the base, with z upwards and the radius r; its rollers pass whatever is along the axle.
     """
+
+    follows = True
 
     def __init__(self, model: mujoco.MjModel, planar: PlanarBase, base: Base) -> None:
         if base.wheels is None:

@@ -209,6 +209,11 @@ class Physics:
             self.data.qfrc_applied[self.v_address] = self.data.qfrc_bias[self.v_address]
             self._locomotion.control(self.data, *self._goal)
 
+    def find_lag(self, q_rad: Array) -> float:
+        """Largest distance of a measured joint from its set-point (n_joints,), of those that follow one."""
+        first = 0 if self._locomotion is None or self._locomotion.follows else self._servoed.start
+        return float(np.abs(self.q_rad - q_rad)[first:].max(initial=0.0))
+
     def set_servos(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: float) -> None:
         """Servo inputs of the coming physics steps."""
         row = self.compute_controls(q_rad[None], qd_rad_s[None], np.array([gripper_width_m]))[0]

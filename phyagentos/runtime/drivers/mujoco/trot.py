@@ -31,6 +31,8 @@ DEAD_M, DEAD_RAD, STRAY_M = 0.02, 0.03, 0.04  # errors of the pose, and of a foo
 class Trot:
     """Moves a body on four feet, front left and right, rear left and right, so that its pose follows set-points."""
 
+    follows = True
+
     def __init__(self, model: mujoco.MjModel, planar: PlanarBase, base: Base) -> None:
         self._legs = legs = Legs(model, planar, base, n_feet=4)
         self._stance_m = (legs.home_feet_m - legs.home_feet_m.mean(axis=0))[:, :2]

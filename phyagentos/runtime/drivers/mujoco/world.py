@@ -284,7 +284,7 @@ class MujocoDriver(TargetDriver):
         return wire.Step(
             time_s=physics.time_s,
             target=self.look(),
-            tracking_error_rad=float(np.abs(physics.q_rad - controller.q_rad).max()),
+            tracking_error_rad=physics.find_lag(controller.q_rad),
             contact_force_n=controller.take_force(),
             contact_force_error_n=controller.force_error_n,
         )
