@@ -131,7 +131,8 @@ class SphereModel:
             for rows, (link, _, cover) in zip(centers, self._clusters, strict=True):
                 rows.append(cover[:, :3] @ links[link, :, :3].T + links[link, :, 3])
         placed = [np.array(rows) for rows in centers]
-        quantiles = np.quantile([self._compute_gaps(placed, a, b) for a, b in self._pairs], QUANTILE, axis=1)
+        gaps = [self._compute_gaps(placed, a, b) for a, b in self._pairs]
+        quantiles = np.array([np.quantile(each, QUANTILE) for each in gaps])  # empty for a rigid body
         return [float(1e-4 - gap) if gap < 0.0 else 0.0 for gap in quantiles]
 
     def _compute_gaps(self, centers: list[Array], a: int, b: int) -> Array:

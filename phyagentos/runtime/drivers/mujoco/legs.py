@@ -63,6 +63,7 @@ class Legs:
         mujoco.mj_comPos(self.model, seen)
         mujoco.mj_comVel(self.model, seen)
         mujoco.mj_rne(self.model, seen, 0, seen.qfrc_bias)
+        mujoco.mj_passive(self.model, seen)
 
     @property
     def position_m(self) -> Array:
@@ -129,8 +130,8 @@ class Legs:
         return np.array(self._find_jacobian(self._contacts[foot][0], self.find_foot(foot)) @ self._seen.qvel)
 
     def carry(self) -> Array:
-        """(n,) torques of the legs against their own weight and swing."""
-        return np.array(self._seen.qfrc_bias[self._planar.v_address])
+        """(n,) torques of the legs against their own weight and swing, and what damps their joints."""
+        return np.array((self._seen.qfrc_bias - self._seen.qfrc_passive)[self._planar.v_address])
 
     def push(self, foot: int, force_n: Array) -> Array:
         """(n,) torques of the legs by which a foot exerts a force (3,) on the world, its own weight apart."""

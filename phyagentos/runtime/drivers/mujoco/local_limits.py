@@ -168,7 +168,7 @@ class LocalLimits:
         """The limit that the measured state breaks; empty for none."""
         physics = self._physics
         q, qd = physics.measure_joints()
-        if np.count_nonzero(np.abs(qd) > self._velocity):
+        if np.count_nonzero(np.abs(qd) > self._velocity + physics.sway):
             return "a joint is faster than its limit"
         if np.count_nonzero(q < physics.q_range[0]) or np.count_nonzero(q > physics.q_range[1]):
             return "a joint is outside its range"

@@ -23,9 +23,11 @@ class Locomotion(Protocol):
 
     Attributes:
         follows: Whether it does; one that stands where it is sways, and that is no tracking error.
+        sway: (3,) by how much it may be faster than its set-points: x, y [m/s], yaw [rad/s].
     """
 
     follows: bool
+    sway: tuple[float, float, float]
 
     def begin(self, data: mujoco.MjData) -> None:
         """Forget the past: the base stands, and an episode or a session begins."""
@@ -47,7 +49,7 @@ class OmniDrive:
     spin w of the base, with z upwards and the radius r; its rollers pass whatever is along the axle.
     """
 
-    follows = True
+    follows, sway = True, (0.0, 0.0, 0.0)
 
     def __init__(self, model: mujoco.MjModel, planar: PlanarBase, base: Base) -> None:
         if base.wheels is None:

@@ -47,6 +47,8 @@ class Physics:
         own = self._servoed = profile.servoed
         self.base = PlanarBase(model, profile, prefix) if profile.base is not None else None
         self._locomotion = make_locomotion(model, self.base, profile) if self.base is not None else None
+        self.sway = np.zeros(len(profile.arm.joints))  # by how much a joint may be faster than its set-points
+        self.sway[: own.start] = self._locomotion.sway if self._locomotion is not None else ()
         self._goal = np.zeros((2, own.start))  # pose and speeds that the base follows
         joints = [model.joint(prefix + name) for name in profile.arm.joints[own]]
         self._hand = scene.hands[profile.target]

@@ -21,7 +21,7 @@ STIFFNESS_NM_RAD, DAMPING_NMS_RAD = 5.0, 1.0  # of the legs to their posture: fo
 class Stand:
     """Keeps a body on two feet, left and right, upright where it stands; set-points of its pose are not followed."""
 
-    follows = False
+    follows, sway = False, (0.2, 0.2, 0.5)  # as pushes of 20 N move it: at most half of that
 
     def __init__(self, model: mujoco.MjModel, planar: PlanarBase, base: Base) -> None:
         self._legs = Legs(model, planar, base, n_feet=2)

@@ -17,21 +17,21 @@ from phyagentos.runtime.drivers.mujoco.planar_base import PlanarBase
 PAIRS = ((0, 3), (1, 2))  # front left and rear right, front right and rear left
 STEP_S, LIFT_M = 0.18, 0.07  # of a step: its time, and how high the feet are lifted
 PRESS_M = 0.02  # so far below the ground is a foot led at last: it lands on what gives way, too
-SPEED_MAX = np.array([0.6, 0.3, 1.2])  # forwards and sideways [m/s], turning [rad/s]
-PULL_1_S = 4.0  # share of an error of the pose that is made good in a second
+SPEED_MAX = np.array([0.8, 0.5, 2.0])  # forwards and sideways [m/s], turning [rad/s]
+PULL_1_S = 8.0  # share of an error of the pose that is made good in a second
 RETURN_RAD_S, DAMPING = (
     16.0,
     0.7,
 )  # of height, tilt and velocity: three times what the body falls with; share of critical
-FOOT_N_M, FOOT_NS_M = 1200.0, 30.0  # stiffness and damping of a foot in the air
+FOOT_N_M, FOOT_NS_M = 1200.0, 45.0  # stiffness and damping of a foot in the air
 CATCH = 0.5  # share of the step that would stop a velocity that was not asked for
-DEAD_M, DEAD_RAD, STRAY_M = 0.02, 0.03, 0.04  # errors of the pose, and of a foot's place, that are not stepped for
+DEAD_M, DEAD_RAD, STRAY_M = 0.01, 0.01, 0.04  # errors of the pose, and of a foot's place, that are not stepped for
 
 
 class Trot:
     """Moves a body on four feet, front left and right, rear left and right, so that its pose follows set-points."""
 
-    follows = True
+    follows, sway = True, (0.15, 0.15, 0.4)  # measured: 0.1 m/s and 0.3 rad/s beyond what is commanded
 
     def __init__(self, model: mujoco.MjModel, planar: PlanarBase, base: Base) -> None:
         self._legs = legs = Legs(model, planar, base, n_feet=4)
