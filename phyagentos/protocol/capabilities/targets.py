@@ -129,6 +129,7 @@ class Base(Authored):
         posture_rad: Of any joints of the model at rest, by name; those that nothing drives stay so, zero if unnamed.
         mass_kg: Of the body alone, where its model has no sensible one [kg].
         wheels: Of a base that drives on such.
+        sole_surface: What the solid spheres are made of that its legs stand on; without it they are links like others.
         settings: What its kind needs besides, by its own names.
     """
 
@@ -143,6 +144,7 @@ class Base(Authored):
     posture_rad: Posture = Posture.model_validate({})
     mass_kg: float | None = pydantic.Field(default=None, gt=0.0)
     wheels: OmniWheels | None = None
+    sole_surface: Surface | None = None
     settings: DriverSettings = DriverSettings.model_validate({})
 
     @pydantic.model_validator(mode="after")

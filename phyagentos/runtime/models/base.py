@@ -4,6 +4,7 @@ As planning sees it, it slides and turns on the ground by the joints `base_x`, `
 legs are rigid. As physics sees it, nothing holds it but its wheels or legs, which motors move.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
@@ -15,6 +16,7 @@ from phyagentos.geometry import compute_rotation, multiply
 from phyagentos.protocol.capabilities.targets import BASE_JOINTS, Base, OmniWheels, TargetProfile
 
 FREE_JOINT = "base"
+SOLE = "sole/"  # begins the names of the spheres that legs stand on, in the free form of the model
 GROUND = "floor"  # kind of the fixed things that a base stands on
 _SCENE_BIT, _ROBOT_BIT = 1, 2
 _OVERLAP = 1.05  # of neighbouring rollers, so that the rim is nearly round
@@ -43,6 +45,8 @@ def free_base(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> None:
         else:
             motor.set_to_motor()
         motor.forcelimited, motor.forcerange = True, (-base.torque_nm[index], base.torque_nm[index])
+    for index, sole in enumerate(_iter_soles(spec, base)):
+        sole.name = f"{SOLE}{index}"
     if base.wheels is not None:
         for geom in spec.geoms:
             if geom.contype or geom.conaffinity:  # rollers meet the scene alone
@@ -74,6 +78,12 @@ def find_gear(spec: mujoco.MjSpec, base: Base) -> frozenset[str]:
         found.add(body.name)
         waiting += list(body.bodies)
     return frozenset(found)
+
+
+def _iter_soles(spec: mujoco.MjSpec, base: Base) -> Iterator["mujoco.MjsGeom"]:
+    for geom in (geom for name in base.joints for geom in spec.joint(name).parent.geoms):
+        if base.sole_surface is not None and geom.type == mujoco.mjtGeom.mjGEOM_SPHERE and geom.contype:
+            yield geom
 
 
 def _prepare(

@@ -17,7 +17,7 @@ from phyagentos.protocol.capabilities.targets import Base
 from phyagentos.runtime.drivers.mujoco.planar_base import PlanarBase
 
 Array = NDArray[np.float64]
-FRICTION = 0.5  # that is relied on, below that of most floors
+FRICTION = 0.4  # that is relied on: rubber has 0.45 to 0.6 (`friction.FRICTION`)
 EFFORT = 1e-2  # weight of small forces against the wanted wrench, where several sharings give it
 LEVER_M = 0.2  # at which a moment counts as much as a force: about half of what feet stand apart
 _EDGES = np.array([[FRICTION, 0, 1], [-FRICTION, 0, 1], [0, FRICTION, 1], [0, -FRICTION, 1]])  # of a friction pyramid
