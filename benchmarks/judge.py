@@ -1,8 +1,9 @@
-"""An eye of its own: says from a recorded simulator state whether a cube lies in a tray.
+"""An eye of its own: says from a recorded simulator state whether a cube lies in a tray, and the like.
 
 It loads `scene.mjb` and `terminal.npz` with MuJoCo and numpy alone; nothing of the framework that acted is imported.
 """
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mujoco
@@ -10,6 +11,7 @@ import numpy as np
 
 RIM_MARGIN_M = 0.002
 REST_SPEED_M_S = 0.05
+POSED_RAD, POSED_S, REST_RAD_S = 0.05, 0.9, 0.05  # of a posture: how near, how long before the end, how still
 
 
 def is_in_tray(folder: Path, cube: str, tray: str) -> bool:
@@ -36,6 +38,50 @@ def is_in_tray(folder: Path, cube: str, tray: str) -> bool:
     half_m = float(model.geom_size[model.body_geomadr[cube_id]].min())
     low_enough = position[2] - half_m < upper[2] - RIM_MARGIN_M
     return inside and bool(low_enough) and bool(position[2] > lower[2]) and at_rest
+
+
+def is_posed(folder: Path, posture_rad: Mapping[str, float]) -> bool:
+    """Whether every joint is at its place [rad] and at rest at the end, and was measured there for the last 0.9 s.
+
+    Args:
+        folder: An evidence bundle.
+        posture_rad: By name of a joint, in the order of the recorded trajectory.
+    """
+    if not (folder / "terminal.npz").exists():
+        return False
+    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
+    joints, wanted = [model.joint(name) for name in posture_rad], np.array(list(posture_rad.values()))
+    with np.load(folder / "terminal.npz") as terminal, np.load(folder / "trajectory.npz") as course:
+        q = terminal["qpos"][[int(joint.qposadr[0]) for joint in joints]]
+        qd = terminal["qvel"][[int(joint.dofadr[0]) for joint in joints]]
+        late = course["time_s"] >= course["time_s"][-1] - POSED_S
+        rows = np.vstack((course["q_measured"][late], q))
+    return bool((np.abs(rows - wanted) <= POSED_RAD).all() and (np.abs(qd) <= REST_RAD_S).all())
+
+
+def is_held_up(folder: Path, thing: str, supports: Sequence[str]) -> bool:
+    """Whether a free body is at rest, on none of its supports, and touched by two fingers or more.
+
+    A finger is all that hangs on one body whose parent does not move.
+    """
+    if not (folder / "terminal.npz").exists():
+        return False
+    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
+    data = mujoco.MjData(model)
+    with np.load(folder / "terminal.npz") as terminal:
+        data.qpos[:], data.qvel[:] = terminal["qpos"], terminal["qvel"]
+    mujoco.mj_forward(model, data)
+    own = model.body(thing).id
+    pairs = model.geom_bodyid[data.contact.geom[: data.ncon]]
+    touching = {int(a if b == own else b) for a, b in pairs if own in (a, b)}
+    fingers = set()
+    for body in touching:
+        while model.body_weldid[body] and model.body_weldid[model.body_parentid[body]]:
+            body = int(model.body_parentid[body])
+        fingers |= {body} if model.body_weldid[body] else set()
+    dof = model.body_dofadr[own]
+    at_rest = float(np.linalg.norm(data.qvel[dof : dof + 3])) < REST_SPEED_M_S
+    return at_rest and len(fingers) >= 2 and not touching & {model.body(name).id for name in supports}
 
 
 def _compute_box(model: mujoco.MjModel, body: int) -> tuple[np.ndarray, np.ndarray]:

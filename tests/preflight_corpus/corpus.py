@@ -333,8 +333,9 @@ RESCUED = {"clear_bench": {("clear_bench.carton-carry", "TOO_WIDE")}}  # by desi
 
 
 def iter_shipped() -> Iterator[str]:
-    """Every goal graph that ships, and the sound policy of the corpus."""
-    yield from (path.stem for path in sorted((find_shipped_root() / "goal_graphs").glob("*.yaml")))
+    """Every goal graph that ships for the robot of the recordings, and the sound policy of the corpus."""
+    shipped = sorted((find_shipped_root() / "goal_graphs").glob("*.yaml"))
+    yield from (path.stem for path in shipped if "panda" in yaml.safe_load(path.read_text())["targets"].values())
     yield "follow"
 
 
