@@ -20,7 +20,9 @@ class MoveHome(MovingLeaf):
         """One request."""
         payload = self.find("payload")
         self._held = None if payload is None else payload.entity
-        home = np.asarray(self.context.profile.arm.home_rad, dtype=np.float64)
+        profile = self.context.profile
+        home = np.array(profile.arm.home_rad, dtype=np.float64)
+        home[: profile.servoed.start] = self.context.commands.q_rad[: profile.servoed.start]  # a base stays
         if np.abs(home - self.context.commands.q_rad).max() < HOME_TOLERANCE_RAD:
             return self.succeed("already there")
         return PlanMove(
