@@ -93,6 +93,13 @@ class Posture(Authored):
     __pydantic_extra__: dict[str, float]
 
 
+class Ranges(Authored):
+    """Least and greatest positions of joints by their names [rad, or m]."""
+
+    model_config = pydantic.ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, tuple[float, float]]
+
+
 class OmniWheels(Authored):
     """Wheels with passive rollers around their rims, added to the model around the joints of the base.
 
@@ -257,6 +264,7 @@ class TargetProfile(Authored):
         model: MJCF or URDF file, relative to the profile or `SOURCE:PATH`, see `runtime.models.sources`; none for
             `debug`.
         hand: What is mounted on the arm, where the model has none.
+        ranges: Of joints that turn without end in the model, and not in reality.
         embodiment: What it is (`arm`).
         tcp: Site of the tool centre point; z approaches, y is the closing axis.
         tool: Where this site is; none where the model has it.
@@ -288,6 +296,7 @@ class TargetProfile(Authored):
     embodiment: str = "arm"
     model: str = ""
     hand: Hand | None = None
+    ranges: Ranges = Ranges.model_validate({})
     driver: str = ""
     endpoint: str = ""
     silence_max_s: float = pydantic.Field(default=10.0, gt=0.0)

@@ -20,7 +20,8 @@ SOLE = "sole/"  # begins the names of the spheres that legs stand on, in the fre
 GROUND = "floor"  # kind of the fixed things that a base stands on
 _SCENE_BIT, _ROBOT_BIT = 1, 2
 _OVERLAP = 1.05  # of neighbouring rollers, so that the rim is nearly round
-_ROLLER = {"mass": 0.005, "condim": 3, "contype": 0, "conaffinity": _SCENE_BIT, "group": 3}
+_RUBBER = (0.15, 0.15, 0.15, 1.0)
+_ROLLER = {"mass": 0.005, "condim": 3, "contype": 0, "conaffinity": _SCENE_BIT, "rgba": _RUBBER}
 _RUN = {"damping": 1e-6, "armature": 1e-6}  # of a roller on its axle
 
 
@@ -102,8 +103,10 @@ def _prepare(
     if unknown:
         raise DefinitionError([Problem.unknown("UNKNOWN_NAME", str(path), name, known) for name in unknown])
     if base.wheels is not None:
-        for geom in [geom for geom in spec.geoms if geom.parent.name in base.wheels.links]:
-            geom.contype, geom.conaffinity = 0, 0
+        replaced = [geom for geom in spec.geoms if geom.parent.name in base.wheels.links]
+        meshes = [mesh for mesh in spec.meshes if mesh.name in {geom.meshname for geom in replaced}]
+        for element in [*replaced, *meshes]:
+            spec.delete(element)
         for name in () if kept else base.joints:
             _add_rim(spec.joint(name), base.wheels)
     driven = {*profile.arm.joints, *profile.gripper.joints, *kept}
@@ -147,7 +150,7 @@ def _add_rim(joint: "mujoco.MjsJoint", wheels: OmniWheels) -> None:
     middle, (axle, _, _) = _find_axle(joint, wheels)
     ends = np.concatenate((middle - wheels.roller_radius_m * axle, middle + wheels.roller_radius_m * axle))
     joint.parent.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER, fromto=ends, size=(wheels.radius_m, 0.0, 0.0), mass=0.01, group=3
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER, fromto=ends, size=(wheels.radius_m, 0.0, 0.0), mass=0.01, rgba=_RUBBER
     )
 
 

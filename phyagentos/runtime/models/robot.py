@@ -147,6 +147,8 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
     if base is not None:
         (free_base if is_free else put_on_plane)(spec, profile, path)
     _check_names(spec, profile, path)
+    for name, span in dict(profile.ranges).items():
+        spec.joint(name).limited, spec.joint(name).range = True, span
     for joint in map(spec.joint, profile.arm.joints[profile.servoed]):
         if joint.range[0] == joint.range[1]:  # it turns without end: one turn to either side is enough
             joint.limited, joint.range = True, (-2 * np.pi, 2 * np.pi)
@@ -222,7 +224,10 @@ def _check_names(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> Non
         "site": [site.name for site in spec.sites],
     }
     wanted = [
-        *(("joint", name) for name in (*profile.arm.joints[profile.servoed], *profile.gripper.joints)),
+        *(
+            ("joint", name)
+            for name in (*profile.arm.joints[profile.servoed], *profile.gripper.joints, *dict(profile.ranges))
+        ),
         *(("geom", name) for name in profile.gripper.pads),
         ("site", profile.tcp),
     ]

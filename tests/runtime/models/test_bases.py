@@ -17,7 +17,8 @@ from phyagentos.runtime.motion.robot_model import build_robot_model
 WHEEL = """
       <body name="wheel{0}" pos="{1:.4f} {2:.4f} 0" euler="0 0 {3}">
         <joint name="wheel{0}" axis="1 0 0" armature="0.005"/>
-        <geom type="sphere" size="0.02" mass="0.1"/>
+        <inertial pos="0 0 0" mass="0.1" diaginertia="0.0001 0.0001 0.0001"/>
+        <geom type="sphere" size="0.02"/>
       </body>"""
 PLACES = [(index, 0.125 * np.cos(2.1 * index), 0.125 * np.sin(2.1 * index), 2.1 * index) for index in range(3)]
 SCOOTER = f"""

@@ -17,15 +17,15 @@ class MoveHome(MovingLeaf):
     }
 
     def find_goal_rad(self) -> tuple[float, ...]:
-        """(n_joints,) where to go [rad]; less where a base stays where it is."""
+        """(n_joints,) where to go [rad], or without the pose of a base, which stays where it is."""
         return self.context.profile.arm.home_rad
 
     def compose(self) -> MotionRequest | Status:
         """One request."""
         payload = self.find("payload")
         self._held = None if payload is None else payload.entity
-        now, asked_rad = self.context.commands.q_rad, self.find_goal_rad()
-        goal = np.append(now[: len(now) - len(asked_rad)], asked_rad)
+        now, asked_rad, first = self.context.commands.q_rad, self.find_goal_rad(), self.context.profile.servoed.start
+        goal = np.append(now[:first], asked_rad[len(asked_rad) - len(now) + first :])  # a base stays where it is
         if np.abs(goal - now).max() < HOME_TOLERANCE_RAD:
             return self.succeed("already there")
         return PlanMove(
