@@ -11,7 +11,7 @@ from phyagentos.assembly.paths import FAULTS as FILE
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions.evidence import FAULTS
-from phyagentos.protocol.world.faults import CameraFault, Stall, read_faults
+from phyagentos.protocol.world.faults import CameraFault, Push, Stall, read_faults
 
 
 class _Strike(msgspec.Struct, frozen=True):
@@ -29,7 +29,7 @@ def iter_misses(
         place = ("faults", index)
         if fault.object and fault.object not in bodies:
             yield located.unknown("UNKNOWN_ENTITY", (*place, "object"), fault.object, bodies)
-        if isinstance(fault, Stall) and fault.joint not in joints:
+        if isinstance(fault, Stall | Push) and fault.joint not in joints:
             yield located.unknown("JOINT_UNKNOWN", (*place, "joint"), fault.joint, joints)
         if isinstance(fault, CameraFault) and cameras is not None and not fnmatch.filter(cameras, fault.camera):
             yield located.unknown("UNKNOWN_SENSOR", (*place, "camera"), fault.camera, cameras)
@@ -50,7 +50,7 @@ def find_unstruck(workspace: Path) -> tuple[str, ...]:
     struck = Counter(dict.fromkeys(_iter_strikes(workspace), 1))
     missing = []
     for fault in planted.faults:
-        body = fault.joint if isinstance(fault, Stall) else fault.object or getattr(fault, "camera", "")
+        body = fault.joint if isinstance(fault, Stall | Push) else fault.object or getattr(fault, "camera", "")
         bodies = {body, getattr(fault, "camera", body)}
         found = next((each for each in struck if each[0] == fault.kind and each[1] in bodies and struck[each]), None)
         if found is None:

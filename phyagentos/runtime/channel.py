@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 SPIN_S = 0.0015  # about twice what a world needs for a control period
-MESSAGE_MAX_BYTES = 2**26  # some frames of several cameras, or the compiled model of a large scene
+MESSAGE_MAX_BYTES = 2**27  # some frames of several cameras, or the compiled model of a humanoid: 80 MiB
 _CREDENTIALS = struct.Struct("3i")  # process, user, group
 
 

@@ -250,7 +250,7 @@ def test_who_has_no_token_another_version_or_too_much_to_say_is_not_admitted(ser
     channel = connect_websocket(endpoint)
     greet(channel, mint(served.key))
     with contextlib.suppress(BrokenPipeError):
-        channel.send_bytes(bytes(2**26 + 1))
+        channel.send_bytes(bytes(2**27 + 1))
     with pytest.raises(EOFError, match="too big"):
         channel.recv_bytes()
 

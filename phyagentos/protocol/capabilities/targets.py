@@ -22,6 +22,8 @@ from phyagentos.protocol.world.friction import Surface
 DRIVER_OF_KIND = {"simulation": "mujoco", "debug": "debug"}  # where a profile names none; a real robot has no default
 MODEL_SOURCES = ("menagerie", "package", "models")  # before the colon of a model that is not beside its profile
 SHARING = "mujoco"  # the driver whose world holds several targets
+BASE_JOINTS = ("base_x", "base_y", "base_yaw")  # commanded before those of the arm
+YAW_MAX_RAD = 3.1  # a heading is measured between half a turn to either side
 
 Triple = tuple[float, float, float]
 Quadruple = tuple[float, float, float, float]
@@ -75,6 +77,91 @@ class ScenePlacement(Authored):
 
     scale: float = pydantic.Field(default=1.0, ge=0.5, le=1.2)
     move_m: Triple = (0.0, 0.0, 0.0)
+
+
+class DriverSettings(Authored):
+    """What one driver needs of its target, by names of its own: texts, numbers and lists of numbers."""
+
+    model_config = pydantic.ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, str | float | tuple[float, ...]]
+
+
+class Posture(Authored):
+    """Positions of joints by their names [rad, or m]."""
+
+    model_config = pydantic.ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, float]
+
+
+class Ranges(Authored):
+    """Least and greatest positions of joints by their names [rad, or m]."""
+
+    model_config = pydantic.ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, tuple[float, float]]
+
+
+class OmniWheels(Authored):
+    """Wheels with passive rollers around their rims, added to the model around the joints of the base.
+
+    Attributes:
+        links: Bodies of the model whose solids they replace; the meshes of these need not be here.
+        radius_m: Of the wheel, its rollers included [m].
+        offset_m: Of the middle of the wheel, from its joint along the axis of that [m].
+        rollers: Around one wheel.
+        roller_radius_m: Of a roller [m].
+    """
+
+    links: tuple[str, ...]
+    radius_m: float = pydantic.Field(gt=0.0)
+    offset_m: float = 0.0
+    rollers: int = pydantic.Field(default=20, ge=8)
+    roller_radius_m: float = pydantic.Field(default=0.011, gt=0.0)
+
+
+class Base(Authored):
+    """A body that drives or walks. In the simulation nothing holds it but what it stands on.
+
+    The arm's first joints are then its pose `base_x`, `base_y` [m] and `base_yaw` [rad] in the world, its speeds are in
+    m/s and rad/s, and its servo values are zero. Other lists have one entry for each of `joints`.
+
+    Attributes:
+        kind: What moves it, by its name in `runtime.drivers.mujoco.locomotion`.
+        body: Of the model, held by nothing; `mount_position_m` says how high its frame stands on the ground.
+        pose_min: Least `base_x`, `base_y`, `base_yaw`.
+        pose_max: Greatest ones; it never turns past its back.
+        joints: Names of what it drives: wheels, or legs.
+        torque_nm: Largest torque of each of these [N m].
+        stiffness_nm_rad: Position gain of each [N m/rad]; with zero it is driven by velocity.
+        damping_nms_rad: Velocity gain of each [N m s/rad]; with both zero it is driven by torque.
+        posture_rad: Of any joints of the model at rest, by name; those that nothing drives stay so, zero if unnamed.
+        mass_kg: Of the body alone, where its model has no sensible one [kg].
+        wheels: Of a base that drives on such.
+        sole_surface: What the solid spheres are made of that its legs stand on; without it they are links like others.
+        settings: What its kind needs besides, by its own names.
+    """
+
+    kind: str
+    body: str
+    pose_min: Triple = (-3.0, -3.0, -3.1)
+    pose_max: Triple = (3.0, 3.0, 3.1)
+    joints: tuple[str, ...] = ()
+    torque_nm: tuple[float, ...] = ()
+    stiffness_nm_rad: tuple[float, ...] = ()
+    damping_nms_rad: tuple[float, ...] = ()
+    posture_rad: Posture = Posture.model_validate({})
+    mass_kg: float | None = pydantic.Field(default=None, gt=0.0)
+    wheels: OmniWheels | None = None
+    sole_surface: Surface | None = None
+    settings: DriverSettings = DriverSettings.model_validate({})
+
+    @pydantic.model_validator(mode="after")
+    def _check_lists(self) -> Self:
+        lists = (self.torque_nm, self.stiffness_nm_rad, self.damping_nms_rad)
+        if any(len(each) != len(self.joints) for each in lists):
+            raise ValueError(f"torque, stiffness and damping of a base need {len(self.joints)} values, one per joint")
+        if max(-self.pose_min[2], self.pose_max[2]) > YAW_MAX_RAD:
+            raise ValueError(f"base_yaw is kept within {YAW_MAX_RAD} rad to either side")
+        return self
 
 
 class Arm(Authored):
@@ -160,13 +247,6 @@ class Gripper(Authored):
 NO_GRIPPER = Gripper(joints=(), pads=(), max_width_m=0.0, stiffness_n_m=0.0, damping_ns_m=0.0, force_n=0.0)
 
 
-class DriverSettings(Authored):
-    """What one driver needs of its target, by names of its own: texts, numbers and lists of numbers."""
-
-    model_config = pydantic.ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, str | float | tuple[float, ...]]
-
-
 class TargetProfile(Authored):
     """One target of TARGETS.md.
 
@@ -184,6 +264,7 @@ class TargetProfile(Authored):
         model: MJCF or URDF file, relative to the profile or `SOURCE:PATH`, see `runtime.models.sources`; none for
             `debug`.
         hand: What is mounted on the arm, where the model has none.
+        ranges: Of joints that turn without end in the model, and not in reality.
         embodiment: What it is (`arm`).
         tcp: Site of the tool centre point; z approaches, y is the closing axis.
         tool: Where this site is; none where the model has it.
@@ -198,8 +279,10 @@ class TargetProfile(Authored):
         contact_force_n: Beyond this force on any part of it the target stops by itself [N].
         force_bias_n: Greatest constant error of a contact force that is estimated from joint torques [N].
         force_noise_n: Standard deviation of that estimate [N].
+        base: What it drives or walks with; none where it is fixed.
         arm: Its joints.
-        postures: Postures that it can be asked for by name, one value for each joint of `arm` [rad].
+        postures: Postures that it can be asked for by name, one value for each joint of `arm` [rad], without the pose
+            of a base.
         gripper: Its hand; left out where the end effector does not open.
         observations: What it offers; a skill's `needs.observations` are matched against these names.
         actions: What it takes; a skill's `needs.actions` are matched against these names.
@@ -213,6 +296,7 @@ class TargetProfile(Authored):
     embodiment: str = "arm"
     model: str = ""
     hand: Hand | None = None
+    ranges: Ranges = Ranges.model_validate({})
     driver: str = ""
     endpoint: str = ""
     silence_max_s: float = pydantic.Field(default=10.0, gt=0.0)
@@ -231,6 +315,7 @@ class TargetProfile(Authored):
     contact_force_n: float = 100.0
     force_bias_n: float = pydantic.Field(default=0.0, ge=0.0)
     force_noise_n: float = pydantic.Field(default=0.0, ge=0.0)
+    base: Base | None = None
     arm: Arm
     postures: dict[str, tuple[float, ...]] = {}
     gripper: Gripper = NO_GRIPPER
@@ -253,6 +338,18 @@ class TargetProfile(Authored):
             expected = "a gripper that opens" if self.end_effector == "opening" else "no gripper"
             raise ValueError(f"end_effector {self.end_effector!r} needs {expected}")
         return self
+
+    @pydantic.model_validator(mode="after")
+    def _check_base(self) -> Self:
+        if self.base is not None and (self.arm.joints[:3] != BASE_JOINTS or any(self.mount_position_m[:2])):
+            expected = f"{', '.join(BASE_JOINTS)} as its first joints, and a mount at x, y = 0"
+            raise ValueError(f"a target with a base needs {expected}")
+        return self
+
+    @property
+    def servoed(self) -> slice:
+        """Which of the arm's joints have servos: all but the pose of a base."""
+        return slice(0 if self.base is None else len(BASE_JOINTS), None)
 
 
 def is_beside(model: str) -> bool:

@@ -227,6 +227,8 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
             not measured.
         postures: Postures of its profile by name, (n_joints,) each [rad].
         q_std_rad: Standard deviation of each of `q_rad` as its profile states [rad]; 0 when not stated.
+        base: Measured x, y [m] and heading [rad] of its base in the world; None where it is fixed.
+        trunk: `world_T_body` of that base, by its own tilt and height as measured; None where it is fixed.
     """
 
     q_rad: tuple[float, ...]
@@ -238,6 +240,8 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
     grip_force_n: float | None = None
     postures: dict[str, tuple[float, ...]] = {}
     q_std_rad: float = 0.0
+    base: tuple[float, float, float] | None = None
+    trunk: Pose | None = None
 
     @property
     def is_gripping(self) -> bool:

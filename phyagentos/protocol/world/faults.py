@@ -81,6 +81,24 @@ class Stall(Authored):
     duration_s: float = pydantic.Field(default=1.5, gt=0.0)
 
 
+class Push(Authored):
+    """Something pushes a link of the robot, level, at its centre of mass.
+
+    Attributes:
+        joint: Whose link it is.
+        force_n: The force [N].
+        direction_rad: Where to, from the world's x axis [rad]; drawn when absent.
+    """
+
+    kind: Literal["push"]
+    joint: str
+    object: str = ""
+    when: When = When()
+    force_n: float = pydantic.Field(default=20.0, gt=0.0, le=500.0)
+    direction_rad: float | None = None
+    duration_s: float = pydantic.Field(default=0.5, gt=0.0)
+
+
 class CameraFault(Authored):
     """What faults of cameras have in common.
 
@@ -149,7 +167,7 @@ class Miscalibrate(CameraFault):
     by_rad: Number3 = (0.0, 0.0, 0.0)
 
 
-PhysicalFault = Slip | Nudge | Move | Remove | Stall
+PhysicalFault = Slip | Nudge | Move | Remove | Stall | Push
 SensorFault = Freeze | Blackout | Misdate | Miscalibrate
 Fault = Annotated[PhysicalFault | SensorFault, pydantic.Field(discriminator="kind")]
 

@@ -182,6 +182,8 @@ class Body(Authored):
             raise ValueError("what has a joint is neither fixed nor part of another body")
         if self.part_of and (self.fixed or self.place.area or self.place.frame or any(self.place.jitter_m)):
             raise ValueError("a part stands where place.position_m says in the frame of its whole, and is not fixed")
+        if all(solid.decor for solid in self.shapes) and not (self.fixed or self.part_of):
+            raise ValueError("what is decor alone touches nothing: it is fixed, or part of another body")
         if self.contents and len(places := self.list_places()) < self.contents.count:
             raise ValueError(f"the interior has room for {len(places)} of {self.contents.count} balls")
         return self

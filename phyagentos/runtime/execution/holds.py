@@ -70,7 +70,8 @@ class HoldMonitor:
         self._initial = initial
         named = frozenset(name for _, predicate in self._predicates for name in iter_entities(predicate))
         names = named.union(*(group for group in find_groups(initial) if group & named))  # whichever of them it is
-        self._named = self.need = Need(things=names) if names else WORLD
+        is_of_targets = not names and not any("*" in text for text in texts)  # they report of themselves at every step
+        self._named = self.need = Need(things=names) if names or is_of_targets else WORLD
         self._looked_s = initial.time_s  # at everything, or so that all was decided
         self._peaks: dict[str, float] = {}
         self._start = View(
@@ -107,7 +108,7 @@ class HoldMonitor:
         `now` was observed with `need`, from `look` where the world is perceived. What the last sample of a session does
         not show stays unknown.
         """
-        evaluations = self._evaluate(self._seen, now)
+        evaluations, look = self._evaluate(self._seen, now), look if self.need.is_look else None
         is_coarse = any(evaluation.is_marginal for _, evaluation in evaluations)
         self._looked_s = self._looked_s if is_coarse and self.need is self._named else now.time_s
         self.need = WORLD if is_coarse and now.time_s - self._looked_s >= COARSE_S else self._named

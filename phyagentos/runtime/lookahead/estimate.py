@@ -95,13 +95,14 @@ def settle_estimate(physics: Physics, environment: Environment, profile: TargetP
     """
     model, data, target = physics.model, physics.data, environment.targets[profile.target]
     mujoco.mj_resetData(model, data)
-    data.qpos[physics.q_address] = target.q_rad
+    physics.place_at_home()
+    physics.write_posture(data, np.array(target.q_rad))
     loose = []
     for joint in range(model.njnt):
         if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
             name = model.body(int(model.jnt_bodyid[joint])).name
-            if name in physics.scene.balls:
-                continue  # in their vessel
+            if name not in environment.entities:
+                continue  # balls in their vessel, and a base
             pose = environment.entities[name].pose
             start = int(model.jnt_qposadr[joint])
             data.qpos[start : start + 7] = (*pose.position_m, *pose.quaternion_wxyz)

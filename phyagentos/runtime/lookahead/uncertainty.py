@@ -90,7 +90,7 @@ def _draw_robot(model: mujoco.MjModel, profile: TargetProfile, rng: np.random.Ge
     grip = model.actuator(GRIPPER_ACTUATOR).id
     force = 1.0 + FORCE_SHARE * rng.uniform(-1.0, 1.0)
     model.actuator_forcerange[grip] *= force
-    for joint in profile.arm.joints:
+    for joint in profile.arm.joints[profile.servoed]:
         servo = model.actuator(name_actuator(joint)).id
         gain = 1.0 + STIFFNESS_SHARE * rng.uniform(-1.0, 1.0)
         model.actuator_gainprm[servo, 0] *= gain

@@ -88,7 +88,8 @@ def _measure(profile: TargetProfile, folder: Path, _changed_ns: int) -> HandMoti
     data, servo, gripper = mujoco.MjData(model), model.actuator(GRIPPER_ACTUATOR).id, profile.gripper
     arm = [model.joint(name) for name in profile.arm.joints]
     data.qpos[[int(joint.qposadr[0]) for joint in arm]] = profile.arm.home_rad
-    data.ctrl[: len(arm)] = profile.arm.home_rad
+    home = profile.arm.home_rad[profile.servoed]
+    data.ctrl[: len(home)] = home
     joints = [model.joint(index) for index in range(model.njnt) if model.joint(index).name not in profile.arm.joints]
     address = [int(joint.qposadr[0]) for joint in joints]
     ranges = np.array([model.joint(name).range for name in gripper.joints]) * np.array(gripper.travel)[:, None]

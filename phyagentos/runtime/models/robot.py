@@ -5,7 +5,7 @@ Alternative rejected: `MjSpec.attach`, which needs a prefix on every name.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -17,6 +17,7 @@ from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.capabilities.targets import Frame, TargetProfile, is_beside
 from phyagentos.protocol.documents.enclosure import leads_out
 from phyagentos.protocol.documents.schema import read_yaml, validate
+from phyagentos.runtime.models.base import free_base, put_on_plane
 from phyagentos.runtime.models.sources import find_model
 from phyagentos.runtime.models.urdf import URDF, read_urdf
 
@@ -58,11 +59,11 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     profile = validate(TargetProfile, located)
     lists = {("arm", name): value for name, value in profile.arm if isinstance(value, tuple)}
     lists |= {("postures", name): value for name, value in profile.postures.items()}
-    n = len(profile.arm.joints)
+    sizes = {"arm": len(profile.arm.joints), "postures": len(profile.arm.joints[profile.servoed])}
     problems = [
-        located.problem("WRONG_LENGTH", address, f"{len(value)} values", f"{n}, one per joint")
+        located.problem("WRONG_LENGTH", address, f"{len(value)} values", f"{sizes[address[0]]}, one per joint")
         for address, value in lists.items()
-        if len(value) != n
+        if len(value) != sizes[address[0]]
     ]
     needs_file = is_beside(profile.model) and (profile.model != "" or profile.kind == "simulation")
     if needs_file and not (path.parent / profile.model).is_file():
@@ -91,25 +92,27 @@ def count_steps(profile: TargetProfile) -> int:
     return round(profile.control_period_s / profile.physics_step_s)
 
 
-def build_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
+def build_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -> mujoco.MjSpec:
     """The mounted robot with its servos, as a spec to which more may be added.
 
     Arm joints get position servos `act_<joint>` with explicit stiffness, damping and torque limit; the fingers share
     one servo `act_gripper` on the tendon `gripper_width`, whose length is the opening. All bodies are
-    gravity-compensated, as by the arm's own controller.
+    gravity-compensated, as by the arm's own controller; but not where `is_free` lets a base stand by its weight.
 
     Raises:
         DefinitionError: As of `read_robot`.
     """
-    spec = read_robot(profile, folder)
-    for body in spec.bodies[1:]:
+    spec = read_robot(profile, folder, is_free=is_free)
+    for body in spec.bodies[1:] if profile.base is None else ():
         body.gravcomp = 1.0
     _add_servos(spec, profile)
     return spec
 
 
-def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
+def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -> mujoco.MjSpec:
     """The profile's model, with its hand, pads and tool, mounted; without what only a simulation of its own needs.
+
+    A base slides and turns on the ground by joints of its own, or, where it `is_free`, stands on its wheels or legs.
 
     Raises:
         DefinitionError: When the model lacks a joint, pad or site that the profile names, cannot be read, or names a
@@ -118,7 +121,8 @@ def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
     path = find_model(profile.model, folder)
     if is_beside(profile.model) and (problems := list(_iter_outside(path, folder.parent))):
         raise DefinitionError(problems)
-    spec = read_model(path)
+    base = profile.base
+    spec = read_base(profile, path)
     if profile.hand is not None:
         frame = _get_body(spec, profile.hand.at, path).add_frame(
             pos=profile.hand.at.position_m, quat=profile.hand.at.quaternion_wxyz
@@ -127,7 +131,8 @@ def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
         for name in _OPTIONS:  # those of the arm: the scene sets them for all
             setattr(hand.option, name, getattr(spec.option, name))
         spec.attach(hand, prefix=HAND, frame=frame)
-        for joint in [each for each in spec.joints if each.name not in profile.arm.joints]:
+        kept = {*profile.arm.joints, *(base.joints if base is not None else ())}
+        for joint in [each for each in spec.joints if each.name not in kept]:
             if not joint.name.startswith(HAND):  # such as that of a camera: it stays as it is
                 spec.delete(joint)
     for pad in profile.gripper.pad_boxes:
@@ -138,14 +143,18 @@ def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
         _add_tool(
             _get_body(spec, profile.tool, path), profile.tcp, profile.tool, has_mount=spec.body(MOUNT) is not None
         )
-    _check_names(spec, profile, path)
-    for joint in map(spec.joint, profile.arm.joints):
-        if joint.range[0] == joint.range[1]:  # it turns without end: one turn to either side is enough
-            joint.limited, joint.range = True, (-2 * np.pi, 2 * np.pi)
     for body in spec.worldbody.bodies:
         body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
-    if (height_m := profile.mount_position_m[2]) > 0.0:
+    if base is not None:
+        (free_base if is_free else put_on_plane)(spec, profile, path)
+    elif (height_m := profile.mount_position_m[2]) > 0.0:
         _add_stand(spec.worldbody.bodies[0], height_m)
+    _check_names(spec, profile, path)
+    for name, span in dict(profile.ranges).items():
+        spec.joint(name).limited, spec.joint(name).range = True, span
+    for joint in map(spec.joint, profile.arm.joints[profile.servoed]):
+        if joint.range[0] == joint.range[1]:  # it turns without end: one turn to either side is enough
+            joint.limited, joint.range = True, (-2 * np.pi, 2 * np.pi)
     return spec
 
 
@@ -162,14 +171,22 @@ def _add_stand(base: "mujoco.MjsBody", height_m: float) -> None:
     )
 
 
-def read_model(path: Path) -> mujoco.MjSpec:
+def read_base(profile: TargetProfile, path: Path) -> mujoco.MjSpec:
+    """A profile's model at `path`, as of `read_model`: without its hand, all its joints there."""
+    wheels = profile.base.wheels if profile.base is not None else None
+    return read_model(path, wheels.links if wheels is not None else ())
+
+
+def read_model(path: Path, replaced: Collection[str] = ()) -> mujoco.MjSpec:
     """A MJCF or URDF without actuators, sensors, key frames, cameras and lights; absent meshes are left out.
+
+    Of a URDF, a mesh of a `replaced` link may be absent even where it is solid.
 
     Raises:
         DefinitionError: `MODEL_UNREADABLE`, `MODEL_MISSING`.
     """
     try:
-        spec = read_urdf(path) if path.suffix in URDF else mujoco.MjSpec.from_file(str(path))
+        spec = read_urdf(path, replaced) if path.suffix in URDF else mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         raise DefinitionError.of("MODEL_UNREADABLE", str(path), str(error)) from error
     absent = {mesh.name for mesh in spec.meshes if mesh.file and not (path.parent / spec.meshdir / mesh.file).is_file()}
@@ -223,7 +240,10 @@ def _check_names(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> Non
         "site": [site.name for site in spec.sites],
     }
     wanted = [
-        *(("joint", name) for name in (*profile.arm.joints, *profile.gripper.joints)),
+        *(
+            ("joint", name)
+            for name in (*profile.arm.joints[profile.servoed], *profile.gripper.joints, *dict(profile.ranges))
+        ),
         *(("geom", name) for name in profile.gripper.pads),
         ("site", profile.tcp),
     ]
@@ -238,7 +258,8 @@ def _check_names(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> Non
 
 def _add_servos(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
     arm, gripper = profile.arm, profile.gripper
-    for joint, kp, kv, torque in zip(arm.joints, arm.stiffness_nm_rad, arm.damping_nms_rad, arm.torque_nm, strict=True):
+    columns = (arm.joints, arm.stiffness_nm_rad, arm.damping_nms_rad, arm.torque_nm)
+    for joint, kp, kv, torque in list(zip(*columns, strict=True))[profile.servoed]:
         servo = spec.add_actuator(name=name_actuator(joint), target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         servo.set_to_position(kp=kp, kv=kv)
         servo.forcelimited, servo.forcerange = True, (-torque, torque)

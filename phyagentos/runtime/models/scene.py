@@ -300,7 +300,7 @@ def _add_body(
             size=[*solid.size_m, 0.0, 0.0][:3],
             pos=solid.position_m,
             quat=convert_euler(solid.euler_rad),
-            mass=item.mass_kg * volume / sum(volumes),
+            mass=item.mass_kg * volume / (sum(volumes) or 1.0),
             condim=3,  # unless a surface says more: see `surfaces`
             friction=item.body.friction or IDEAL_FRICTION,
         )

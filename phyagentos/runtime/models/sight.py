@@ -17,7 +17,8 @@ def explain_unseen(spec: SceneSpec, name: str, seed: int, robot: Robot, sensors:
     """Where a body of the scene starts, and for each camera, with the robot at home, what keeps it from seeing it."""
     model = compile_scene([robot], spec, seed).model
     data = mujoco.MjData(model)
-    for joint, angle_rad in zip(robot[0].arm.joints, robot[0].arm.home_rad, strict=True):
+    arm, servoed = robot[0].arm, robot[0].servoed  # a base stands at home
+    for joint, angle_rad in zip(arm.joints[servoed], arm.home_rad[servoed], strict=True):
         data.joint(joint).qpos = angle_rad
     mujoco.mj_fwdPosition(model, data)
     reasons: dict[str, list[str]] = {}

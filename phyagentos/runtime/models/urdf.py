@@ -2,6 +2,7 @@
 
 import os
 import re
+from collections.abc import Collection
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -15,8 +16,8 @@ _UP = 5  # folders above the file, in which the package that it names may stand
 _PACKAGE, _FIND = "package://", re.compile(r"\$\(find (\w+)\)")
 
 
-def read_urdf(path: Path) -> mujoco.MjSpec:
-    """Read a URDF file; a visual whose mesh is absent or of no known kind is left out.
+def read_urdf(path: Path, replaced: Collection[str] = ()) -> mujoco.MjSpec:
+    """Read a URDF file; a visual whose mesh is absent or of no known kind is left out; so is any of `replaced` links.
 
     Raises:
         DefinitionError: `MODEL_UNREADABLE`, `MODEL_MISSING` for a collision mesh.
@@ -36,7 +37,7 @@ def read_urdf(path: Path) -> mujoco.MjSpec:
             file = _find_mesh(mesh.attrib["filename"], path)
             if file is not None and file.suffix.lower() in {".stl", ".obj"}:
                 mesh.attrib["filename"] = os.fspath(file)
-            elif shown.tag == "visual":
+            elif shown.tag == "visual" or link.attrib["name"] in replaced:
                 link.remove(shown)
             else:
                 found = mesh.attrib["filename"]

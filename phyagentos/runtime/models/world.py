@@ -19,6 +19,7 @@ from phyagentos.protocol.world.environment import Entity, Region
 from phyagentos.protocol.world.friction import Surface
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.models.allowed_collisions import compute_collision_matrix, exclude_pairs
+from phyagentos.runtime.models.base import SOLE
 from phyagentos.runtime.models.hand import HandMotion, measure_hand
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.models.scene import add_scene, draw_bodies, read_regions
@@ -76,7 +77,7 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
     world.visual.headlight.diffuse = [0.25, 0.25, 0.25]
     world.visual.map.znear = 0.01
     add_scene(world, spec, placed)
-    add_pairs(world, spec, {item.name: item.grip for item in placed}, _list_pads(robots), seed)
+    add_pairs(world, spec, {item.name: item.grip for item in placed}, _list_pads(robots, world), seed)
     model = world.compile()
     return CompiledScene(
         spec=world,
@@ -92,8 +93,15 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
     )
 
 
-def _list_pads(robots: Sequence[Robot]) -> dict[str, Surface]:
-    return {
+def _list_pads(robots: Sequence[Robot], world: mujoco.MjSpec) -> dict[str, Surface]:
+    """Pads of grippers and soles of legs, with what they are made of."""
+    soles = {
+        name_prefix(profile.target, len(robots)) + SOLE: profile.base.sole_surface
+        for profile, _ in robots
+        if profile.base is not None and profile.base.sole_surface is not None
+    }
+    found = {geom.name: soles[begin] for geom in world.geoms for begin in soles if geom.name.startswith(begin)}
+    return found | {
         name_prefix(profile.target, len(robots)) + pad: profile.gripper.pad_surface
         for profile, _ in robots
         for pad in profile.gripper.pads
@@ -111,7 +119,7 @@ def _join(robots: Sequence[Robot]) -> mujoco.MjSpec:
     """The robots alone; the only one as it is, several with prefixes."""
     specs = []
     for profile, folder in robots:
-        robot = build_robot(profile, folder)
+        robot = build_robot(profile, folder, is_free=profile.base is not None)
         exclude_pairs(robot, compute_collision_matrix(profile, folder).excluded)
         specs.append(robot)
     if len(specs) == 1:

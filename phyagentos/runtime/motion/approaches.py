@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from phyagentos.geometry import compute_pose
+from phyagentos.protocol.capabilities.targets import BASE_JOINTS
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
@@ -76,9 +77,11 @@ class _Hover:
 
 
 def draw_seeds(kinematics: Kinematics, q_rad: Array, home_rad: Array, seed: int) -> list[Array]:
-    """Start postures for the inverse: here, home, near home, anywhere; in that order."""
+    """Start postures for the inverse: here, home, near home, anywhere; in that order. A base begins where it stands."""
     chain = kinematics.chain
     rng = np.random.default_rng(seed)
+    if chain.slides:
+        home_rad = np.concatenate((q_rad[: len(BASE_JOINTS)], home_rad[len(BASE_JOINTS) :]))
     near = home_rad + rng.normal(0.0, NEAR_HOME_SPREAD_RAD, (NEAR_HOME_SEEDS, len(home_rad)))
     anywhere = rng.uniform(chain.q_min_rad, chain.q_max_rad, (UNIFORM_SEEDS, len(home_rad)))
     return [np.clip(q, chain.q_min_rad, chain.q_max_rad) for q in (q_rad, home_rad, *near, *anywhere)]

@@ -1,4 +1,4 @@
-"""Forward kinematics of a tree of joints and a fast inverse of the arm that carries the tool, compiled by numba.
+"""Forward kinematics of a tree of joints, those of a base first, and a fast inverse, compiled by numba.
 
 The inverse only screens; mink (`kinematics`) polishes what it finds. No `fastmath`: the same bits on every machine
 with the same mathematical library.
@@ -30,6 +30,7 @@ class Chain:
         q_min_rad: (n_joints,) lower limits less a margin; `q_max_rad` likewise.
         link_of_body: Link index by body id of the robot's model.
         zero: (n_joints + 1, 4, 4) `world_T_link` at joint angles zero.
+        slides: So many of the first joints slide along that axis instead: those of a base that moves.
     """
 
     frames: Array
@@ -40,6 +41,7 @@ class Chain:
     q_max_rad: Array
     link_of_body: dict[int, int]
     zero: Array
+    slides: int
 
     def compute_tcp(self, q_rad: Array) -> Array:
         """`world_T_tcp` (4, 4) of a posture (n_joints,)."""
@@ -50,7 +52,7 @@ class Chain:
         """`world_T_tcp` (k, 4, 4) of postures (k, n_joints)."""
         carrier = np.empty((len(path_rad), 3, 4))
         rows = np.ascontiguousarray(path_rad, dtype=np.float64)
-        _compute_tool_links(rows, self.frames, self.parents, self.tool, carrier)
+        _compute_tool_links(rows, self.frames, self.parents, self.slides, self.tool, carrier)
         T = np.tile(np.eye(4), (len(path_rad), 1, 1))
         T[:, :3] = carrier[:, :, :3] @ self.tcp
         T[:, :3, 3] += carrier[:, :, 3]
@@ -61,7 +63,7 @@ class Chain:
         q = np.zeros_like(self.q_min_rad)
         target = np.ascontiguousarray(world_T_tcp[:3])
         start = np.ascontiguousarray(start_rad, dtype=np.float64)
-        tree = self.frames, self.parents, self.tool, self.tcp
+        tree = self.frames, self.parents, self.slides, self.tool, self.tcp
         found = _solve(start, target, *tree, self.q_min_rad, self.q_max_rad, q)
         return q if found else None
 
@@ -78,7 +80,11 @@ def build_chain(robot: RobotModel) -> Chain:
         T[:3, 3] = data.xanchor[joint]
         zero.append(T)
         link_of_body[int(model.body_weldid[model.jnt_bodyid[joint]])] = joint + 1
-    parents = [link_of_body[int(model.body_weldid[model.body_parentid[body]])] for body in model.jnt_bodyid]
+    bodies = model.jnt_bodyid.tolist()
+    parents = [  # a body's further joints follow its first one
+        joint if body in bodies[:joint] else link_of_body[int(model.body_weldid[model.body_parentid[body]])]
+        for joint, body in enumerate(bodies)
+    ]
     frames = [zero[0], *(compute_inverse(zero[a]) @ b for a, b in zip(parents, zero[1:], strict=True))]
     world_T_tcp, site = np.eye(4), model.site(robot.profile.tcp).id
     tool = link_of_body[int(model.body_weldid[model.site_bodyid[site]])]
@@ -93,6 +99,7 @@ def build_chain(robot: RobotModel) -> Chain:
         q_max_rad=robot.q_max_rad - LIMIT_MARGIN_RAD,
         link_of_body={body: link_of_body[int(model.body_weldid[body])] for body in range(model.nbody)},
         zero=np.array(zero),
+        slides=int((model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE).sum()),
     )
 
 
@@ -108,13 +115,14 @@ def _align_z_with(axis: Array) -> Array:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def compute_links(q, frames, parents, links):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - compiled
-    """Write `world_T_link` (n_joints + 1, 3, 4) of the posture `q` into `links`."""
+def compute_links(q, frames, parents, slides, links):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - compiled
+    """Write `world_T_link` (n_joints + 1, 3, 4) of the posture `q` into `links`; the first `slides` joints slide."""
     for r in range(3):
         for k in range(4):
             links[0, r, k] = frames[0, r, k]
     for i in range(1, frames.shape[0]):
-        c, s, p = np.cos(q[i - 1]), np.sin(q[i - 1]), parents[i]
+        turn, p = 0.0 if i <= slides else q[i - 1], parents[i]
+        c, s = np.cos(turn), np.sin(turn)
         for r in range(3):
             a, b, d = links[p, r, 0], links[p, r, 1], links[p, r, 2]
             x = a * frames[i, 0, 0] + b * frames[i, 1, 0] + d * frames[i, 2, 0]
@@ -123,26 +131,28 @@ def compute_links(q, frames, parents, links):  # type: ignore[no-untyped-def]  #
             links[i, r, 1] = c * y - s * x
             links[i, r, 2] = a * frames[i, 0, 2] + b * frames[i, 1, 2] + d * frames[i, 2, 2]
             links[i, r, 3] = a * frames[i, 0, 3] + b * frames[i, 1, 3] + d * frames[i, 2, 3] + links[p, r, 3]
+            if i <= slides:
+                links[i, r, 3] += links[i, r, 2] * q[i - 1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _compute_tool_links(path, frames, parents, tool, carrier):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _compute_tool_links(path, frames, parents, slides, tool, carrier):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Write `world_T_link` (k, 3, 4) of the link with the tool in each posture of a path into `carrier`."""
     links = np.empty_like(frames)
     for k in range(len(path)):
-        compute_links(path[k], frames, parents, links)
+        compute_links(path[k], frames, parents, slides, links)
         carrier[k] = links[tool]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve(start, target, frames, parents, tool, tcp, q_min, q_max, q):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _solve(start, target, frames, parents, slides, tool, tcp, q_min, q_max, q):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Damped least squares, dq = J^T (J J^T + lambda I)^-1 e, clamped to the limits; at most 60 steps."""
     n = start.shape[0]
     links, T = np.zeros(frames.shape), np.zeros((3, 4))
     J, H, e = np.zeros((6, n)), np.zeros((6, 6)), np.zeros(6)
     q[:] = start
     for _ in range(60):
-        compute_links(q, frames, parents, links)
+        compute_links(q, frames, parents, slides, links)
         for r in range(3):
             for c in range(4):
                 T[r, c] = links[tool, r, 0] * tcp[0, c] + links[tool, r, 1] * tcp[1, c] + links[tool, r, 2] * tcp[2, c]
@@ -160,6 +170,8 @@ def _solve(start, target, frames, parents, tool, tcp, q_min, q_max, q):  # type:
             J[1, i] = L[2, 2] * dx - L[0, 2] * dz
             J[2, i] = L[0, 2] * dy - L[1, 2] * dx
             J[3, i], J[4, i], J[5, i] = L[0, 2], L[1, 2], L[2, 2]
+            if i < slides:
+                J[:3, i], J[3:, i] = L[:, 2], 0.0
         damping = 1e-4 + 1e-2 * min(1.0, position_error**2 + rotation_error**2)
         for r in range(6):
             for c in range(r + 1):

@@ -3,8 +3,9 @@
 One compiled MuJoCo model serves all worlds with the same kinds of solids: entities are mocap bodies, so that a new pose
 or size, as perception measures it anew, costs no compilation. Contact bits exclude pairs of entities. Immovable
 entities are inflated by 4 mm, movable ones by 2 mm, the payload by 2 %. Base and first link ignore immovable entities,
-on which the robot stands. Fingers stand where they are commanded; around a payload they take every opening from that at
-which they hold it to that at which they let go. The tool centre point is a ball that meets only its bounds.
+on which the robot stands; wheels or legs of a base that moves ignore the ground alone. Fingers stand where they are
+commanded; around a payload they take every opening from that at which they hold it to that at which they let go. The
+tool centre point is a ball that meets only its bounds.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,6 +18,7 @@ from msgspec.structs import replace
 from phyagentos.geometry import compute_matrix, compute_quaternion, compute_rotation
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
+from phyagentos.runtime.models.base import GROUND
 from phyagentos.runtime.motion.requests import Array, Payload, World
 from phyagentos.runtime.motion.robot_model import ROBOT_BIT, WORLD_BIT, RobotModel
 from phyagentos.runtime.motion.shapes import compute_bounds
@@ -225,7 +227,7 @@ def _compile(robot: RobotModel, entities: Sequence[Entity], payload_shapes: Shap
     for entity in entities:
         body = spec.worldbody.add_body(name=entity.name, mocap=True)
         add_geoms(body, _inflate(entity.shapes, entity.movable), WORLD_BIT, 0)
-        if not entity.movable:
+        if not entity.movable and (robot.profile.base is None or entity.kind == GROUND):
             for part in sorted(robot.mounting):
                 spec.add_exclude(name=f"mount:{part}|{entity.name}", bodyname1=part, bodyname2=entity.name)
     _add_tool_bounds(spec, robot)

@@ -43,7 +43,9 @@ def _iter_posture_problems(robot: RobotModel, located: Located) -> Iterator[Prob
     names = robot.profile.arm.joints
     scene = PlanningScenes(robot).get_scene(World(entities=()))
     postures = {("arm", "home_rad"): robot.home_rad}
-    postures |= {("postures", name): np.array(value) for name, value in robot.profile.postures.items()}
+    base = robot.home_rad[: robot.profile.servoed.start]
+    named = robot.profile.postures.items()
+    postures |= {("postures", name): np.concatenate((base, value)) for name, value in named}
     for address, q_rad in postures.items():
         outside = (q_rad < robot.q_min_rad) | (q_rad > robot.q_max_rad)
         for index in np.flatnonzero(outside).tolist():

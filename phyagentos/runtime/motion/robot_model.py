@@ -14,8 +14,9 @@ from phyagentos.errors import DefinitionError, format_names
 from phyagentos.geometry import compute_quaternion, compute_rotation
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.allowed_collisions import exclude_pairs, sample_collision_matrix
+from phyagentos.runtime.models.base import find_gear
 from phyagentos.runtime.models.hand import measure_hand
-from phyagentos.runtime.models.robot import build_robot, read_robot
+from phyagentos.runtime.models.robot import build_robot, read_base, read_robot
 from phyagentos.runtime.models.sources import find_model
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.tool_bounds import ANYWHERE, ToolBounds
@@ -59,7 +60,7 @@ class RobotModel:
         spec: Arm and frozen hand, with collision bits; copy it before adding to it.
         model: `spec` compiled.
         q_min_rad: (n_joints,) lower joint limits; `q_max_rad` likewise.
-        mounting: The base and the first moving link, which stand on the mounting.
+        mounting: The base and the first moving link, which stand on the mounting; wheels or legs of a base that moves.
         fingers: Bodies that the gripper moves, open in `spec`.
         jaws: Bodies that touch what is held: the fingers, and what carries a pad and stands still.
         hand: Bodies that move as one with the tool centre point.
@@ -143,7 +144,9 @@ def build_robot_model(profile: TargetProfile, folder: Path, bounds: ToolBounds =
         q_min_rad=limits[:, 0],
         q_max_rad=limits[:, 1],
         bodies=frozenset(body.name for body in spec.bodies[1:]),
-        mounting=frozenset({first_link, *(body.name for body in spec.worldbody.bodies)}),
+        mounting=frozenset({first_link, *(body.name for body in spec.worldbody.bodies)})
+        if profile.base is None
+        else find_gear(read_base(profile, path), profile.base),
         fingers=fingers,
         jaws=jaws | fingers.keys(),
         hand=frozenset(
@@ -158,7 +161,7 @@ def build_robot_model(profile: TargetProfile, folder: Path, bounds: ToolBounds =
 
 def _check_types(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> None:
     hinge, slide = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-    types = dict.fromkeys(profile.arm.joints, hinge)
+    types = dict.fromkeys(profile.arm.joints[profile.servoed], hinge)
     types |= {} if profile.gripper.travel else dict.fromkeys(profile.gripper.joints, slide)
     wrong = [name for name, type in types.items() if int(spec.joint(name).type) != type]
     if wrong:

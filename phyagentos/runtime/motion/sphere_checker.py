@@ -57,8 +57,10 @@ def _place(links, link, spheres, start, stop, centers):  # type: ignore[no-untyp
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _is_free(q, m, links, centers, balls, placed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    frames, parents, spheres, first, link, bounds, meets, pairs, shrink, boxes, kinds = m  # an access costs 20 ns
-    compute_links(q, frames, parents, links)
+    frames, parents, slides, spheres, first, link, bounds, meets, pairs, shrink, boxes, kinds = (
+        m  # each access to `m` costs 20 ns
+    )
+    compute_links(q, frames, parents, slides, links)
     for c in range(link.shape[0]):
         placed[c] = 0
         _place(links, link[c], bounds, c, c + 1, balls)

@@ -38,6 +38,7 @@ class SphereArrays(NamedTuple):
     Attributes:
         frames: (n + 1, 3, 4) of the chain.
         parents: (n + 1,) of its links.
+        slides: Of the chain.
         spheres: (s, 4) centre in the link frame, radius.
         first: (c + 1,) index of the first sphere of each cluster.
         link: (c,) link of each cluster.
@@ -51,6 +52,7 @@ class SphereArrays(NamedTuple):
 
     frames: Array
     parents: Integers
+    slides: int
     spheres: Array
     first: Integers
     link: Integers
@@ -101,6 +103,7 @@ class SphereModel:
         return SphereArrays(
             frames=self._chain.frames,
             parents=self._chain.parents,
+            slides=self._chain.slides,
             spheres=np.vstack([cover for _, _, cover in clusters]),
             first=np.cumsum([0, *(len(cover) for _, _, cover in clusters)]),
             link=np.array([link for link, _, _ in clusters]),
@@ -124,11 +127,12 @@ class SphereModel:
             mujoco.mj_collision(robot.model, data)
             if data.ncon:
                 continue
-            compute_links(q, self._chain.frames, self._chain.parents, links)
+            compute_links(q, self._chain.frames, self._chain.parents, self._chain.slides, links)
             for rows, (link, _, cover) in zip(centers, self._clusters, strict=True):
                 rows.append(cover[:, :3] @ links[link, :, :3].T + links[link, :, 3])
         placed = [np.array(rows) for rows in centers]
-        quantiles = np.quantile([self._compute_gaps(placed, a, b) for a, b in self._pairs], QUANTILE, axis=1)
+        gaps = [self._compute_gaps(placed, a, b) for a, b in self._pairs]
+        quantiles = np.array([np.quantile(each, QUANTILE) for each in gaps])  # empty for a rigid body
         return [float(1e-4 - gap) if gap < 0.0 else 0.0 for gap in quantiles]
 
     def _compute_gaps(self, centers: list[Array], a: int, b: int) -> Array:

@@ -137,7 +137,7 @@ class DryRun:
         registry: Where leaves declare their roles.
         clock: Measures the cost.
         home_rad: (n_joints,) posture before a session [rad].
-        postures: (n_joints,) each that the target's profile names [rad].
+        postures: Those that the target's profile names [rad].
         reach: Bound on the tool; None without one.
         patience_s: Longest wait for one answer, by the wall clock [s]; then it decides nothing.
     """
@@ -171,7 +171,8 @@ class DryRun:
         trials += self._iter_beyond(session)
         for motion in find_motions(tree, session.parameters, self.library, self.registry):
             if isinstance(motion, Home):
-                goal_rad = np.asarray(self.postures.get(motion.posture, self.home_rad), dtype=np.float64)
+                asked_rad = self.postures.get(motion.posture, self.home_rad)
+                goal_rad = np.append(q_rad[: len(q_rad) - len(asked_rad)], asked_rad)  # a base stays where it is
                 if float(np.abs(goal_rad - q_rad).max()) > NUDGE_RAD:
                     trials.append(self._try_posture(session, motion.posture, world, goal_rad))
                     q_rad = goal_rad

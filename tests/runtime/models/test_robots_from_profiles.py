@@ -145,7 +145,8 @@ def test_a_jaw_that_is_still_closing_grips_nothing(beak):
     """SO-101's drive pressed as hard against the damping of its own jaw: what stood beside the hand was held."""
     change(beak, "force_n: 10.0", "force_n: 20.0")
     change(beak.with_name("beak.xml"), 'range="0 0.6" damping="0.05"', 'range="0 0.6" damping="0.5"')
-    physics = Physics.alone(*read_profile(beak), read_scene(Library.open().get_scene("tabletop/cubes_and_trays")), seed=0)
+    scene = read_scene(Library.open().get_scene("tabletop/cubes_and_trays"))
+    physics = Physics.alone(*read_profile(beak), scene, seed=0)
     physics.start(0.1)
     physics.set_servos(physics.q_rad, np.zeros(2), 0.0)
     pressed, gripping = [], []

@@ -101,6 +101,22 @@ def test_a_stalled_joint_does_not_turn_and_recovers(begin):
     assert abs(rig.move(goal, seconds=1.5).target.q_rad[0] - 0.4) < 0.02
 
 
+def test_a_push_bends_the_arm_that_way_and_ends(begin):
+    rig = begin(
+        kind="push", joint="joint6", when={"time_s": 1.0}, force_n=60.0, direction_rad=np.pi / 2, duration_s=0.5
+    )
+    rig.hold(0.08, 0.2)
+    before = np.array(rig.observe().target.tcp.position_m)
+    rig.hold(0.08, 1.2 - rig.driver.physics.time_s)
+    aside = np.array(rig.observe().target.tcp.position_m) - before
+    assert aside[1] > 0.001
+    assert abs(aside[1]) > 3 * np.abs(aside[[0, 2]]).max()
+    rig.hold(0.08, 1.0)
+    assert np.abs(np.array(rig.observe().target.tcp.position_m) - before).max() < 0.001
+    assert not rig.driver.physics.data.xfrc_applied.any()
+    assert [(fault.kind, fault.details["body"]) for fault in end(rig)] == [("push", "joint6")]
+
+
 def test_a_fault_waits_for_the_session_it_is_meant_for(begin):
     rig = begin(kind="move", object="red_cube", when={"session": "b*", "time_s": 0.0}, to_m=(0.45, -0.28))
     rig.hold(0.08, 0.5)

@@ -94,6 +94,16 @@ def test_solids_and_bodies_of_like_names_are_built_side_by_side():
     assert (names["mug_1"], names["mug_::2"], names["mug_2_:1"], names["mug_2_2"]) == ("mug", "mug", "mug_2", "mug_2")
 
 
+def test_what_is_only_seen_is_fixed():
+    """A mark of decor alone has no mass: the world ended with a division by zero."""
+    mark = {"kind": "mark", "shapes": ({"kind": "box", "size_m": (0.1, 0.1, 0.001), "decor": True},)}
+    spec = SceneSpec(scene="x/y", cameras={}, bodies={"mark": Body.model_validate({**mark, "fixed": True})})
+    add_scene(robot := mujoco.MjSpec(), spec, draw_bodies(spec, 0))
+    assert not robot.compile().body("mark").mass[0]
+    with pytest.raises(ValueError, match="decor alone touches nothing"):
+        Body.model_validate(mark)
+
+
 def test_an_overfull_area_is_told(tmp_path, make_rig):
     spec = read_scene(LIBRARY.get_scene("tabletop/cubes_and_trays"))
     area = spec.areas["start"].model_copy(update={"x_m": (0.4, 0.41), "y_m": (0.0, 0.01)})

@@ -55,6 +55,8 @@ DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
 POSTURE_RAD = 0.05  # the error of a servo that carries a load stays below
 OPEN_FRACTION = 0.9
 CLOSED_FRACTION = 0.1
+FACING_RAD = 0.1  # by which a base in its place may be turned
+APART_M = 0.05  # by which a base may stand nearer or farther than it should
 
 
 def _find_position_doubt(view: View, *entities: Entity | None) -> float:
@@ -380,19 +382,57 @@ def measure_speed(view: View, a: Entity) -> Reading:
 
 
 def measure_in_posture(view: View, target: str, posture: str, tol_rad: float) -> Reading:
-    """Every joint, as measured, within `tol_rad` of a posture that the target's profile names."""
+    """Every joint, as measured, within `tol_rad` of a posture that its profile names; a base may be anywhere."""
     state = view.now.targets.get(target)
     if state is None:
         raise FactUnknown(f"target {target} is not in the snapshot")
     if posture not in state.postures:
         raise FactUnknown(f"{target} has no posture {posture!r}; it has {format_names(state.postures)}")
-    off_rad = [abs(is_at - asked) for is_at, asked in zip(state.q_rad, state.postures[posture], strict=True)]
+    wanted = state.postures[posture]
+    own = state.q_rad if state.base is None else state.q_rad[len(state.base) :]
+    off_rad = [abs(is_at - asked) for is_at, asked in zip(own, wanted, strict=True)]
     worst_rad = max(off_rad)
-    joint = off_rad.index(worst_rad) + 1
+    joint = off_rad.index(worst_rad) + 1 + len(state.q_rad) - len(own)
     because = f"joint {joint} of {target} is {worst_rad:.3f} rad from {posture}, allowed are {tol_rad:g} rad"
     scale_rad = max(tol_rad, 1e-3)
     measured: dict[str, float | str | bool] = {"joint": joint, "off_rad": round(worst_rad, 5)}
     return Reading((tol_rad - worst_rad) / scale_rad, measured, because, DOUBT_STDS * state.q_std_rad / scale_rad)
+
+
+def measure_standing(view: View, target: str, least_m: float) -> Reading:
+    """The body of its base is upright within 15 degrees, and its frame at least so high in the world."""
+    state = view.now.targets.get(target)
+    if state is None or state.trunk is None:
+        raise FactUnknown(f"how the base of {target} stands is not in the snapshot")
+    tilt_rad, height_m = compute_tilt(state.trunk), state.trunk.position_m[2]
+    leans = f"{target} leans {math.degrees(tilt_rad):.1f} degrees"
+    because = f"{leans} at a height of {height_m:.3f} m, asked are {least_m:g} m"
+    margin = min(1.0 - tilt_rad / UPRIGHT_RAD, (height_m - least_m) / max(least_m, 1e-3))
+    return Reading(margin, {"tilt_rad": round(tilt_rad, 5), "height_m": round(height_m, 5)}, because)
+
+
+def measure_docked(view: View, target: str, place: Place, standoff_m: float) -> Reading:
+    """Its base rests with its origin in a region, headed as that, or so far from the centre of a thing, facing it."""
+    state = view.now.targets.get(target)
+    if state is None or state.base is None:
+        raise FactUnknown(f"where the base of {target} stands is not in the snapshot")
+    x, y, heading_rad = state.base
+    _, _, z = place.pose.position_m
+    if place.name in view.now.regions:
+        ahead = rotate(place.pose.quaternion_wxyz, (1.0, 0.0, 0.0))
+        local = to_child(place.pose, (x, y, z))
+        off_m, allowed_m = max((abs(p) - h, h) for p, h in zip(local[:2], place.half_m[:2], strict=True))
+        off_m += allowed_m
+    else:
+        ahead = (place.pose.position_m[0] - x, place.pose.position_m[1] - y, 0.0)
+        off_m, allowed_m = abs(math.hypot(*ahead) - standoff_m), APART_M
+    turned_rad = abs(math.remainder(heading_rad - math.atan2(ahead[1], ahead[0]), math.tau))
+    because = (
+        f"the base of {target} is {off_m:.3f} m off {place.name}, and turned {math.degrees(turned_rad):.1f} degrees"
+    )
+    margin = 1.0 - max(off_m / allowed_m, turned_rad / FACING_RAD)
+    doubt = _find_position_doubt(view, view.now.entities.get(place.name)) / allowed_m
+    return Reading(margin, {"off_m": round(off_m, 5), "turned_rad": round(turned_rad, 5)}, because, doubt)
 
 
 def measure_metric(view: View, name: str) -> Reading:
@@ -475,6 +515,20 @@ BUILTINS: tuple[PredicateDefinition, ...] = (
         Argument("posture", ArgumentKind.POSTURE),
         Argument("tol_rad", ArgumentKind.NUMBER, POSTURE_RAD),
         lasting=False,
+    ),
+    _define(
+        "standing",
+        measure_standing,
+        Argument("target", ArgumentKind.TARGET),
+        Argument("least_m", ArgumentKind.NUMBER),
+        lasting=False,
+    ),
+    _define(
+        "docked",
+        measure_docked,
+        Argument("target", ArgumentKind.TARGET),
+        _PLACE,
+        Argument("standoff_m", ArgumentKind.NUMBER, 0.4),
     ),
     _number("metric", measure_metric, Argument("name", ArgumentKind.METRIC)),
     _define("unstated", measure_unstated, lasting=False),

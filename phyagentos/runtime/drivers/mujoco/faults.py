@@ -22,6 +22,7 @@ from phyagentos.protocol.world.faults import (
     Misdate,
     Move,
     Nudge,
+    Push,
     Remove,
     SensorFault,
     Slip,
@@ -47,7 +48,7 @@ class FaultActivation(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         kind: As in the fault file.
-        body: The object, the joint that seizes, or the pattern of the cameras that are corrupted.
+        body: The object, the joint that seizes or whose link is pushed, or the pattern of the corrupted cameras.
         time_s: Of its beginning.
         start_m: The object's place then.
         goal_m: The object's place at the end of a hand's pull.
@@ -57,6 +58,7 @@ class FaultActivation(msgspec.Struct, frozen=True, kw_only=True):
         by_m: Error of a camera's reported position.
         by_rad: Error of its reported direction.
         qpos: The state of a frozen picture.
+        force_n: Of a push, in the world.
     """
 
     kind: str
@@ -71,6 +73,7 @@ class FaultActivation(msgspec.Struct, frozen=True, kw_only=True):
     by_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     by_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     qpos: tuple[float, ...] = ()
+    force_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,12 +198,23 @@ class FaultInjector:
             physics.set_pad_friction(SLIPPERY)
         elif activation.kind == "stall":
             physics.set_joint_friction(activation.body, SEIZED_NM)
+        elif activation.kind == "push":
+            physics.push(activation.body, np.array(activation.force_n))
 
     def _resolve(self, physics: Physics, fault: Fault) -> FaultActivation:
         """Draw all open parameters of a fault."""
         if isinstance(fault, Stall):
             return FaultActivation(
                 kind=fault.kind, body=fault.joint, time_s=physics.time_s, duration_s=fault.duration_s
+            )
+        if isinstance(fault, Push):
+            angle = self._rng.uniform(0, 2 * np.pi) if fault.direction_rad is None else fault.direction_rad
+            return FaultActivation(
+                kind=fault.kind,
+                body=fault.joint,
+                time_s=physics.time_s,
+                duration_s=fault.duration_s,
+                force_n=_as_tuple(fault.force_n * np.array([np.cos(angle), np.sin(angle), 0.0])),
             )
         if isinstance(fault, SensorFault):
             return _resolve_corruption(physics, fault)
@@ -279,6 +293,8 @@ def _release(physics: Physics, activation: FaultActivation) -> None:
         physics.set_pad_friction(None)
     elif activation.kind == "stall":
         physics.set_joint_friction(activation.body, None)
+    elif activation.kind == "push":
+        physics.push(activation.body, np.zeros(3))
     elif activation.kind not in SENSOR_KINDS:
         physics.let_go(activation.body)
 

@@ -119,6 +119,7 @@ class JointController:
         self._held = SetPoint.at_rest(np.clip(self._physics.q_rad, self._limits.low, self._limits.high))
         self._force_max_n = 0.0
         self._standing_n = self._force_n
+        self._physics.begin()
         self._begin_history()
 
     def _begin_history(self) -> None:
@@ -135,8 +136,9 @@ class JointController:
         widths = self._limit_fingers(command.gripper_width_m)
         controls = physics.compute_controls(command.q_rad, command.qd_rad_s, widths)
         self._width_m = float(widths[-1])
-        for row in controls:
+        for row, q_rad, qd_rad_s in zip(controls, command.q_rad, command.qd_rad_s, strict=True):
             physics.data.ctrl[physics.inputs] = row
+            physics.lead_base(q_rad, qd_rad_s)
             self._prepare()
             yield
             self._sense()
@@ -212,7 +214,8 @@ class JointController:
         self._sense()
 
     def _prepare(self) -> None:
-        """Before a physics step: limit the servo inputs and let faults act."""
+        """Before a physics step: drive the base, limit the servo inputs and let faults act."""
+        self._physics.drive()
         self._limits.restrain()
         self.activations += self._faults.act(self._physics)
 
@@ -226,7 +229,7 @@ class JointController:
     def _feel(self) -> None:
         physics = self._physics
         self._force_n = 0.0
-        if self._estimate.is_felt(physics.data.qfrc_constraint[physics.v_address]):
+        if physics.base is not None or self._estimate.is_felt(physics.data.qfrc_constraint[physics.v_address]):
             self._force_n = self._estimate.measure(physics.find_hardest_contact()[0], physics.time_s)
         self._force_max_n = max(self._force_max_n, self._force_n)
         self._standing_n = min(self._standing_n, self._force_n)

@@ -71,9 +71,11 @@ class LocalLimits:
         self._brake = np.array(arm.acceleration_rad_s2)
         self._lead_s = physics.lead_s
         self.low, self.high = physics.q_range[0] + END_MARGIN_RAD, physics.q_range[1] - END_MARGIN_RAD
-        self._top = SPEED_SHARE * self._velocity
-        self._middle = 0.5 * (self.low + self.high)
-        room = 0.5 * (self.high - self.low) - self._top**2 / (2.0 * self._brake)
+        own = self._servoed = profile.servoed
+        self._top, braking = SPEED_SHARE * self._velocity[own], self._brake[own]
+        low, high = self.low[own], self.high[own]
+        self._middle = 0.5 * (low + high)
+        room = 0.5 * (high - low) - self._top**2 / (2.0 * braking)
         self._free_step, self._free_room = self._lead_s * self._top, room
         self._box = np.array(profile.workspace_m) if profile.workspace_m is not None else None
         top, a_dt, none = SET_POINT_SHARE * self._velocity, self._brake * dt, np.zeros(len(arm.joints))
@@ -157,15 +159,16 @@ class LocalLimits:
         q, wanted = data.qpos[self._physics.q_address], data.ctrl[servos]
         if not needs_restraint(q, wanted, self._middle, self._free_step, self._free_room):
             return
-        up = np.minimum(self._top, np.sqrt(2.0 * self._brake * np.maximum(self.high - q, 0.0)))
-        down = np.minimum(self._top, np.sqrt(2.0 * self._brake * np.maximum(q - self.low, 0.0)))
+        low, high, braking = self.low[self._servoed], self.high[self._servoed], self._brake[self._servoed]
+        up = np.minimum(self._top, np.sqrt(2.0 * braking * np.maximum(high - q, 0.0)))
+        down = np.minimum(self._top, np.sqrt(2.0 * braking * np.maximum(q - low, 0.0)))
         data.ctrl[servos] = np.clip(wanted, q - self._lead_s * down, q + self._lead_s * up)
 
     def find_excess(self) -> str:
         """The limit that the measured state breaks; empty for none."""
         physics = self._physics
         q, qd = physics.measure_joints()
-        if np.count_nonzero(np.abs(qd) > self._velocity):
+        if np.count_nonzero(np.abs(qd) > self._velocity + physics.sway):
             return "a joint is faster than its limit"
         if np.count_nonzero(q < physics.q_range[0]) or np.count_nonzero(q > physics.q_range[1]):
             return "a joint is outside its range"

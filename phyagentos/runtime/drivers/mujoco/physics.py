@@ -3,7 +3,7 @@
 Queries are computed in a second MjData and never touch the stepped state: a run with more queries has the same bits.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Self
 
@@ -18,6 +18,8 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Contents, Entity, Interior, Pose, TargetState
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.joint_sensors import JointSensors
+from phyagentos.runtime.drivers.mujoco.locomotion import make_locomotion
+from phyagentos.runtime.drivers.mujoco.planar_base import PlanarBase
 from phyagentos.runtime.drivers.mujoco.step_kernels import find_firm
 from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, name_actuator
 from phyagentos.runtime.models.world import CompiledScene, compile_scene
@@ -43,25 +45,36 @@ class Physics:
         self._profile, self._prefix = profile, prefix
         self._sensors = JointSensors(profile.arm, scene.seed, profile.physics_step_s)
         model = self.model
-        joints = [model.joint(prefix + name) for name in profile.arm.joints]
+        own = self._servoed = profile.servoed
+        self.base = PlanarBase(model, profile, prefix) if profile.base is not None else None
+        self._locomotion = make_locomotion(model, self.base, profile) if self.base is not None else None
+        self.sway = np.zeros(len(profile.arm.joints))  # by how much a joint may be faster than its set-points
+        self.sway[: own.start] = self._locomotion.sway if self._locomotion is not None else ()
+        self._goal = np.zeros((2, own.start))  # pose and speeds that the base follows
+        joints = [model.joint(prefix + name) for name in profile.arm.joints[own]]
         self._hand = scene.hands[profile.target]
         fingers = [model.joint(prefix + name) for name in self._hand.joints]
         driven = [model.joint(prefix + name) for name in profile.gripper.joints]
         self.q_address = _as_slice([int(joint.qposadr[0]) for joint in joints])
         self.v_address = _as_slice([int(joint.dofadr[0]) for joint in joints])
-        self.q_range = np.array([joint.range for joint in joints]).T  # (2, n_joints): lowest, highest
-        servos = [model.actuator(prefix + name_actuator(name)).id for name in profile.arm.joints]
+        self.q_range = np.array([joint.range for joint in joints]).reshape(-1, 2).T  # (2, n_joints): lowest, highest
+        if self.base is not None:
+            self.q_range = np.column_stack(((self.base.q_min, self.base.q_max), self.q_range))
+        servos = [model.actuator(prefix + name_actuator(name)).id for name in profile.arm.joints[own]]
         self.servos = _as_slice(servos)
-        self._drive = [model.actuator(prefix + GRIPPER_ACTUATOR).id] if driven else []  # no more than one
-        self.inputs = _as_slice([*servos, *self._drive])
+        drives = [model.actuator(prefix + GRIPPER_ACTUATOR).id] if profile.gripper.joints else []
+        self._drive = np.array(drives, dtype=np.intp)  # empty without a gripper
+        self.inputs = _as_slice([*servos, *drives])
         self._fingers = np.array([int(joint.qposadr[0]) for joint in fingers], dtype=np.intp)
         self._driven = np.array([int(joint.qposadr[0]) for joint in driven], dtype=np.intp)
         self._travel = np.array(profile.gripper.travel or np.ones(len(driven)))
         self._pads = [model.geom(prefix + name).id for name in profile.gripper.pads]
         self._jacobian = np.zeros((6, model.nv))
         self._tcp = model.site(prefix + profile.tcp).id
-        self.lead_s = np.array(profile.arm.damping_nms_rad) / np.array(profile.arm.stiffness_nm_rad)
+        self.lead_s = np.array(profile.arm.damping_nms_rad[own]) / np.array(profile.arm.stiffness_nm_rad[own])
         moving = {int(model.body_weldid[joint.bodyid[0]]) for joint in (*joints, *fingers)}
+        if self.base is not None:
+            moving = {int(model.body_weldid[body]) for body in self.base.list_guarded(model)}
         self._of_robot = np.array([int(model.body_weldid[body]) in moving for body in model.geom_bodyid])
         self._balls = np.array([model.body(name).id for name in scene.balls], dtype=np.intp)
         loose = {model.body(entity.name).id for entity in self.entities if entity.movable} | set(self._balls.tolist())
@@ -103,8 +116,20 @@ class Physics:
 
     def measure_joints(self) -> tuple[Array, Array]:
         """(n_joints,) positions [rad] and velocities [rad/s], as the encoders measure them."""
-        data = self.data
-        return self._sensors.measure(data.qpos[self.q_address], data.qvel[self.v_address], float(data.time))
+        return self._sensors.measure(*self._read_joints(self.data), float(self.data.time))
+
+    def _read_joints(self, data: mujoco.MjData) -> tuple[Array, Array]:
+        """(n_joints,) true positions and velocities, those of the base first."""
+        q, qd = data.qpos[self.q_address], data.qvel[self.v_address]
+        if self.base is None:
+            return q, qd
+        return np.concatenate((self.base.read_pose(data), q)), np.concatenate((self.base.read_rate(data), qd))
+
+    def write_posture(self, data: mujoco.MjData, q_rad: Array) -> None:
+        """Put base and arm at joint positions (n_joints,) in a state."""
+        if self.base is not None:
+            self.base.write_pose(data, q_rad[: self._servoed.start])
+        data.qpos[self.q_address] = q_rad[self._servoed]
 
     @property
     def gripper_width_m(self) -> float:
@@ -126,8 +151,11 @@ class Physics:
         """Write the home posture with an open gripper, and let the servos hold it; before time begins."""
         home = np.array(self._profile.arm.home_rad)
         width = self._profile.gripper.max_width_m
-        self.data.qpos[self.q_address] = home
+        if self.base is not None:
+            self.base.place(self.data, home[: self._servoed.start])
+        self.write_posture(self.data, home)
         self.data.qpos[self._fingers] = self._hand.pose(width)
+        self.begin()
         self.set_servos(home, np.zeros_like(home), width)
 
     def restore(self, state: Array) -> None:
@@ -146,7 +174,7 @@ class Physics:
             raise ExecutionError("MALFORMED", f"a state of shape {state.shape}; expected ({size},), all finite")
         data = mujoco.MjData(self.model)
         mujoco.mj_setState(self.model, data, state, _STATE)
-        q, qd = data.qpos[self.q_address], data.qvel[self.v_address]
+        q, qd = self._read_joints(data)
         low, high = self.q_range
         if (q < low - RANGE_TOLERANCE_RAD).any() or (q > high + RANGE_TOLERANCE_RAD).any():
             raise ExecutionError("TARGET_LIMIT", "the state has a joint outside its range")
@@ -161,21 +189,45 @@ class Physics:
 
     def compute_controls(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: Array) -> Array:
         """(n, n_inputs) of `inputs` for n physics steps; damping leads by kv/kp so that the servo does not lag."""
-        n = len(self.lead_s)
-        controls = np.empty((len(q_rad), n + len(self._drive)))
-        controls[:, :n] = q_rad + self.lead_s * qd_rad_s
-        controls[:, n:] = self._hand.compute_drive(gripper_width_m)[:, None]
+        servos, own = len(self.lead_s), self._servoed
+        controls = np.empty((len(q_rad), servos + len(self._drive)))
+        controls[:, :servos] = q_rad[:, own] + self.lead_s * qd_rad_s[:, own]
+        controls[:, servos:] = self._hand.compute_drive(gripper_width_m)[:, None]
         return controls
+
+    def lead_base(self, q_rad: Array, qd_rad_s: Array) -> None:
+        """Pose and speeds of the base in the coming physics steps, first of those of all joints (n_joints,)."""
+        if self.base is not None:
+            self._goal = np.array((q_rad, qd_rad_s))[:, : self._servoed.start]
+
+    def begin(self) -> None:
+        """A base that walks or drives begins anew, standing: an episode or a session begins."""
+        if self._locomotion is not None:
+            self._locomotion.begin(self.data)
+
+    def drive(self) -> None:
+        """Set the motors of a base for the coming physics step, and let the arm bear its own weight.
+
+        An arm on a fixed mount is compensated without a reaction on it; on a base, its servos add what gravity asks.
+        """
+        if self._locomotion is not None:
+            self.data.qfrc_applied[self.v_address] = self.data.qfrc_bias[self.v_address]
+            self._locomotion.control(self.data, *self._goal)
+
+    def find_lag(self, q_rad: Array) -> float:
+        """Largest distance of a measured joint from its set-point (n_joints,), of those that follow one."""
+        first = 0 if self._locomotion is None or self._locomotion.follows else self._servoed.start
+        return float(np.abs(self.q_rad - q_rad)[first:].max(initial=0.0))
 
     def set_servos(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: float) -> None:
         """Servo inputs of the coming physics steps."""
         row = self.compute_controls(q_rad[None], qd_rad_s[None], np.array([gripper_width_m]))[0]
         self.data.ctrl[self.inputs] = row
+        self.lead_base(q_rad, qd_rad_s)
 
     def step(self, count: int = 1) -> None:
         """Advance by `count` physics steps."""
-        if count > 0:
-            mujoco.mj_step(self.model, self.data, count)
+        advance((self,), count)
 
     def look(self) -> None:
         """Compute poses of the present, for the queries below; ExecutionError where there is none."""
@@ -204,14 +256,16 @@ class Physics:
             q_rad=tuple(q_rad.tolist()),
             qd_rad_s=tuple(qd_rad_s.tolist()),
             gripper_width_m=self.gripper_width_m,
-            tcp=self._compute_tool(q_rad - self.data.qpos[self.q_address]),
+            tcp=self._compute_tool(q_rad - self._read_joints(self.data)[0]),
             holding=tuple(n for n, pads in touching.items() if pads == len(self._pads) and n in self._movable),
             grip_force_n=self._measure_grip(),
+            base=None if self.base is None else (float(q_rad[0]), float(q_rad[1]), float(q_rad[2])),
+            trunk=None if self.base is None else self._read_pose(self.base.body),
         )
 
     def _measure_grip(self) -> float | None:
         """Force that presses the fingers together [N], by the drive's current; while they move it is friction."""
-        if not self._drive:
+        if not len(self._drive):
             return None
         moves = abs(float(self.data.actuator_velocity[self._drive].sum())) > CLOSING_M_S
         force_n = -float(self.data.actuator_force[self._drive].sum())
@@ -221,7 +275,10 @@ class Physics:
         """Pose of the tool centre point for joints (n_joints,) measured with a small error [rad] (after `look`)."""
         mujoco.mj_comPos(self.model, self.seen)
         mujoco.mj_jacSite(self.model, self.seen, self._jacobian[:3], self._jacobian[3:], self._tcp)
-        moved = self._jacobian[:, self.v_address] @ error_rad
+        columns = self._jacobian[:, self.v_address]
+        if self.base is not None:
+            columns = np.column_stack((self.base.compute_columns(self._jacobian, self.seen), columns))
+        moved = columns @ error_rad
         rotation = turn(moved[3:]) @ self.seen.site_xmat[self._tcp].reshape(3, 3)
         return as_pose(rotation, self.seen.site_xpos[self._tcp] + moved[:3])
 
@@ -234,11 +291,10 @@ class Physics:
         """Ground truth of every thing (after `look`); `holders` maps entities to the target that holds each."""
         found = []
         for body, entity in self._bodies.items():
-            pose = Pose(tuple(self.seen.xpos[body].tolist()), tuple(self.seen.xquat[body].tolist()))
             found.append(
                 msgspec.structs.replace(
                     entity,
-                    pose=pose,
+                    pose=self._read_pose(body),
                     speed_m_s=self._find_speed(body),
                     joint=self._find_opening(body),
                     held_by=holders.get(entity.name),
@@ -247,6 +303,9 @@ class Physics:
                 )
             )
         return tuple(found)
+
+    def _read_pose(self, body: int) -> Pose:
+        return Pose(tuple(self.seen.xpos[body].tolist()), tuple(self.seen.xquat[body].tolist()))
 
     def _count_balls(self, body: int, inside: Interior | None) -> Contents | None:
         """Balls whose middle is in the interior of a body; None for what has none, or where there are no balls."""
@@ -307,7 +366,8 @@ class Physics:
     def can_grasp_at(self, point: Array) -> bool:
         """Whether a point (3,) is in the band around the base in which the arm grasps."""
         nearest_m, farthest_m = self._profile.grasp_band_m
-        away_m = np.linalg.norm(point[:2] - np.array(self._profile.mount_position_m[:2]))
+        base_m = self._profile.mount_position_m if self.base is None else self.data.xpos[self.base.body]
+        away_m = np.linalg.norm(point[:2] - np.array(base_m[:2]))
         return bool(nearest_m <= away_m <= farthest_m)
 
     def pull(
@@ -334,6 +394,10 @@ class Physics:
         """Remove the hand's force from a body."""
         self.data.xfrc_applied[self.model.body(name).id] = 0.0
 
+    def push(self, joint: str, force_n: Array) -> None:
+        """Apply a force (3,) in the world to the link of a joint, at its centre of mass, until the next push."""
+        self.data.xfrc_applied[int(self.model.joint(self._prefix + joint).bodyid[0]), :3] = force_n
+
     def check_posture(self, q_rad: Array) -> tuple[Array, str]:
         """The arm in another posture (n_joints,) [rad], everything else in place.
 
@@ -343,7 +407,7 @@ class Physics:
         """
         seen = self._considered
         seen.qpos[:] = self.data.qpos
-        seen.qpos[self.q_address] = q_rad
+        self.write_posture(seen, q_rad)
         mujoco.mj_kinematics(self.model, seen)
         mujoco.mj_collision(self.model, seen)
         new = self._find_firm_contacts(seen)
@@ -396,7 +460,20 @@ class Physics:
         self.model.dof_solimp[dof, :2] = self._joint_impedance[dof] if own else RIGID  # a soft friction would creep
 
 
+def advance(robots: Collection[Physics], count: int) -> None:
+    """Advance a scene by `count` physics steps, in which the bases of its robots stand or drive on."""
+    scene, driven = next(iter(robots)).scene, [each for each in robots if each.base is not None]
+    if not driven:
+        if count > 0:
+            mujoco.mj_step(scene.model, scene.data, count)
+        return
+    for _ in range(count):
+        for each in driven:
+            each.drive()
+        mujoco.mj_step(scene.model, scene.data)
+
+
 def _as_slice(places: list[int]) -> slice | NDArray[np.intp]:
     """Places in an array; a slice where they are consecutive, since a view costs less than a copy."""
-    first, count = places[0], len(places)
+    first, count = next(iter(places), 0), len(places)
     return slice(first, first + count) if places == list(range(first, first + count)) else np.array(places)

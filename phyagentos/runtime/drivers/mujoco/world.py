@@ -29,7 +29,7 @@ from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
 from phyagentos.runtime.drivers.mujoco.joint_controller import JointController
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.drivers.mujoco.local_limits import END_MARGIN_RAD
-from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.physics import Physics, advance
 from phyagentos.runtime.drivers.mujoco.rendering import render_png
 from phyagentos.runtime.drivers.mujoco.simulation import BROKEN_OFF, ReadAgreement, Simulation
 from phyagentos.runtime.models.robot import build_robot, count_steps
@@ -111,7 +111,7 @@ class SimulatedWorld:
         mujoco.mj_resetData(scene.model, scene.data)
         for physics in bodies.values():
             physics.place_at_home()
-        physics.step(round(spec.settle_s / scene.model.opt.timestep))
+        advance(bodies.values(), round(spec.settle_s / scene.model.opt.timestep))
         if request.snapshot:
             state = decode_arrays(request.snapshot).get("state", np.empty(0))
             for physics in bodies.values():
@@ -191,10 +191,12 @@ class MujocoDriver(TargetDriver):
     @override
     def describe(self) -> wire.Description:
         profile, present = self.profile, self._present
-        model = present.physics.model if present else build_robot(profile, self.folder).compile()
-        prefix = self.prefix if present else ""
+        scene = present.physics.model if present is not None else None
+        model = scene if scene is not None and profile.base is None else build_robot(profile, self.folder).compile()
+        prefix = self.prefix if model is scene else ""  # alone, a base has joints for its pose
+        seen = scene if scene is not None else model
+        cameras = tuple(seen.camera(index).name for index in range(seen.ncam))
         ranges = np.array([model.joint(prefix + name).range for name in profile.arm.joints])
-        cameras = tuple(model.camera(index).name for index in range(model.ncam))
         return wire.Description(
             target=profile.target,
             n_joints=len(profile.arm.joints),
@@ -282,7 +284,7 @@ class MujocoDriver(TargetDriver):
         return wire.Step(
             time_s=physics.time_s,
             target=self.look(),
-            tracking_error_rad=float(np.abs(physics.q_rad - controller.q_rad).max()),
+            tracking_error_rad=physics.find_lag(controller.q_rad),
             contact_force_n=controller.take_force(),
             contact_force_error_n=controller.force_error_n,
         )

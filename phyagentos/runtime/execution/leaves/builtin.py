@@ -3,6 +3,7 @@
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.leaves.attach import Attach
 from phyagentos.runtime.execution.leaves.detach import Detach
+from phyagentos.runtime.execution.leaves.drive_to import DriveTo
 from phyagentos.runtime.execution.leaves.fail import Fail
 from phyagentos.runtime.execution.leaves.find_held import FindHeld
 from phyagentos.runtime.execution.leaves.find_opening import FindOpening
@@ -35,6 +36,7 @@ def register_builtin(registry: LeafRegistry) -> None:
     registry.register("attach", Attach)
     registry.register("close_gripper", CloseGripper)
     registry.register("detach", Detach)
+    registry.register("drive_to", DriveTo)
     registry.register("fail", Fail)
     registry.register("find_held", FindHeld)
     registry.register("find_opening", FindOpening)

@@ -17,19 +17,20 @@ class MoveHome(MovingLeaf):
     }
 
     def find_goal_rad(self) -> tuple[float, ...]:
-        """(n_joints,) where to go [rad]."""
+        """(n_joints,) where to go [rad], or without the pose of a base, which stays where it is."""
         return self.context.profile.arm.home_rad
 
     def compose(self) -> MotionRequest | Status:
         """One request."""
         payload = self.find("payload")
         self._held = None if payload is None else payload.entity
-        goal = np.asarray(self.find_goal_rad(), dtype=np.float64)
-        if np.abs(goal - self.context.commands.q_rad).max() < HOME_TOLERANCE_RAD:
+        now, asked_rad, first = self.context.commands.q_rad, self.find_goal_rad(), self.context.profile.servoed.start
+        goal = np.append(now[:first], asked_rad[len(asked_rad) - len(now) + first :])  # a base stays where it is
+        if np.abs(goal - now).max() < HOME_TOLERANCE_RAD:
             return self.succeed("already there")
         return PlanMove(
             world=self.world(),
-            q_rad=self.context.commands.q_rad,
+            q_rad=now,
             goals_rad=goal[None, :],
             seed=self.context.draw_seed(self.path),
             payload=payload or self.find_held(),

@@ -1,0 +1,172 @@
+"""Bases that drive: one profile, two forms of one model, and wheels that move it by motors alone."""
+
+import mujoco
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from phyagentos.errors import DefinitionError
+from phyagentos.geometry import convert_euler
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.scenes import SceneSpec
+from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.models.robot import build_robot
+from phyagentos.runtime.motion.chain import build_chain
+from phyagentos.runtime.motion.robot_model import build_robot_model
+
+WHEEL = """
+      <body name="wheel{0}" pos="{1:.4f} {2:.4f} 0" euler="0 0 {3}">
+        <joint name="wheel{0}" axis="1 0 0" armature="0.005"/>
+        <inertial pos="0 0 0" mass="0.1" diaginertia="0.0001 0.0001 0.0001"/>
+        <geom type="sphere" size="0.02"/>
+      </body>"""
+PLACES = [(index, 0.125 * np.cos(2.1 * index), 0.125 * np.sin(2.1 * index), 2.1 * index) for index in range(3)]
+SCOOTER = f"""
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="plate">
+      <freejoint/>
+      <geom type="cylinder" size="0.1 0.02" mass="3"/>{"".join(WHEEL.format(*place) for place in PLACES)}
+      <body name="mast" pos="0.03 0 0.05">
+        <joint name="lean" axis="0 1 0" range="-1 1"/>
+        <geom type="capsule" fromto="0 0 0.03 0 0 0.2" size="0.02" mass="0.5"/>
+        <body name="flag" pos="0 0 0.25">
+          <joint name="wave" axis="0 0 1" range="-1 1"/>
+          <geom type="box" size="0.02 0.002 0.02" mass="0.02"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+FLOOR = {"kind": "floor", "fixed": True, "place": {"position_m": (0.0, 0.0, -0.02)}}
+GROUND = SceneSpec.model_validate(
+    {
+        "scene": "test/ground",
+        "description": "A floor.",
+        "cameras": {"top": {"position_m": (0.0, 0.0, 3.0), "target_m": (0.01, 0.0, 0.0)}},
+        "bodies": {"floor": {**FLOOR, "shapes": [{"kind": "box", "size_m": (4.0, 4.0, 0.02)}]}},
+    }
+)
+WHEELS = ("wheel0", "wheel1", "wheel2")
+
+
+@pytest.fixture
+def scooter(tmp_path):
+    """The profile of a body on three omniwheels with one joint of an arm, and the folder of its model."""
+    (tmp_path / "scooter.xml").write_text(SCOOTER)
+    arm = {"joints": ("base_x", "base_y", "base_yaw", "lean"), "home_rad": (0.2, -0.1, 0.5, 0.3)}
+    arm |= {f"{name}_rad_s{power}": (1.0,) * 4 for name, power in (("velocity", ""), ("acceleration", "2"))}
+    arm |= {"jerk_rad_s3": (500.0,) * 4, "torque_nm": (0.0, 0.0, 0.0, 20.0)}
+    arm |= {"stiffness_nm_rad": (0.0, 0.0, 0.0, 400.0), "damping_nms_rad": (0.0, 0.0, 0.0, 40.0)}
+    base = {"kind": "omni", "body": "plate", "joints": WHEELS, "torque_nm": (3.0,) * 3}
+    base |= {"stiffness_nm_rad": (0.0,) * 3, "damping_nms_rad": (2.0,) * 3, "posture_rad": {"wave": 0.4}}
+    base |= {"wheels": {"links": WHEELS, "radius_m": 0.05}}
+    profile = TargetProfile(
+        target="scooter", description="A scooter.", model="scooter.xml", mount_position_m=(0.0, 0.0, 0.05),
+        tool={"body": "flag"}, end_effector="none", base=base, arm=arm,
+    )  # fmt: skip
+    return profile, tmp_path
+
+
+def drive(physics, goal, steps=1500):
+    """Lead all joints to a goal (4,) and let them settle; the largest error after the start."""
+    start, rows = physics.q_rad, np.linspace(0.0, 1.0, steps)
+    rate, worst = (goal - start) / (steps * physics.model.opt.timestep), 0.0
+    for row in rows:
+        physics.set_servos(start + row * (goal - start), rate, 0.0)
+        physics.step()
+        worst = max(worst, float(np.abs(physics.q_rad - start - row * (goal - start)).max()))
+    for _ in range(500):
+        physics.set_servos(goal, np.zeros(4), 0.0)
+        physics.step()
+    return worst
+
+
+@pytest.mark.sim
+def test_a_base_follows_its_set_points_on_its_wheels(scooter):
+    """Forwards, sideways and turning at once, with the arm: within 1.5 cm on the way, 2 mm at the end."""
+    physics = Physics.alone(*scooter, GROUND, seed=3)
+    physics.start(0.5)
+    home = np.array(scooter[0].arm.home_rad)
+    goal = home + np.array((0.6, -0.4, 1.2, -0.5))
+
+    assert np.allclose(physics.q_rad, home, atol=2e-3)
+    worst = drive(physics, goal)
+    assert worst < 0.015
+    assert np.allclose(physics.q_rad, goal, atol=2e-3)
+    physics.look()
+    assert np.allclose(physics.read_target({}).base, goal[:3], atol=2e-3)
+
+
+@pytest.mark.sim
+def test_motors_without_torque_move_no_base(scooter):
+    """The pose is carried by wheels alone: without their torque it stays."""
+    profile, folder = scooter
+    weak = profile.base.model_copy(update={"torque_nm": (1e-6,) * 3})
+    physics = Physics.alone(profile.model_copy(update={"base": weak}), folder, GROUND, seed=3)
+    physics.start(0.5)
+    home = physics.q_rad
+    drive(physics, home + np.array((0.5, 0.0, 0.0, 0.0)))
+
+    assert np.abs(physics.q_rad - home).max() < 0.02
+
+
+@pytest.mark.sim
+def test_a_base_bears_its_whole_weight(scooter):
+    """What the ground carries is the weight of all bodies, the arm's included, whose servo holds its joint."""
+    physics = Physics.alone(*scooter, GROUND, seed=3)
+    physics.start(1.0)
+    wrench, lifted = np.zeros(6), []
+    for _ in range(250):
+        physics.step()
+        total = 0.0
+        for index in range(physics.data.ncon):
+            mujoco.mj_contactForce(physics.model, physics.data, index, wrench)
+            total += abs(physics.data.contact.frame[index][2]) * wrench[0]
+        lifted.append(total)
+    weight = -physics.model.opt.gravity[2] * physics.model.body_subtreemass[physics.base.body]
+
+    assert np.mean(lifted) == pytest.approx(weight, rel=0.02)
+    assert physics.q_rad[3] == pytest.approx(scooter[0].arm.home_rad[3], abs=2e-3)
+
+
+@pytest.mark.motion
+def test_planning_sees_base_and_arm_as_one_chain(scooter):
+    """The compiled kinematics of two slides and a heading agree with MuJoCo, forwards and backwards."""
+    robot = build_robot_model(*scooter)
+    chain, data = build_chain(robot), mujoco.MjData(robot.model)
+    q = np.array((0.7, -0.2, 1.1, 0.4))
+    data.qpos[:] = q
+    mujoco.mj_kinematics(robot.model, data)
+
+    assert [robot.model.joint(index).name for index in range(4)] == list(scooter[0].arm.joints)
+    assert np.allclose(chain.compute_tcp(q)[:3, 3], data.site("tcp").xpos, atol=1e-9)
+    assert np.allclose(chain.compute_tcp(q)[:3, :3], data.site("tcp").xmat.reshape(3, 3), atol=1e-9)
+    found = chain.solve(chain.compute_tcp(q), q + 0.1)
+    assert found is not None
+    assert np.allclose(chain.compute_tcp(found), chain.compute_tcp(q), atol=1e-3)
+
+
+def test_joints_that_nothing_drives_stand_as_at_rest(scooter):
+    """What is frozen is turned by its posture, in both forms of the model."""
+    for is_free in (False, True):
+        spec = build_robot(*scooter, is_free=is_free)
+        assert spec.joint("wave") is None
+        assert np.allclose(spec.body("flag").quat, convert_euler((0.0, 0.0, 0.4)))
+
+
+def test_a_profile_with_a_base_names_its_pose_first(scooter):
+    """Base coordinates are the first joints; a base of no known kind, or held by another body, is refused."""
+    profile, folder = scooter
+    wrong = profile.model_dump()
+    wrong["arm"]["joints"] = ("lean", "base_x", "base_y", "base_yaw")
+    with pytest.raises(ValidationError, match="base_x, base_y, base_yaw as its first joints"):
+        TargetProfile.model_validate(wrong)
+    held = profile.base.model_copy(update={"body": "mast"})
+    with pytest.raises(DefinitionError, match="expected plate"):
+        build_robot(profile.model_copy(update={"base": held}), folder)
+    hovering = profile.base.model_copy(update={"kind": "hover"})
+    with pytest.raises(DefinitionError, match="UNKNOWN_NAME: found 'hover'"):
+        Physics.alone(profile.model_copy(update={"base": hovering}), folder, GROUND, seed=3)

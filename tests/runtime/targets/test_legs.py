@@ -1,0 +1,118 @@
+"""Bodies on legs, by their motors alone: a trot that arrives, and a stance that keeps its feet while it is pushed."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from phyagentos.errors import DefinitionError
+from phyagentos.runtime.drivers.mujoco.legs import FRICTION, Legs, share_wrench
+from phyagentos.runtime.drivers.mujoco.physics import Physics
+from tests.models_here import read_profile_here
+from tests.runtime.models.test_bases import GROUND
+
+pytestmark = pytest.mark.sim
+PUSH_N, PUSHES = 20.0, 4  # each from another side
+
+
+class Walker:
+    """A robot in an empty room, and what it went through: tilt, torques as a share of the motors', speed."""
+
+    def __init__(self, name, **changes) -> None:
+        profile, folder = read_profile_here(name)
+        base = profile.base.model_copy(update=changes)
+        self.profile = profile.model_copy(update={"base": base})
+        self.physics = Physics.alone(self.profile, folder, GROUND, seed=1)
+        self.physics.start(0.5)
+        self.q = self.physics.q_rad
+        self.tilt_rad = self.torque_share = self.step_m = 0.0
+        self.torque_nm = np.array((*base.torque_nm, *profile.arm.torque_nm[3:]))
+
+    def go(self, goal, duration_s, speed=1.2):
+        """Lead all joints to a goal (n_joints,) at most so fast, and look at every step."""
+        physics, dt = self.physics, self.physics.model.opt.timestep
+        for _ in range(round(duration_s / dt)):
+            way = np.clip(goal - self.q, -speed * dt, speed * dt)
+            self.q = self.q + way
+            before = physics.data.xpos[physics.base.body].copy()
+            physics.set_servos(self.q, way / dt, 0.0)
+            physics.step()
+            data = physics.data
+            moved = data.xpos[physics.base.body] - before
+            arm = data.actuator_force[physics.servos] + data.qfrc_applied[physics.v_address]
+            torque = np.concatenate((data.actuator_force[physics.base.motors], arm))
+            self.torque_share = max(self.torque_share, float(np.abs(torque / self.torque_nm).max()))
+            self.tilt_rad = max(self.tilt_rad, float(np.arccos(min(data.xmat[physics.base.body][8], 1.0))))
+            self.step_m = max(self.step_m, float(np.linalg.norm(moved)))
+
+    @property
+    def height_m(self):
+        return float(self.physics.data.xpos[self.physics.base.body][2])
+
+
+def test_a_quadruped_walks_two_metres_and_turns_by_a_right_angle():
+    """At half a metre a second: within 3 cm and 2 degrees, never leaning by 15, its motors below their limits."""
+    go2 = Walker("go2")
+    ahead = np.array((2.0, 0.0, 0.0))
+    go2.go(ahead, 5.0, speed=0.5)
+    assert np.allclose(go2.physics.q_rad, ahead, atol=0.05)
+    goal = np.array((2.0, 0.0, np.pi / 2))
+    go2.go(goal, 3.5, speed=0.8)
+
+    assert np.allclose(go2.physics.q_rad, goal, atol=(0.03, 0.03, 0.035))
+    assert np.abs(go2.physics.qd_rad_s).max() < 0.05  # it stands
+    assert go2.tilt_rad < np.radians(15)
+    assert go2.torque_share < 0.95
+    assert go2.step_m < 0.004  # 2 m/s in one step of physics: it never jumps
+
+
+@pytest.mark.parametrize(("name", "link"), [("g1", "waist_pitch_joint"), ("r1", "waist_yaw_joint")])
+def test_a_humanoid_reaches_a_posture_and_stands_while_its_trunk_is_pushed(name, link):
+    """Pushes of 20 N for half a second from four sides, while the arms reach forwards and after."""
+    robot = Walker(name)
+    goal = np.array(robot.profile.postures["arms_forward"])
+    for index in range(PUSHES):
+        angle = 2 * np.pi * index / PUSHES + 0.4
+        robot.physics.push(link, PUSH_N * np.array((np.cos(angle), np.sin(angle), 0.0)))
+        robot.go(goal, 0.5)
+        robot.physics.push(link, np.zeros(3))
+        robot.go(goal, 0.5)
+
+    assert np.allclose(robot.physics.q_rad, goal, atol=0.05)
+    assert robot.height_m == pytest.approx(robot.profile.mount_position_m[2], abs=0.01)
+    assert robot.tilt_rad < np.radians(3)
+    assert robot.torque_share < 0.95
+    assert robot.step_m < 0.001
+
+
+def test_without_the_torque_of_its_motors_a_quadruped_sinks():
+    """Nothing but its legs holds it."""
+    go2 = Walker("go2", torque_nm=(1e-6,) * 12)
+    go2.go(np.zeros(3), 0.5)
+    assert go2.height_m < 0.2
+
+
+def test_a_kind_of_walk_needs_its_number_of_feet():
+    with pytest.raises(DefinitionError, match=r"base.joints of kind 'stand'.*found 4 bodies.*expected 2"):
+        Walker("go2", kind="stand")
+
+
+def test_legs_know_their_stance_from_the_model_and_its_posture_at_rest():
+    """What the controllers take as home is where the soles are when the body stands upright."""
+    profile, folder = read_profile_here("go2")
+    physics = Physics.alone(profile, folder, GROUND, seed=1)
+    legs = Legs(physics.model, physics.base, profile.base, n_feet=4)
+    assert legs.height_m == pytest.approx(0.27, abs=0.003)  # two links of 213 mm, bent to 54 degrees, and a sole
+    assert legs.weight_n == pytest.approx(9.81 * mujoco.mj_getTotalmass(physics.model), rel=0.01)
+    sides = np.sign(legs.home_feet_m[:, :2]).tolist()
+    assert sides == [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]
+
+
+def test_forces_of_the_ground_push_within_friction_and_add_up():
+    """A wrench that feet can give is given to 2 %; a pull is not, since the ground does not hold a foot."""
+    levers = np.array([(0.1, 0.1, -0.7), (-0.1, 0.1, -0.7), (0.1, -0.1, -0.7), (-0.1, -0.1, -0.7)])
+    force, moment = np.array((20.0, 0.0, 300.0)), np.array((0.0, -14.0, 0.0))
+    forces = share_wrench(levers, force, moment, weight_n=300.0)
+    assert np.allclose(forces.sum(axis=0), force, atol=6.0)
+    assert np.allclose(np.cross(levers, forces).sum(axis=0), moment, atol=1.2)
+    assert (np.abs(forces[:, :2]).sum(axis=1) <= FRICTION * forces[:, 2] + 1e-9).all()
+    assert np.allclose(share_wrench(levers, np.array((0.0, 0.0, -300.0)), moment * 0.0, 300.0), 0.0)
