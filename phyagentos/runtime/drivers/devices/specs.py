@@ -33,3 +33,16 @@ def _open_so101(site: DriverSite) -> "TargetDriver":
 
 
 SO101 = DriverSpec(open=_open_so101, kinds=("real_robot",))
+
+
+def _open_piper(site: DriverSite) -> "TargetDriver":
+    sdk = _import("piper_sdk", "piper", site)
+    from phyagentos.runtime.drivers.devices.device_driver import DeviceDriver, read_settings
+    from phyagentos.runtime.drivers.devices.piper_bus import PiperBus, PiperSettings
+    from phyagentos.runtime.drivers.devices.tool_centre import ToolCentre
+
+    settings, point = read_settings(PiperSettings, site.profile), ToolCentre(site.profile, site.folder)
+    return DeviceDriver("piper", site, PiperBus(sdk, site.profile, settings, site.clock), settings, point)
+
+
+PIPER = DriverSpec(open=_open_piper, kinds=("real_robot",))
