@@ -8,10 +8,9 @@ import struct
 import threading
 
 import can
-import mujoco
 import numpy as np
 
-from tests.drivers.plant import Plant
+from tests.drivers.plant import Plant, read_model
 
 STOP_CONTROL, MODE_CONTROL, JOINT_CONTROL, GRIPPER_CONTROL, ENABLE = 0x150, 0x151, (0x155, 0x156, 0x157), 0x159, 0x471
 STATUS, JOINTS, GRIPPER, FAST, SLOW = 0x2A1, 0x2A5, 0x2A8, 0x251, 0x261
@@ -26,7 +25,7 @@ class Piper:
     """Six joints and a gripper; `is_stopped`, `powered` and `mode` are what its status frames say."""
 
     def __init__(self, model_file, channel, q_rad, powered=True):
-        model = mujoco.MjModel.from_xml_path(str(model_file))
+        model = read_model(model_file)
         arm = [model.actuator(name).id for name in NAMES[:6]]
         model.actuator_gainprm[arm, 0] = STIFFNESS
         model.actuator_biasprm[arm, 1:3] = -STIFFNESS, -DAMPING

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -64,3 +65,16 @@ class Plant:
     def _run(self):
         while not self._ended.wait(0.005):
             self.advance()
+
+
+def read_model(path):
+    """The model without the visual meshes that the copy of it lacks."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    folder = Path(path).parent / spec.meshdir
+    absent = {mesh.name for mesh in spec.meshes if not (folder / mesh.file).is_file()}
+    for geom in [geom for geom in spec.geoms if geom.meshname in absent]:
+        assert (geom.contype, geom.conaffinity) == (0, 0), geom.meshname
+        spec.delete(geom)
+    for mesh in [mesh for mesh in spec.meshes if mesh.name in absent]:
+        spec.delete(mesh)
+    return spec.compile()

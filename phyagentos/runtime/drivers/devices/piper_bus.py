@@ -113,6 +113,7 @@ class PiperBus(Bus):
     @override
     def close(self) -> None:
         self._arm.DisconnectPort()
+        type(self._arm)._instances.pop(self._place, None)  # its reader does not survive: the next one needs another
 
     def _await_feedback(self) -> Any:
         """The status of the arm, after frames of every kind that came since the call."""
