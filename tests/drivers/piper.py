@@ -1,7 +1,7 @@
 """An AgileX PIPER on a CAN channel: the frames of protocol V2, by `python-can` alone, and the arm that they move.
 
-The gains are this project's. Powered, the arm holds its own weight. After an emergency stop it sinks, braked; how fast the
-robot does is not published. Without power it falls.
+The gains are this project's. Powered, the arm holds its own weight. After an emergency stop it sinks, braked; how fast
+the robot does is not published. Without power it falls.
 """
 
 import struct
