@@ -67,9 +67,12 @@ class Plant:
             self.advance()
 
 
-def read_model(path):
-    """The model without the visual meshes that the copy of it lacks."""
+def read_model(path, is_fixed=False):
+    """The model without the visual meshes that the copy of it lacks; fixed where it would float."""
     spec = mujoco.MjSpec.from_file(str(path))
+    floating = [joint for joint in spec.joints if is_fixed and joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    for element in [*floating, *(spec.keys if floating else [])]:
+        spec.delete(element)
     folder = Path(path).parent / spec.meshdir
     absent = {mesh.name for mesh in spec.meshes if not (folder / mesh.file).is_file()}
     for geom in [geom for geom in spec.geoms if geom.meshname in absent]:

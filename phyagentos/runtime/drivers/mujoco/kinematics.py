@@ -10,7 +10,10 @@ _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLI
 
 
 def read_kinematics(model: mujoco.MjModel, profile: TargetProfile, prefix: str = "") -> Kinematics | None:
-    """Axes and anchors at joint positions zero, in the world frame; None when a joint neither turns nor slides."""
+    """Axes and anchors at joint positions zero, in the world frame; None when a joint neither turns nor slides.
+
+    A joint that does not carry the tool, as of another leg, is a slide without effect.
+    """
     joints = [model.joint(prefix + name) for name in profile.arm.joints]
     kinds = [int(joint.type[0]) for joint in joints]
     if not {_HINGE, _SLIDE}.issuperset(kinds):
@@ -20,12 +23,17 @@ def read_kinematics(model: mujoco.MjModel, profile: TargetProfile, prefix: str =
     for joint in joints:
         data.qpos[joint.qposadr[0]] = 0.0
     mujoco.mj_kinematics(model, data)
-    ids = np.array([joint.id for joint in joints])
+    ids, tool = np.array([joint.id for joint in joints]), model.site(prefix + profile.tcp)
+    carriers = {body := int(model.site_bodyid[tool.id])}
+    while body := int(model.body_parentid[body]):
+        carriers.add(body)
+    carries = np.isin(model.jnt_bodyid[ids], list(carriers))
+    slides = tuple(kind == _SLIDE or not carry for kind, carry in zip(kinds, carries.tolist(), strict=True))
     return Kinematics(
-        axes=_as_triples(data.xaxis[ids]),
+        axes=_as_triples(data.xaxis[ids] * carries[:, None]),
         anchors_m=_as_triples(data.xanchor[ids]),
-        tcp_m=_as_triples(data.site_xpos[model.site(prefix + profile.tcp).id][None])[0],
-        slides=tuple(kind == _SLIDE for kind in kinds) if _SLIDE in kinds else (),
+        tcp_m=_as_triples(data.site_xpos[tool.id][None])[0],
+        slides=slides if any(slides) else (),
     )
 
 
