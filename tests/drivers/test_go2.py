@@ -101,7 +101,7 @@ def test_while_the_sport_mode_commands_a_session_is_stopped_and_none_begins(subj
 
 @pytest.fixture
 def journey(robot, open_site, tmp_path):
-    journey = Journey(open_site(control_period_s=0.1).workspace, "go2", tmp_path)
+    journey = Journey(open_site(control_period_s=0.1, physics_step_s=0.02).workspace, "go2", tmp_path)
     yield journey
     journey.close()
 

@@ -99,11 +99,12 @@ class ActionSpace(Authored):
 
 def describe_target_space(profile: TargetProfile) -> ActionSpace:
     """What a target with joint servos takes, one row per control period."""
+    opens = profile.end_effector == "opening"
     return ActionSpace(
         representation="joint_position",
         joints=profile.arm.joints,
         rate_hz=1.0 / profile.control_period_s,
         chunk_length=100,  # rows that are accepted at once; beyond two seconds a plan is outdated
-        gripper=GripperRange(closed=0.0, open=profile.gripper.max_width_m),
+        gripper=GripperRange(closed=0.0, open=profile.gripper.max_width_m) if opens else None,
         velocity_max=profile.arm.velocity_rad_s,
     )

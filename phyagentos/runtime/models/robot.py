@@ -217,6 +217,8 @@ def _add_servos(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
         servo = spec.add_actuator(name=name_actuator(joint), target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         servo.set_to_position(kp=kp, kv=kv)
         servo.forcelimited, servo.forcerange = True, (-torque, torque)
+    if not gripper.joints:
+        return
     tendon = spec.add_tendon(name=GRIPPER_TENDON)
     for joint, share in zip(gripper.joints, gripper.travel or [1.0] * len(gripper.joints), strict=True):
         tendon.wrap_joint(joint, share)

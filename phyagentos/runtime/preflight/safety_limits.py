@@ -174,8 +174,9 @@ def _iter_box_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator
 def _iter_number_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
     """Limits of one number, against what the target does in one control period."""
     by, period_s = f"target {profile.target}", profile.control_period_s
+    opening_m = profile.gripper.max_width_m or math.inf  # nothing to compare with where nothing opens
     bounds = (  # limit, its unit, the least and the greatest that the target allows, where it declares them
-        ("gripper_width_max", "m", -math.inf, profile.gripper.max_width_m, "gripper.max_width_m"),
+        ("gripper_width_max", "m", -math.inf, opening_m, "gripper.max_width_m"),
         ("command_rate_max", "1/s", 1.0 / period_s, 1.0 / period_s, "control_period_s"),
         ("command_validity_max", "s", EXPIRY_PERIODS * period_s, math.inf, "control_period_s"),
     )
