@@ -13,7 +13,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.specs import GO2
 from phyagentos.runtime.targets.conformance import CHECKS, EPOCH, SESSION, Subject
-from phyagentos.runtime.targets.wire import Ack, Begin, End, Settle
+from phyagentos.runtime.targets.wire import Ack, Begin, End, LoadScene, Settle
 from tests.drivers.journeys import Journey
 
 pytestmark = [pytest.mark.device, pytest.mark.alone]
@@ -156,10 +156,12 @@ def test_an_interface_that_is_not_there_is_named(menagerie, need_package, open_s
         GO2.open(open_site(endpoint="nodds0"))
 
 
-def test_a_robot_that_is_not_there_is_lost_when_it_is_opened(menagerie, need_package, open_site):
+def test_a_robot_that_is_not_there_is_lost_when_it_is_asked(menagerie, need_package, open_site):
     need_package("cyclonedds")
-    with pytest.raises(ExecutionError, match=r"TARGET_LOST: lo: no LowState within 5.0 s"):
-        GO2.open(open_site(domain=2))
+    driver = GO2.open(open_site(domain=2))
+    with pytest.raises(ExecutionError, match=r"TARGET_LOST: lo: no LowState within 0.2 s"):
+        driver.load(LoadScene("cell", 1, "e"))
+    driver.close()
 
 
 @pytest.mark.parametrize("name", ["LOW_CMD", "LOW_STATE"])

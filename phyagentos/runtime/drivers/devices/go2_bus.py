@@ -5,6 +5,7 @@ repeated every 10 ms, as the vendor's examples repeat theirs. The emergency stop
 legs sink. The robot's sport mode publishes `rt/lowcmd`, too: while it does, no session begins, and one that runs ends.
 """
 
+import contextlib
 import threading
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -25,7 +26,7 @@ from phyagentos.runtime.drivers.devices.device_driver import Array, Bus, DeviceS
 from phyagentos.runtime.drivers.devices.go2_messages import LowCmd, LowState, MotorCmd, compute_crc
 
 HEAD, LOW_LEVEL, SERVO = (0xFE, 0xEF), 0xFF, 1
-REPEAT_S, POLL_S, LISTEN_S, DISCOVERY_S = 0.01, 0.001, 0.1, 5.0
+REPEAT_S, POLL_S, LISTEN_S, DISCOVERY_S = 0.01, 0.001, 0.1, 2.0
 OTHERS = "another program commands the legs on rt/lowcmd"
 UNICAST = """<AllowMulticast>false</AllowMulticast></General>
 <Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer Address={peer}/></Peers></Discovery>"""
@@ -67,7 +68,8 @@ class Go2Bus(Bus):
         self._ended, self._lock = threading.Event(), threading.Lock()
         self._thread = threading.Thread(target=self._repeat, daemon=True, name="rt/lowcmd")
         self._thread.start()
-        self._await_state(DISCOVERY_S)
+        with contextlib.suppress(ExecutionError):  # a robot that stays silent is lost when it is asked
+            self._await_state(DISCOVERY_S)
 
     @override
     def read(self) -> Reading:
