@@ -13,7 +13,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.specs import GO2
 from phyagentos.runtime.targets.conformance import CHECKS, EPOCH, SESSION, Subject
-from phyagentos.runtime.targets.wire import Ack, Begin, End, LoadScene, Settle
+from phyagentos.runtime.targets.wire import Ack, Begin, End, Loaded, LoadScene, Settle
 from tests.drivers.journeys import Journey
 
 pytestmark = [pytest.mark.device, pytest.mark.alone]
@@ -97,6 +97,12 @@ def test_while_the_sport_mode_commands_a_session_is_stopped_and_none_begins(subj
     )
     robot.ask("rest")
     assert isinstance(client.ask(Begin("next", EPOCH + 1)), Ack)
+
+
+def test_the_network_is_the_profiles_whatever_the_users_environment_says(subject, monkeypatch):
+    interface = '<General><Interfaces><NetworkInterface name="nodds0"/></Interfaces></General>'
+    monkeypatch.setenv("CYCLONEDDS_URI", f"<CycloneDDS><Domain>{interface}</Domain></CycloneDDS>")
+    assert isinstance(subject.serve().load(), Loaded)
 
 
 @pytest.fixture

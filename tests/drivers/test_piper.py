@@ -11,13 +11,13 @@ from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.specs import PIPER
-from phyagentos.runtime.targets.conformance import CHECKS, Subject
+from phyagentos.runtime.targets.conformance import CHECKS, Reached, Subject
 from phyagentos.runtime.targets.handshake import Tokens, make_key
 from phyagentos.runtime.targets.realtime import serve_realtime
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.stop_listener import StopListener
-from phyagentos.runtime.targets.websocket import WebSocketDoor
+from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocket
 from phyagentos.runtime.targets.wire import LoadScene
 from tests.drivers.journeys import Journey
 from tests.following import wait_until
@@ -122,12 +122,11 @@ class Served:
     def __init__(self, site, tmp_path):
         key, workspace = make_key(), site.workspace
         registry, secret = workspace.target_registry, workspace.root / TOKENS / "piper"
-        stops = StopListener(workspace.signals.parent, site.clock)
-        self.log = workspace.logs / "bus.jsonl"
-        self._served = ServedTarget(
-            PIPER.open(site), ReceiveLog(self.log, site.clock), is_estopped=stops.is_latched, keep_stop=stops.keep
-        )
-        door, self._tokens = WebSocketDoor(), Tokens(key)
+        self._stops = stops = StopListener(workspace.signals.parent, site.clock)
+        log = ReceiveLog(workspace.logs / "bus.jsonl", site.clock)
+        served = ServedTarget(PIPER.open(site), log, is_estopped=stops.is_latched, keep_stop=stops.keep)
+        door = WebSocketDoor()
+        self._reach = lambda: Reached(lambda: connect_websocket(door.endpoint), key)
         told = f"driver: remote\nendpoint: {door.endpoint}\n"
         text = registry.read_text()
         old = f"driver: piper\nendpoint: {site.profile.endpoint}\n"
@@ -136,13 +135,17 @@ class Served:
         secret.parent.mkdir(parents=True)
         secret.touch(mode=0o600)
         secret.write_text(key.hex())
-        arguments = (self._served, door, self._tokens, site.clock)
+        arguments = (served, door, Tokens(key), site.clock)
         self._thread = threading.Thread(target=serve_realtime, args=arguments, daemon=True)
         self._thread.start()
         self.journey = Journey(workspace, "piper", tmp_path)
 
     def close(self):
         self.journey.close()
+        self._reach().close()
+        self._thread.join(10)
+        self._stops.close()
+        assert not self._thread.is_alive()
 
 
 @pytest.fixture

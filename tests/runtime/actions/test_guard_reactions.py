@@ -32,7 +32,8 @@ GANTRY = """
 LEGS = """
 <mujoco><worldbody><body name="trunk"><freejoint/><geom size="0.1"/>
   <body pos="0.1 0 0"><joint name="front" axis="0 1 0"/><geom size="0.1"/>
-    <body pos="0 0 -0.3"><joint name="knee" axis="0 1 0"/><geom size="0.1"/><site name="foot" pos="0 0 -0.2"/></body></body>
+    <body pos="0 0 -0.3"><joint name="knee" axis="0 1 0"/><geom size="0.1"/><site name="foot" pos="0 0 -0.2"/></body>
+  </body>
   <body pos="-0.1 0 0"><joint name="hind" axis="0 1 0"/><geom size="0.1"/></body>
 </body></worldbody></mujoco>
 """
