@@ -88,8 +88,9 @@ class Robot:
         from cyclonedds.sub import DataReader
         from cyclonedds.topic import Topic
 
-        from phyagentos.runtime.drivers.devices.go2_messages import LowCmd, LowState
+        from phyagentos.runtime.drivers.devices.go2_messages import define_messages
 
+        _, LowCmd, LowState = define_messages()
         domain = Domain(DOMAIN, CONFIGURATION)
         participant, other = DomainParticipant(DOMAIN), DomainParticipant(DOMAIN)
         commands = DataReader(participant, Topic(participant, "rt/lowcmd", LowCmd))
@@ -178,12 +179,12 @@ class Listener:
         from cyclonedds.sub import DataReader
         from cyclonedds.topic import Topic
 
-        from phyagentos.runtime.drivers.devices.go2_messages import LowCmd
+        from phyagentos.runtime.drivers.devices.go2_messages import define_messages
 
         self.frames, self._ended = [], threading.Event()
         self._domain = Domain(DOMAIN, CONFIGURATION)
         participant = DomainParticipant(DOMAIN)
-        self._reader = DataReader(participant, Topic(participant, "rt/lowcmd", LowCmd))
+        self._reader = DataReader(participant, Topic(participant, "rt/lowcmd", define_messages().command))
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 

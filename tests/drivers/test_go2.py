@@ -11,6 +11,7 @@ from phyagentos.cli.why import explain_session
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.estop import Latch, latch
+from phyagentos.runtime.drivers.devices.go2_messages import compute_crc, define_messages
 from phyagentos.runtime.drivers.devices.specs import GO2
 from phyagentos.runtime.targets.conformance import CHECKS, EPOCH, SESSION, Subject
 from phyagentos.runtime.targets.wire import Ack, Begin, End, Loaded, LoadScene, Settle
@@ -173,10 +174,10 @@ def test_a_robot_that_is_not_there_is_lost_when_it_is_asked(menagerie, need_pack
 @pytest.mark.parametrize("name", ["LOW_CMD", "LOW_STATE"])
 def test_a_message_has_the_fields_of_the_vendors_struct_in_its_order(need_package, name):
     need_package("cyclonedds")
-    from phyagentos.runtime.drivers.devices import go2_messages
     from tests.drivers import go2
 
-    kind = {"LOW_CMD": go2_messages.LowCmd, "LOW_STATE": go2_messages.LowState}[name]
+    _, command, state = define_messages()
+    kind = {"LOW_CMD": command, "LOW_STATE": state}[name]
     letters, at, leaves = go2.list_letters(getattr(go2, name)), 0, []
     message = go2.number_leaves(kind(), itertools.cycle(range(1, 128)))
     data = message.serialize()[4:]
@@ -192,9 +193,9 @@ def test_a_message_has_the_fields_of_the_vendors_struct_in_its_order(need_packag
 
 def test_the_checksum_is_the_vendors(need_package):
     need_package("cyclonedds")
-    from phyagentos.runtime.drivers.devices.go2_messages import LowCmd, compute_crc
     from tests.drivers import go2
 
+    LowCmd = define_messages().command
     for message in (LowCmd(), go2.number_leaves(LowCmd(), itertools.cycle(range(1, 128)))):
         assert compute_crc(message) == go2.compute_checksum(message)
     assert compute_crc(LowCmd()) != compute_crc(LowCmd(level_flag=0xFF))

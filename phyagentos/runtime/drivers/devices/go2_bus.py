@@ -12,18 +12,13 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pydantic
-from cyclonedds.core import DDSException, Policy, Qos
-from cyclonedds.domain import Domain, DomainParticipant
-from cyclonedds.pub import DataWriter
-from cyclonedds.sub import DataReader
-from cyclonedds.topic import Topic
 from typing_extensions import override
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.drivers.devices.device_driver import Array, Bus, DeviceSettings, Reading
-from phyagentos.runtime.drivers.devices.go2_messages import LowCmd, LowState, MotorCmd, compute_crc
+from phyagentos.runtime.drivers.devices.go2_messages import compute_crc, define_messages
 
 HEAD, LOW_LEVEL, SERVO = (0xFE, 0xEF), 0xFF, 1
 REPEAT_S, POLL_S, LISTEN_S, DISCOVERY_S = 0.01, 0.001, 0.1, 2.0
@@ -50,6 +45,12 @@ class Go2Bus(Bus):
     """Twelve motors, in the order of the profile's joints, on the network interface of its `endpoint`."""
 
     def __init__(self, profile: TargetProfile, settings: Go2Settings, clock: Clock) -> None:
+        from cyclonedds.core import DDSException, Policy, Qos
+        from cyclonedds.domain import Domain, DomainParticipant
+        from cyclonedds.pub import DataWriter
+        from cyclonedds.sub import DataReader
+        from cyclonedds.topic import Topic
+
         self._place, self._settings, self._clock, arm = profile.endpoint, settings, clock, profile.arm
         self._gains = list(zip(arm.stiffness_nm_rad, arm.damping_nms_rad, strict=True))
         rest = UNICAST.format(peer=quoteattr(settings.peer)) if settings.peer else "</General>"
@@ -60,8 +61,9 @@ class Go2Bus(Bus):
             cause = f"{self._place}, domain {settings.domain}: {error}; check cable and interface"
             raise ExecutionError("TARGET_LOST", cause) from error
         participant = DomainParticipant(settings.domain)
-        commands = Topic(participant, "rt/lowcmd", LowCmd)
-        self._states = DataReader(participant, Topic(participant, "rt/lowstate", LowState))
+        self._messages = define_messages()
+        commands = Topic(participant, "rt/lowcmd", self._messages.command)
+        self._states = DataReader(participant, Topic(participant, "rt/lowstate", self._messages.state))
         self._others = DataReader(participant, commands, Qos(Policy.IgnoreLocal.Participant))
         self._writer = DataWriter(participant, commands)
         self._command: Any = None  # the latest
@@ -93,11 +95,11 @@ class Go2Bus(Bus):
     @override
     def write(self, q_rad: Array, qd_rad_s: Array, width_m: float) -> None:
         rows = zip(q_rad.tolist(), qd_rad_s.tolist(), self._gains, strict=True)
-        self._send([MotorCmd(mode=SERVO, q=q, dq=dq, kp=kp, kd=kd) for q, dq, (kp, kd) in rows])
+        self._send([self._messages.motor(mode=SERVO, q=q, dq=dq, kp=kp, kd=kd) for q, dq, (kp, kd) in rows])
 
     @override
     def stop(self) -> None:
-        self._send([MotorCmd(mode=SERVO, kd=kd) for _, kd in self._gains])
+        self._send([self._messages.motor(mode=SERVO, kd=kd) for _, kd in self._gains])
         self._await_state(self._settings.silence_max_s)
 
     @override
@@ -108,7 +110,7 @@ class Go2Bus(Bus):
         self._states = self._others = self._writer = self._domain = None
 
     def _send(self, motors: list[Any]) -> None:
-        command = LowCmd(head=[*HEAD], level_flag=LOW_LEVEL)
+        command = self._messages.command(head=[*HEAD], level_flag=LOW_LEVEL)
         command.motor_cmd[: len(motors)] = motors
         command.crc = compute_crc(command)
         with self._lock:

@@ -6,13 +6,10 @@ The vendor's own Python package is not used: it pins an older Cyclone DDS.
 import dataclasses
 import types
 import zlib
-from functools import partial
-from typing import Any
+from functools import cache, partial
+from typing import Any, NamedTuple
 
 import numpy as np
-from cyclonedds import idl
-from cyclonedds.idl import annotations
-from cyclonedds.idl import types as kinds
 
 STRUCTS = {
     "MotorCmd_": "uint8 mode, float32 q, float32 dq, float32 tau, float32 kp, float32 kd, uint32[3] reserve",
@@ -35,8 +32,29 @@ STRUCTS = {
 MOTORS_AT = 24  # where a C struct has the motors; CDR, which aligns no struct, has them two bytes before
 
 
+class Messages(NamedTuple):
+    """Classes of the messages; fields are zero unless they are given."""
+
+    motor: Any
+    command: Any
+    state: Any
+
+
+@cache
+def define_messages() -> Messages:
+    """A class has one topic type in a process, so this is the same each time; it needs the package `cyclonedds`."""
+    known: dict[str, Any] = {}
+    for name, text in STRUCTS.items():
+        known[name] = _define(name, text, known)
+    return Messages(known["MotorCmd_"], known["LowCmd_"], known["LowState_"])
+
+
 def _define(name: str, text: str, known: dict[str, Any]) -> Any:
-    """A dataclass for a struct of the IDL; its fields are zero unless they are given."""
+    """A dataclass for a struct of the IDL."""
+    from cyclonedds import idl
+    from cyclonedds.idl import annotations
+    from cyclonedds.idl import types as kinds
+
     hints, space = {}, {}
     for kind, field in (each.split() for each in text.split(", ")):
         kind, _, count = kind.rstrip("]").partition("[")
@@ -61,9 +79,3 @@ def compute_crc(command: Any) -> int:
     bits = np.unpackbits(np.frombuffer(struct, "<u4").astype(">u4").view(np.uint8))
     mirrored = zlib.crc32(np.packbits(bits, bitorder="little").tobytes()) ^ 0xFFFFFFFF  # zlib begins at the lowest bit
     return int(f"{mirrored:032b}"[::-1], 2)
-
-
-_TYPES: dict[str, Any] = {}
-for _name, _text in STRUCTS.items():
-    _TYPES[_name] = _define(_name, _text, _TYPES)
-MotorCmd, LowCmd, LowState = (_TYPES[name] for name in ("MotorCmd_", "LowCmd_", "LowState_"))
