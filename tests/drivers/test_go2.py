@@ -20,7 +20,7 @@ from tests.drivers.journeys import Journey
 pytestmark = [pytest.mark.device, pytest.mark.alone]
 
 STANDING = (0.0, 0.9, -1.8) * 4
-WEIGHT_RAD = 0.06  # by which kp of 60 gives way to a bent leg in the air
+WEIGHT_RAD = 0.03  # kp of 60 gives way to a bent leg in the air by 0.018
 
 
 @pytest.fixture(scope="module")
