@@ -80,6 +80,7 @@ class Robot:
         with self.plant.lock:
             self.plant.data.qpos, self.plant.data.qvel = self._rest, 0.0
             self._rows, self._told_s, self._last, self.wrong = np.zeros((12, 5)), -np.inf, None, 0
+            self._start, self.swing = self.plant.data.qpos[self.plant._q[0]], 0.0
 
     def run(self, link):
         """Until the other end of the link asks for the end."""
@@ -104,7 +105,7 @@ class Robot:
                 state = state if asked == "look" else asked
                 if asked == "rest":
                     self.rest()
-                link.send((*self.plant.read(), self.wrong))
+                link.send((*self.plant.read(), self.wrong, self.swing))
             received = [each for each in commands.take() if each.sample_info.valid_data]
             if state == "cut":
                 continue
@@ -138,6 +139,7 @@ class Robot:
 
     def _report(self, state):
         q, dq = self.plant.read()
+        self.swing = max(self.swing, abs(q[0] - self._start))
         for motor, position, velocity in zip(state.motor_state, q.tolist(), dq.tolist(), strict=False):
             motor.mode, motor.q, motor.dq = 1, position, velocity
         return state
@@ -161,7 +163,8 @@ class Go2:
         """`rest`, `cut` the cable, let the `sport` mode command, too, or only `look`.
 
         Returns:
-            Joint positions and velocities (12,) [rad, rad/s], and how many checksums were wrong.
+            Joint positions and velocities (12,) [rad, rad/s], how many checksums were wrong, and how far the first
+            joint swung since it rested [rad].
         """
         self._link.send(what)
         return self._link.recv()

@@ -31,6 +31,7 @@ class Piper:
         model.actuator_biasprm[arm, 1:3] = -STIFFNESS, -DAMPING
         self._weightless = model.body_gravcomp.copy()
         self.powered, self.is_stopped, self.mode = powered, False, 0
+        self._start, self.swing = q_rad[0], 0.0  # how far the first joint went since [rad]
         self._goals = np.array([*q_rad, 0.0])
         self._profile, self._is_cut = self._goals.copy(), False
         self.plant = Plant(model, NAMES, [*NAMES[:6], "gripper"], self._goals, self._follow)
@@ -97,6 +98,7 @@ class Piper:
     def _report(self):
         while not self._ended.wait(PERIOD_S):
             q, qd = self.plant.read()
+            self.swing = max(self.swing, abs(q[0] - self._start))
             steps, speeds = np.rint(q[:6] * STEPS).astype(int), np.rint(qd[:6] * 1000).astype(int)
             self._send(STATUS, bytes([self.mode, int(self.is_stopped), 1, 0, 0, 0, 0, 0]))
             for each in range(3):

@@ -166,6 +166,7 @@ def test_a_goal_is_carried_out_over_the_bus(arm, journey):
 
     assert report.verdict == "success", report
     assert arm.bus.count(0x155) >= 200
+    assert arm.swing == pytest.approx(0.15, abs=0.01)
 
 
 @pytest.mark.journey
