@@ -57,7 +57,7 @@ test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed  ## test
 $(DRIVERS)/.installed: pyproject.toml
 	@test -x $(DRIVERS)/bin/python || $(PYTHON) -m venv $(DRIVERS)
 	@echo "test-extras: installing phyagentos and the drivers of real robots into $(DRIVERS) (a few minutes)"
-	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101]'
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101,piper,go2]'
 	@touch $@
 
 build/%/.installed: pyproject.toml | $(STAMP)

@@ -311,6 +311,7 @@ KEEP_OUT            The tool centre point would enter a keep-out volume.
 NOT_FINITE          A set-point is NaN or infinite.
 PROTECTIVE_STOP     The target stopped itself: a joint or the tool was outside of its limits.
 RATE                Commands come faster than allowed.
+RESET_NEEDED        The robot was stopped by its own means; a person has to reset it before a session may begin.
 ROTATION_INVALID    The columns of a rotation do not form one.
 SAFETY_STOP         A safety layer stopped the execution.
 SESSION_LOST        The runtime gave a session up while its target waited in a shared world.

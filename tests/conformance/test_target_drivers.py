@@ -30,7 +30,7 @@ from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocke
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks" / "library"
 SUBJECTS = {"debug": ("counter", "counter"), "mujoco": ("panda", "tabletop/cubes_and_trays")}
-REAL = {"so101"}  # tests/drivers: on emulated buses
+REAL = {"go2", "piper", "so101"}  # tests/drivers: on emulated buses
 REGISTRY = build_driver_registry()
 
 

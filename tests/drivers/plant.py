@@ -2,6 +2,7 @@
 
 import threading
 import time
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -64,3 +65,19 @@ class Plant:
     def _run(self):
         while not self._ended.wait(0.005):
             self.advance()
+
+
+def read_model(path, is_fixed=False):
+    """The model without the visual meshes that the copy of it lacks; fixed where it would float."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    floating = [joint for joint in spec.joints if is_fixed and joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    for element in [*floating, *(spec.keys if floating else [])]:
+        spec.delete(element)
+    folder = Path(path).parent / spec.meshdir
+    absent = {mesh.name for mesh in spec.meshes if not (folder / mesh.file).is_file()}
+    for geom in [geom for geom in spec.geoms if geom.meshname in absent]:
+        assert (geom.contype, geom.conaffinity) == (0, 0), geom.meshname
+        spec.delete(geom)
+    for mesh in [mesh for mesh in spec.meshes if mesh.name in absent]:
+        spec.delete(mesh)
+    return spec.compile()

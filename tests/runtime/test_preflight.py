@@ -118,6 +118,14 @@ def test_a_broken_contract_is_told_with_what_would_have_been_possible(changes, c
     assert text in str(problems[0])
 
 
+def test_no_gripper_is_asked_of_a_target_that_has_none():
+    told = PROFILE.model_dump(exclude={"gripper"}) | {"end_effector": "none"}
+    bare = type(PROFILE).model_validate(told)
+    preflight = Preflight(skills={"pick": SKILL}, profile=bare, settings=SETTINGS)
+
+    assert preflight.find_contract_problems(make_session()) == []
+
+
 def test_all_problems_of_a_contract_are_told_at_once():
     preflight = make_preflight(observations=("lidar",), actions=("torque",), capabilities=("flight",))
 

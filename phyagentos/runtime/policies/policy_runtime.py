@@ -171,7 +171,8 @@ class PolicySkillRuntime:
 
     def _convert(self, rows: Array) -> Array | None:
         """Rows of the target, from the set-point at their request; None when they are refused."""
-        bridged = self._parts.chain.apply(np.asarray(rows, dtype=np.float64), self._asked_before)
+        chain = self._parts.chain
+        bridged = chain.apply(np.asarray(rows, dtype=np.float64), self._asked_before[: chain.target.width])
         if isinstance(bridged, Violation):
             where = f"{self._parts.descriptor.policy}, chunk {self._chunks}"
             self._fail(str(bridged.code), f"{where}: {bridged}")
@@ -179,7 +180,7 @@ class PolicySkillRuntime:
         for each in bridged.interventions:
             details = {"where": each.where, "row": each.row, "before": each.before, "after": each.after}
             self._context.note("intervention", each.code, **details)
-        return bridged.rows
+        return np.pad(bridged.rows, ((0, 0), (0, len(self._before) - chain.target.width)))  # no gripper: no opening
 
     def _leave_out(self, rows: Array, late: int) -> Array:
         """Without late rows; relative ones go on from the present set-point, wherever the chunk before led."""

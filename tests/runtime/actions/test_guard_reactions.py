@@ -29,6 +29,15 @@ GANTRY = """
 </body></body></body></worldbody></mujoco>
 """
 
+LEGS = """
+<mujoco><worldbody><body name="trunk"><freejoint/><geom size="0.1"/>
+  <body pos="0.1 0 0"><joint name="front" axis="0 1 0"/><geom size="0.1"/>
+    <body pos="0 0 -0.3"><joint name="knee" axis="0 1 0"/><geom size="0.1"/><site name="foot" pos="0 0 -0.2"/></body>
+  </body>
+  <body pos="-0.1 0 0"><joint name="hind" axis="0 1 0"/><geom size="0.1"/></body>
+</body></worldbody></mujoco>
+"""
+
 
 def build_description(**changes):
     facts = {
@@ -241,6 +250,22 @@ def test_a_chain_with_a_slide_tells_where_its_joints_bring_the_tool(profile):
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
         assert tool.compute(q) == pytest.approx(data.site_xpos[model.site("tip").id], abs=1e-12)
+
+
+@pytest.mark.sim
+def test_joints_of_another_leg_do_not_bring_the_tool_anywhere(profile):
+    import mujoco
+
+    from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
+
+    model = mujoco.MjModel.from_xml_string(LEGS)
+    arm = profile.arm.model_copy(update={"joints": ("hind", "front", "knee")})
+    data, walker = mujoco.MjData(model), profile.model_copy(update={"arm": arm, "tcp": "foot"})
+    tool, address = ToolPoint(read_kinematics(model, walker)), [model.joint(name).qposadr[0] for name in arm.joints]
+    for q in np.random.default_rng(0).uniform(-1.0, 1.0, (20, 3)):
+        data.qpos[address] = q
+        mujoco.mj_kinematics(model, data)
+        assert tool.compute(q) == pytest.approx(data.site_xpos[model.site("foot").id], abs=1e-12)
 
 
 @pytest.mark.parametrize(("reaction", "category"), [("stop_category_1", 1), ("stop_category_2", 2), ("refuse", None)])

@@ -125,6 +125,12 @@ def test_a_jaw_that_turns_is_calibrated_by_its_pads(beak):
         assert hand.compute_width(drive) == pytest.approx(width_m, abs=1e-9)
 
 
+def test_a_robot_without_a_gripper_has_a_servo_for_each_joint_alone(beak):
+    change(beak, PROFILE[PROFILE.index("gripper:") :], "end_effector: none\n")
+    model = build_robot(*read_profile(beak)).compile()
+    assert [model.actuator(each).name for each in range(model.nu)] == ["act_shoulder", "act_elbow"]
+
+
 def test_planning_puts_each_finger_where_physics_has_it(beak):
     profile, folder = read_profile(beak)
     robot, hand = build_robot_model(profile, folder), measure_hand(profile, folder)

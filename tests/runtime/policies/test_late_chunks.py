@@ -48,7 +48,7 @@ class Stand:
     def __init__(self, profile, infer, *, delay_s, delta=False, rate_hz=50.0):
         clock = ManualClock()
         self.q = np.array(profile.arm.home_rad)
-        self.width_m = OPEN_M
+        self.width_m = OPEN_M if profile.end_effector == "opening" else 0.0
         shown = lambda: {"joint_state": self.q.copy()}  # noqa: E731
         observer = SimpleNamespace(observe=lambda: (clock.now_s(), shown()), read_time=clock.now_s)
         space = ActionSpace(
@@ -57,7 +57,7 @@ class Stand:
             joints=profile.arm.joints,
             rate_hz=rate_hz,
             chunk_length=ROWS,
-            gripper=GripperRange(closed=0.0, open=1.0),
+            gripper=GripperRange(closed=0.0, open=1.0) if profile.end_effector == "opening" else None,
         )
         stream = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
         descriptor = PolicyDescriptor.model_validate(
@@ -68,7 +68,7 @@ class Stand:
                 "inference_s": INFERENCE_S,
             }
         )
-        commands = SimpleNamespace(q_rad=self.q, gripper_width_m=OPEN_M, n_steps=10, step_s=0.002)
+        commands = SimpleNamespace(q_rad=self.q, gripper_width_m=self.width_m, n_steps=10, step_s=0.002)
         session = SimpleNamespace(id="s", objective="", parameters={}, seed=1)
         context = SimpleNamespace(
             session=session,
@@ -147,3 +147,14 @@ def test_a_late_chunk_of_changes_goes_on_from_where_the_arm_is(profile, stood):
     steps = np.diff(stand.joint, prepend=profile.arm.home_rad[0])
     assert np.isclose(steps, way, atol=1e-9).sum() + np.isclose(steps, 0.0, atol=1e-9).sum() == len(steps)
     assert sorted(set(np.round(steps / way).astype(int))) == [0, 1], "no row that is left out comes at once"
+
+
+def test_a_policy_moves_an_arm_without_a_gripper_by_rows_without_its_column(profile):
+    told = profile.model_dump(exclude={"gripper"}) | {"end_effector": "none"}
+    bare, home = type(profile).model_validate(told), np.array(profile.arm.home_rad)
+    line = np.linspace(home[0], home[0] + 0.02, ROWS + 1)
+    stand = Stand(bare, lambda _: (tell(line, 0.0, delta=False)[:, :-1] + [0.0, *home[1:]], True), delay_s=0.0)
+
+    assert stand.run() is SkillStatus.SUCCEEDED
+    assert stand.q == pytest.approx([line[-1], *home[1:]], abs=1e-6)
+    assert set(stand.widths) == {0.0}

@@ -1,14 +1,21 @@
 """Which driver moves a target: found by name, and refused before anything starts where there is none."""
 
+import shutil
+import sys
+from pathlib import Path
+
 import pytest
 
 from phyagentos.assembly.drivers import build_driver_registry
+from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.targets import find_driver_name
+from phyagentos.runtime.drivers import devices
+from phyagentos.runtime.drivers.devices import specs
 from phyagentos.runtime.targets import driver_registry
-from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSpec
+from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSite, DriverSpec
 
 
 @pytest.fixture
@@ -62,3 +69,18 @@ def test_a_driver_of_another_package_is_found_by_its_entry_point(monkeypatch):
     for name in ("debug", "mujoco", "ur5"):
         with pytest.raises(ValueError, match=f"driver '{name}' is registered already"):
             registry.register(name, spec)
+
+
+@pytest.mark.parametrize(("name", "package"), [("so101", "scservo_sdk"), ("piper", "piper_sdk"), ("go2", "cyclonedds")])
+def test_a_real_robot_whose_package_is_absent_is_refused_with_its_extra(monkeypatch, tmp_path, name, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    folder = tmp_path / name
+    folder.mkdir()
+    shutil.copy(Path(devices.__file__).parent / f"{name}.yaml", folder / "target.yaml")
+    profile = read_target(folder / "target.yaml")
+    site = DriverSite(profile=profile, folder=folder, workspace=None, clock=SystemClock())
+
+    assert (profile.kind, profile.driver) == ("real_robot", name)
+    with pytest.raises(DefinitionError, match="NO_DRIVER") as caught:
+        getattr(specs, name.upper()).open(site)
+    assert f"pip install 'phyagentos[{name}]'" in str(caught.value)

@@ -33,3 +33,29 @@ def _open_so101(site: DriverSite) -> "TargetDriver":
 
 
 SO101 = DriverSpec(open=_open_so101, kinds=("real_robot",))
+
+
+def _open_piper(site: DriverSite) -> "TargetDriver":
+    sdk = _import("piper_sdk", "piper", site)
+    from phyagentos.runtime.drivers.devices.device_driver import DeviceDriver, read_settings
+    from phyagentos.runtime.drivers.devices.piper_bus import PiperBus, PiperSettings
+    from phyagentos.runtime.drivers.devices.tool_centre import ToolCentre
+
+    settings, point = read_settings(PiperSettings, site.profile), ToolCentre(site.profile, site.folder)
+    return DeviceDriver("piper", site, PiperBus(sdk, site.profile, settings, site.clock), settings, point)
+
+
+PIPER = DriverSpec(open=_open_piper, kinds=("real_robot",))
+
+
+def _open_go2(site: DriverSite) -> "TargetDriver":
+    _import("cyclonedds", "go2", site)
+    from phyagentos.runtime.drivers.devices.device_driver import DeviceDriver, read_settings
+    from phyagentos.runtime.drivers.devices.go2_bus import Go2Bus, Go2Settings
+    from phyagentos.runtime.drivers.devices.tool_centre import ToolCentre
+
+    settings, point = read_settings(Go2Settings, site.profile), ToolCentre(site.profile, site.folder)
+    return DeviceDriver("go2", site, Go2Bus(site.profile, settings, site.clock), settings, point)
+
+
+GO2 = DriverSpec(open=_open_go2, kinds=("real_robot",))

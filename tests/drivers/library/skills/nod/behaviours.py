@@ -9,7 +9,7 @@ SWING_RAD, SWING_S = 0.15, 4.0
 
 
 class Nod(Leaf):
-    """One swing, at rest at both ends: q = q0 + a (1 - cos s)^2 / 4, s from 0 to 2 pi."""
+    """One swing towards zero, at rest at both ends: q = q0 + a (1 - cos s)^2 / 4, s from 0 to 2 pi."""
 
     ROLE = Role.MOVE
 
@@ -25,9 +25,10 @@ class Nod(Leaf):
         if self._row >= rows:
             return self.succeed()
         s = 2.0 * np.pi * np.arange(self._row + 1, self._row + 1 + commands.n_steps) / rows
+        swing = -SWING_RAD if self._from[0] > 0.0 else SWING_RAD
         q, qd = np.tile(self._from, (len(s), 1)), np.zeros((len(s), self._from.size))
-        q[:, 0] += SWING_RAD * (1.0 - np.cos(s)) ** 2 / 4.0
-        qd[:, 0] = SWING_RAD * (1.0 - np.cos(s)) * np.sin(s) / 2.0 * 2.0 * np.pi / (rows * commands.step_s)
+        q[:, 0] += swing * (1.0 - np.cos(s)) ** 2 / 4.0
+        qd[:, 0] = swing * (1.0 - np.cos(s)) * np.sin(s) / 2.0 * 2.0 * np.pi / (rows * commands.step_s)
         self._row += commands.n_steps
         if self._row >= rows:
             qd[-1] = 0.0
