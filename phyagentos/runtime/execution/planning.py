@@ -2,8 +2,10 @@
 
 from typing import Any, ClassVar, Generic, TypeVar, cast, final
 
+import numpy as np
 from msgspec import to_builtins
 
+from phyagentos.errors import format_names
 from phyagentos.geometry import to_child
 from phyagentos.protocol.world.environment import Entity, Pose
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Status
@@ -16,15 +18,19 @@ from phyagentos.runtime.motion.requests import (
     Motion,
     MotionAnswer,
     MotionRequest,
+    Neighbour,
     NoPlan,
     Payload,
     World,
 )
 from phyagentos.runtime.perception.world_model import BELIEF, HAND
+from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.wire import Step
 
 AnswerT = TypeVar("AnswerT", Approaches, Motion)
 PRESSED_MORE = 1.2  # of the force of a contact that is about to be left
+WAIT_S = 0.2  # for another robot that is in the way, until it is tried again
+WAIT_MAX_S = 20.0  # in all: a session of manipulation takes less
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
 
 
@@ -38,6 +44,8 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     EXPECTED: ClassVar[type[MotionAnswer]] = Approaches  # the kind of answer that `on_answer` takes
 
     _is_asked = False
+    _beside = ""  # a robot to which the hand comes near on purpose
+    _waits_until_s, _waited_s = 0.0, 0.0  # for another robot that is in the way
 
     def compose(self) -> MotionRequest | Status:
         """The request, or a status when none is needed."""
@@ -54,7 +62,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     @final
     def on_start(self) -> Status:
         """Submit."""
-        self._is_asked = False
+        self._is_asked, self._waits_until_s, self._waited_s = False, 0.0, 0.0
         return self.ask()
 
     def on_running(self) -> Status:
@@ -69,7 +77,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
             "planner", type(answer).__name__, leaf=self.path, ms=answer.timing.ms, stages=to_builtins(answer.stages)
         )
         if isinstance(answer, NoPlan):
-            return self.on_refused(answer)
+            return self.give_way(answer.neighbours) if answer.neighbours else self.on_refused(answer)
         if not isinstance(answer, self.EXPECTED):
             wanted, found = self.EXPECTED.__name__, type(answer).__name__
             return self.fail(FailureCode.PLANNER_LOST, f"the planner answered {found}; expected {wanted}")
@@ -90,7 +98,12 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
         return World(
             entities=tuple(entity for entity in entities if not any(_is_in(entity, vessel) for vessel in vessels)),
             regions=tuple(environment.regions.values()),
+            neighbours=tuple(self._describe(each) for each in self.context.cell.read_neighbours()),
         )
+
+    def _describe(self, neighbour: wire.Neighbour) -> Neighbour:
+        postures = np.vstack((neighbour.target.q_rad, neighbour.announced_rad))
+        return Neighbour(neighbour.name, postures, is_met=neighbour.name == self._beside)
 
     def find_held(self) -> Payload | None:
         """What the fingers hold as believed, so that a motion that was not composed for it carries it along."""
@@ -100,8 +113,22 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
         return None if held is None else measure_payload(held, self.context.step.target, self.context.profile)
 
     @final
+    def give_way(self, names: tuple[str, ...]) -> Status:
+        """Hold still for a while, then ask again; fail once the others were in the way for too long in all."""
+        if self._waited_s >= WAIT_MAX_S:
+            self.context.note("neighbour", FailureCode.MOTION_CONFLICT, leaf=self.path, waited_s=self._waited_s)
+            return self.fail(
+                FailureCode.MOTION_CONFLICT, f"{format_names(names)} was in the way for {self._waited_s:g} s"
+            )
+        self._waits_until_s, self._waited_s = self.context.time_s + WAIT_S, self._waited_s + WAIT_S
+        return Status.RUNNING
+
+    @final
     def ask(self) -> Status:
-        """Submit what `compose` gives, once the arm rests and the planner is free."""
+        """Submit what `compose` gives, once the arm rests and the planner is free, and no other robot is waited for."""
+        if self.context.time_s < self._waits_until_s:
+            self.context.commands.hold()
+            return Status.RUNNING
         if not (self.context.commands.at_rest and self.context.planner.is_free):
             return Status.RUNNING
         request = self.compose()
@@ -209,6 +236,8 @@ class MovingLeaf(PlanningLeaf[Motion]):
     def on_answer(self, answer: Motion) -> Status:
         """Store the motion; it is played from this tick on."""
         context = self.context
+        if not context.cell.announce(answer.trajectory.q_rad, self._beside):
+            return self.give_way(("another robot",))
         self._motion, self._lost_periods, self._judged = answer, 0, context.step
         self._pressed_n = PRESSED_MORE * (context.step.contact_force_n or 0.0)
         self._player = TrajectoryPlayer(answer.trajectory, context.commands, context.lag)

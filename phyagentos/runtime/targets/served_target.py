@@ -119,6 +119,8 @@ class ServedTarget:
                     self.look_for_stops()
                     refused = self._authority.check_command(request, self.time_s)
                     reply = refused or self._report(self.driver.apply(request))
+                case wire.Announce():
+                    reply = self._authority.check(request.session, request.epoch) or self._announce(request)
                 case wire.Observe():
                     reply = self._observe(request)
                 case wire.Capture():
@@ -179,6 +181,11 @@ class ServedTarget:
                 self._authority.end()
                 return wire.Ended(self.time_s, faults)
         return self.driver.report()
+
+    def _announce(self, request: wire.Announce) -> wire.Ack | wire.Refused:
+        if code := self.driver.announce(request):
+            return wire.Refused(code, "another robot is in the way, or has announced to pass there")
+        return wire.Ack()
 
     def _describe(self) -> wire.Description:
         if self._description is None:

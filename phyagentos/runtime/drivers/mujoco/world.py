@@ -25,8 +25,9 @@ from phyagentos.protocol.world.environment import TargetState
 from phyagentos.protocol.world.idealisations import Aspect, Idealisation
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.cameras import CameraRig
+from phyagentos.runtime.drivers.mujoco.encounters import Encounters
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
-from phyagentos.runtime.drivers.mujoco.joint_controller import JointController
+from phyagentos.runtime.drivers.mujoco.joint_controller import JointController, Motion
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.drivers.mujoco.local_limits import END_MARGIN_RAD
 from phyagentos.runtime.drivers.mujoco.physics import Physics
@@ -132,7 +133,16 @@ class SimulatedWorld:
             rig = CameraRig(scene.model, self.sensors, request.seed, request.episode, robot.prefix)
             robot.enter(Embodiment(physics, controller, rig, own))
         self._present = request, wire.Loaded(request.episode, scene.model_sha256)
-        self.simulation.begin_episode(scene)
+        self.simulation.begin_episode(scene, Encounters(bodies) if len(bodies) > 1 else None)
+
+    def admit(self, name: str, motion: wire.Announce) -> Motion:
+        """Admit or refuse a motion, in no time: the robots of one moment follow in the order of their names."""
+        yield from ()
+        encounters = self.simulation.encounters
+        held = {each: robot.look().holding for each, robot in self.robots.items()}
+        if encounters is None or not encounters.admit(name, motion.q_rad, motion.beside, held):
+            return ""
+        return wire.MOTION_CONFLICT
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,6 +254,7 @@ class MujocoDriver(TargetDriver):
     @override
     def begin(self, session: str, epoch: int) -> None:
         present, self.session = self._get_present(), session
+        self._withdraw()
         if self.is_moving:
             self.world.simulation.ending.add(self.profile.target)
             self.world.simulation.carry_out(self.profile.target, present.controller.halt())
@@ -254,8 +265,24 @@ class MujocoDriver(TargetDriver):
     @override
     def end(self) -> tuple[wire.RecordedFault, ...]:
         self.session = ""
+        self._withdraw()
         self.world.simulation.let_stand(self.profile.target)
         return tuple(self.controller.activations)
+
+    def _withdraw(self) -> None:
+        if self.world.simulation.encounters is not None:
+            self.world.simulation.encounters.withdraw(self.profile.target)
+
+    @override
+    def announce(self, motion: wire.Announce) -> str:
+        shape, n_joints = motion.q_rad.shape, len(self.profile.arm.joints)
+        if shape[1:] != (n_joints,) or not shape[0] or not np.isfinite(motion.q_rad).all():
+            raise ExecutionError("MALFORMED", f"postures of shape {shape}; expected (n, {n_joints}), all finite")
+        name = self.profile.target
+        code = self.world.simulation.carry_out(name, self.world.admit(name, motion), may_abort=True)
+        if code in BROKEN_OFF:
+            raise ExecutionError(code, "the announcement was broken off")
+        return code
 
     @override
     def apply(self, command: wire.Command) -> str:
@@ -269,6 +296,7 @@ class MujocoDriver(TargetDriver):
 
     @override
     def halt(self, category: int = 2) -> None:
+        self._withdraw()
         self.world.simulation.carry_out(self.profile.target, self.controller.halt())
 
     @override
@@ -278,24 +306,32 @@ class MujocoDriver(TargetDriver):
 
     @override
     def report(self) -> wire.Step:
-        physics, controller = self.physics, self.controller
+        physics, controller, encounters = self.physics, self.controller, self.world.simulation.encounters
         return wire.Step(
             time_s=physics.time_s,
             target=self.look(),
             tracking_error_rad=float(np.abs(physics.q_rad - controller.q_rad).max()),
             contact_force_n=controller.take_force(),
             contact_force_error_n=controller.force_error_n,
+            touched_n={} if encounters is None else encounters.take_touched(self.profile.target),
         )
 
     @override
     def observe(self, *, truth: bool) -> wire.Observation:
-        physics, target = self.physics, self.look()
+        physics, encounters = self.physics, self.world.simulation.encounters
+        states = {name: robot.look() for name, robot in self.world.robots.items()}
+        holders = {entity: name for name, state in states.items() for entity in state.holding}
+        target = states.pop(self.profile.target)
+        neighbours: tuple[wire.Neighbour, ...] = ()
+        if encounters is not None:
+            neighbours = tuple(
+                wire.Neighbour(name, state, encounters.find_announced(name)) for name, state in states.items()
+            )
+        seen = wire.Observation(time_s=physics.time_s, target=target, neighbours=neighbours)
         if not truth:
-            return wire.Observation(time_s=physics.time_s, target=target)
-        holders = {entity: name for name, robot in self.world.robots.items() for entity in robot.look().holding}
-        return wire.Observation(
-            time_s=physics.time_s, target=target, entities=physics.read_entities(holders), regions=physics.regions
-        )
+            return seen
+        entities = physics.read_entities(holders)
+        return msgspec.structs.replace(seen, entities=entities, regions=physics.regions)
 
     @override
     def snapshot(self) -> wire.Artefact:
