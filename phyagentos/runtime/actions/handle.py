@@ -23,7 +23,7 @@ from phyagentos.runtime.actions.violations import Intervention, Violation
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.server import Loopback
-from phyagentos.runtime.targets.wire import MOTION_CONFLICT, ReplyT
+from phyagentos.runtime.targets.wire import ReplyT
 
 EXPIRY_PERIODS = 3  # an older command was made for a state that has passed
 REPLY_TIMEOUT_S = 10.0  # a control period takes milliseconds
@@ -283,19 +283,18 @@ class TargetSessionHandle:
         """The other robots of a shared world as they stand and move now; none where time is not shared."""
         return self.observe().neighbours if self._shares_time else ()
 
-    def announce(self, q_rad: NDArray[np.float64], beside: str = "") -> bool:
-        """Announce a motion (n, n_joints), one posture a physics step; whether no other robot is in its way.
+    def announce(self, q_rad: NDArray[np.float64], beside: str = "") -> str:
+        """Announce a motion (n, n_joints), one posture a physics step; the robot that is in its way, empty if none.
 
         What else refuses it refuses its first command, too. `beside` is a robot to which it comes near on purpose.
         """
         if not self._shares_time:
-            return True
+            return ""
         request = wire.Announce(session=self._session, epoch=self._epoch, q_rad=q_rad, beside=beside)
         try:
-            self._ask(request, wire.Ack)
-        except CommandRefused as refusal:
-            return refusal.code != MOTION_CONFLICT
-        return True
+            return self._ask(request, wire.Admission).blocked_by
+        except CommandRefused:
+            return ""
 
     def halt(self, category: int = 2) -> wire.Step:
         """Let the target bring itself to rest, by a stop of this category."""

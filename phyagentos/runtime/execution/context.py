@@ -28,12 +28,12 @@ class Cell:
 
     Attributes:
         read_neighbours: As they stand and move now.
-        announce: Whether no other one is in the way of a motion (n, n_joints) that is about to be commanded. The second
-            argument names one to which it comes near on purpose.
+        announce: The one that is in the way of a motion (n, n_joints) that is about to be commanded; empty if none.
+            The second argument names one to which it comes near on purpose.
     """
 
     read_neighbours: Callable[[], tuple[Neighbour, ...]] = tuple
-    announce: Callable[[NDArray[np.float64], str], bool] = lambda _q_rad, _beside: True
+    announce: Callable[[NDArray[np.float64], str], str] = lambda _q_rad, _beside: ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,6 +21,7 @@ from phyagentos.runtime.motion.requests import (
     Neighbour,
     NoPlan,
     Payload,
+    PlanMove,
     World,
 )
 from phyagentos.runtime.perception.world_model import BELIEF, HAND
@@ -30,7 +31,9 @@ from phyagentos.runtime.targets.wire import Step
 AnswerT = TypeVar("AnswerT", Approaches, Motion)
 PRESSED_MORE = 1.2  # of the force of a contact that is about to be left
 WAIT_S = 0.2  # for another robot that is in the way, until it is tried again
-WAIT_MAX_S = 20.0  # in all: a session of manipulation takes less
+PATIENCE_S = 5.0  # of such waiting, in all, by the robot that gives way: of two, the later in the order of names
+LONG_PATIENCE_S = 20.0  # of the other one; a session of manipulation takes less
+HOMEWARD = 0.45  # of the velocity limits: what is held stays in the fingers
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
 
 
@@ -46,6 +49,8 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     _is_asked = False
     _beside = ""  # a robot to which the hand comes near on purpose
     _waits_until_s, _waited_s = 0.0, 0.0  # for another robot that is in the way
+    _waited_for = ""
+    _gives_way = False  # it goes home, so that another robot can pass, and fails there
 
     def compose(self) -> MotionRequest | Status:
         """The request, or a status when none is needed."""
@@ -62,7 +67,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     @final
     def on_start(self) -> Status:
         """Submit."""
-        self._is_asked, self._waits_until_s, self._waited_s = False, 0.0, 0.0
+        self._is_asked, self._gives_way, self._waits_until_s, self._waited_s = False, False, 0.0, 0.0
         return self.ask()
 
     def on_running(self) -> Status:
@@ -77,7 +82,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
             "planner", type(answer).__name__, leaf=self.path, ms=answer.timing.ms, stages=to_builtins(answer.stages)
         )
         if isinstance(answer, NoPlan):
-            return self.give_way(answer.neighbours) if answer.neighbours else self.on_refused(answer)
+            return self.wait_for(answer.neighbours) if answer.neighbours else self.on_refused(answer)
         if not isinstance(answer, self.EXPECTED):
             wanted, found = self.EXPECTED.__name__, type(answer).__name__
             return self.fail(FailureCode.PLANNER_LOST, f"the planner answered {found}; expected {wanted}")
@@ -103,7 +108,8 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
 
     def _describe(self, neighbour: wire.Neighbour) -> Neighbour:
         postures = np.vstack((neighbour.target.q_rad, neighbour.announced_rad))
-        return Neighbour(neighbour.name, postures, is_met=neighbour.name == self._beside)
+        is_met = neighbour.name == self._beside
+        return Neighbour(neighbour.name, postures, bool(neighbour.session), is_met)
 
     def find_held(self) -> Payload | None:
         """What the fingers hold as believed, so that a motion that was not composed for it carries it along."""
@@ -112,16 +118,24 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
         held = next((entities[name] for name in holding if name in entities), None)
         return None if held is None else measure_payload(held, self.context.step.target, self.context.profile)
 
+    def choose_request(self) -> MotionRequest | Status:
+        """What to ask now."""
+        return self.compose()
+
     @final
-    def give_way(self, names: tuple[str, ...]) -> Status:
-        """Hold still for a while, then ask again; fail once the others were in the way for too long in all."""
-        if self._waited_s >= WAIT_MAX_S:
-            self.context.note("neighbour", FailureCode.MOTION_CONFLICT, leaf=self.path, waited_s=self._waited_s)
-            return self.fail(
-                FailureCode.MOTION_CONFLICT, f"{format_names(names)} was in the way for {self._waited_s:g} s"
-            )
+    def wait_for(self, names: tuple[str, ...]) -> Status:
+        """Hold still for a moment, then ask again; once patience with these robots is spent, give up."""
+        own = self.context.session.target
+        if self._waited_s >= (LONG_PATIENCE_S if own < min(names, default=own) else PATIENCE_S):
+            self._waited_for = format_names(names)
+            return self.give_up()
         self._waits_until_s, self._waited_s = self.context.time_s + WAIT_S, self._waited_s + WAIT_S
         return Status.RUNNING
+
+    def give_up(self) -> Status:
+        """FAILURE: another robot was in the way for too long."""
+        message = f"{self._waited_for} was in the way for {self._waited_s:.1f} s"
+        return self.fail(FailureCode.MOTION_CONFLICT, message, waited_s=self._waited_s)
 
     @final
     def ask(self) -> Status:
@@ -131,7 +145,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
             return Status.RUNNING
         if not (self.context.commands.at_rest and self.context.planner.is_free):
             return Status.RUNNING
-        request = self.compose()
+        request = self.choose_request()
         if isinstance(request, Status):
             return request
         self.context.planner.submit(request)
@@ -233,11 +247,35 @@ class MovingLeaf(PlanningLeaf[Motion]):
         return self.succeed("", **self.describe_motion(motion))
 
     @final
+    def choose_request(self) -> MotionRequest | Status:
+        """What the author composes, or the way home."""
+        if not self._gives_way:
+            return self.compose()
+        home = np.asarray(self.context.profile.arm.home_rad, dtype=np.float64)
+        return PlanMove(
+            world=self.world(),
+            q_rad=self.context.commands.q_rad,
+            goals_rad=home[None, :],
+            seed=self.context.draw_seed(self.path),
+            payload=self.find_held(),
+            speed=HOMEWARD,
+            width_m=self.context.step.target.gripper_width_m,
+        )
+
+    @final
+    def give_up(self) -> Status:
+        """Go home first, where that is possible, so that the other robot can pass; then fail."""
+        if self._gives_way:
+            return super().give_up()
+        self._gives_way, self._waited_s = True, 0.0
+        return self.ask()
+
+    @final
     def on_answer(self, answer: Motion) -> Status:
         """Store the motion; it is played from this tick on."""
         context = self.context
-        if not context.cell.announce(answer.trajectory.q_rad, self._beside):
-            return self.give_way(("another robot",))
+        if blocking := context.cell.announce(answer.trajectory.q_rad, self._beside):
+            return self.wait_for((blocking,))
         self._motion, self._lost_periods, self._judged = answer, 0, context.step
         self._pressed_n = PRESSED_MORE * (context.step.contact_force_n or 0.0)
         self._player = TrajectoryPlayer(answer.trajectory, context.commands, context.lag)
@@ -271,7 +309,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
             self._player = None
             error = step.tracking_error_rad
             return self.fail(FailureCode.STALLED, f"the arm is {error:.3f} rad behind its set-points", error_rad=error)
-        status = self.on_arrived(self._motion)
+        status = self.give_up() if self._gives_way else self.on_arrived(self._motion)
         self._player = None
         return status
 

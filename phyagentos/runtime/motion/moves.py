@@ -11,7 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from phyagentos.runtime.motion.job import Job
-from phyagentos.runtime.motion.path import Checker, Path, Query, compute_length, densify, find_path, round_corners
+from phyagentos.runtime.motion.path import (
+    ITERATIONS,
+    ITERATIONS_CROWDED,
+    Checker,
+    Path,
+    Query,
+    compute_length,
+    densify,
+    find_path,
+    round_corners,
+)
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
 from phyagentos.runtime.motion.requests import Array, Motion, NoPlan, PathSearch, PlanMove, Stages
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
@@ -70,6 +80,7 @@ def plan_move(
             path = find_path(prepared.query, prepared.checker, request.seed + _SEED_STRIDE * attempt, job.should_cancel)
         job.checkpoint()
         if path is None:
+            job.crowded_by.update(scene.crowd)
             return job.fail("NO_PATH_FOUND", f"No path to any of {len(prepared.goals)} goals was found in the budget.")
         timed = _time_and_check(path, prepared, scene, time_rows, job)
         if timed is None:
@@ -117,9 +128,11 @@ def _prepare(request: PlanMove, scene: PlanningScene, spheres: SphereModel, job:
         return job.fail("IN_COLLISION", f"None of {len(goals)} goal postures is free.")
     checker = SphereChecker(spheres.build_arrays(scene))
     seen_free = [index for index in free if checker.is_free(goals[index])]
+    budget = ITERATIONS_CROWDED if scene.crowd else ITERATIONS
     if seen_free and checker.is_free(start):
-        return _Search(Query(start, goals[seen_free], q_min, q_max), checker, seen_free, "spheres", stuck, touched)
-    return _Search(Query(start, goals[free], q_min, q_max), scene, free, "exact", stuck, touched)
+        query = Query(start, goals[seen_free], q_min, q_max, budget)
+        return _Search(query, checker, seen_free, "spheres", stuck, touched)
+    return _Search(Query(start, goals[free], q_min, q_max, budget), scene, free, "exact", stuck, touched)
 
 
 def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows: TimeRows, job: Job) -> Timed | None:

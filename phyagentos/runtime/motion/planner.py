@@ -104,7 +104,9 @@ class MotionPlanner:
             answer = self._find_unknown(request, job) or self._dispatch(request, job)
         except Cancelled:
             return job.fail("CANCELLED", "The request was cancelled.")
-        return replace(answer, neighbours=tuple(sorted(job.crowded_by))) if isinstance(answer, NoPlan) else answer
+        if not isinstance(answer, NoPlan):
+            return answer
+        return replace(answer, neighbours=tuple(sorted(job.crowded_by)))
 
     def warm_up(self) -> None:
         """Load or compile every kernel and library, so that the first request is as fast as later ones."""
@@ -221,13 +223,19 @@ class MotionPlanner:
             width_m = request.width_m if isinstance(request, FindLine | FindPush | FindTouch | PlanMove) else None
             if payload is None and width_m is not None:
                 scene.spread_fingers(width_m, width_m)
-            if neighbours := [each for each in request.world.neighbours if each.name in self._neighbours]:
-                own = self._spheres.build_arrays(scene)
-                for each in neighbours:
-                    groups = scene.crowd[each.name] = self._neighbours[each.name].cover(each, request.world.entities)
-                    scene.crowd_checks[each.name] = SphereChecker(own.meet_only(groups)).is_free
+            self._add_neighbours(request, scene)
             scene.crowded_by = job.crowded_by
             return scene
+
+    def _add_neighbours(self, request: _Placed, scene: PlanningScene) -> None:
+        """Let the other robots stand in the scene; where a grasp or a place is chosen, only those that stay."""
+        is_choice = isinstance(request, FindGrasps | FindPlacements)
+        there = [each for each in request.world.neighbours if each.name in self._neighbours]
+        own = self._spheres.build_arrays(scene) if there else None
+        for each in there:
+            if own is not None and not (is_choice and each.is_at_work):
+                groups = scene.crowd[each.name] = self._neighbours[each.name].cover(each, request.world.entities)
+                scene.crowd_checks[each.name] = SphereChecker(own.meet_only(groups)).is_free
 
     def _find_unknown(self, request: MotionRequest, job: Job) -> NoPlan | None:
         """Refusal of a request that names an entity without solids or an unknown place."""

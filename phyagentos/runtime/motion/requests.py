@@ -17,11 +17,13 @@ class Neighbour(msgspec.Struct, frozen=True):
 
     Attributes:
         postures_rad: (k, n_joints) where it stands, then what is left of the motion that it has announced.
+        is_at_work: Whether a session moves it, so that it will not stay where it stands.
         is_met: Whether the hand comes near it on purpose: only a contact is avoided.
     """
 
     name: str
     postures_rad: Array
+    is_at_work: bool = False
     is_met: bool = False
 
 
@@ -111,7 +113,7 @@ GRASPS = 4  # that a skill chooses from
 
 
 class FindGrasps(msgspec.Struct, frozen=True, tag=True):
-    """Grasps of an object. Answer: `Approaches`.
+    """Grasps of an object. Answer: `Approaches`. Robots at work are no obstacles yet: the motion there waits for them.
 
     Attributes:
         q_rad: (n_joints,) present posture.
@@ -136,7 +138,7 @@ class FindGrasps(msgspec.Struct, frozen=True, tag=True):
 
 
 class FindPlacements(msgspec.Struct, frozen=True, tag=True):
-    """Placements of the payload in or on an entity or region. Answer: `Approaches`.
+    """Placements of the payload in or on an entity or region, as `FindGrasps`. Answer: `Approaches`.
 
     Attributes:
         destination: An entity with an interior, an entity to stand on (`relation` "on"), or a region.

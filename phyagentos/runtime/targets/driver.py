@@ -84,7 +84,7 @@ class TargetDriver(ABC):
         """Admit a motion that is about to be commanded; a driver without neighbours admits any.
 
         Returns:
-            `MOTION_CONFLICT` where another robot is in its way; empty where it may begin.
+            The robot that is in its way; empty when it is admitted.
         """
         return ""
 

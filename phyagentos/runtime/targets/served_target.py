@@ -120,7 +120,8 @@ class ServedTarget:
                     refused = self._authority.check_command(request, self.time_s)
                     reply = refused or self._report(self.driver.apply(request))
                 case wire.Announce():
-                    reply = self._authority.check(request.session, request.epoch) or self._announce(request)
+                    refused = self._authority.check_commanding(request.session, request.epoch)
+                    reply = refused or wire.Admission(self.driver.announce(request))
                 case wire.Observe():
                     reply = self._observe(request)
                 case wire.Capture():
@@ -181,11 +182,6 @@ class ServedTarget:
                 self._authority.end()
                 return wire.Ended(self.time_s, faults)
         return self.driver.report()
-
-    def _announce(self, request: wire.Announce) -> wire.Ack | wire.Refused:
-        if code := self.driver.announce(request):
-            return wire.Refused(code, "another robot is in the way, or has announced to pass there")
-        return wire.Ack()
 
     def _describe(self) -> wire.Description:
         if self._description is None:

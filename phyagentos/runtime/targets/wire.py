@@ -27,7 +27,6 @@ WAIT_SLICE_S = 0.2  # interval of heartbeats during a long wait
 SHARED_TIMEOUT_S = 600.0  # time may stand so long for other targets of a shared world: one plans, one is judged
 WIRE_VERSION = handshake.WIRE_VERSION
 NPZ = "application/x-npz"
-MOTION_CONFLICT = "MOTION_CONFLICT"  # an announced motion meets another robot
 RENDER = "render"  # tool: a picture for people; arguments `camera`, `width`, `height`; artefact `picture.png`
 SCENE_MODEL = "scene_model"  # tool: the compiled scene, artefacts by file name
 
@@ -94,9 +93,7 @@ class Command(msgspec.Struct, frozen=True, tag=True):
 
 
 class Announce(msgspec.Struct, frozen=True, tag=True):
-    """Announce a motion before its first command. Reply: `Ack`.
-
-    It is refused with `MOTION_CONFLICT` where another robot stands in its way, or has announced to pass there.
+    """Announce a motion before its first command, to a target that shares its world. Reply: `Admission`.
 
     Attributes:
         q_rad: (n, n_joints) postures, one row per physics step.
@@ -260,17 +257,29 @@ class Loaded(msgspec.Struct, frozen=True, tag=True):
     model_sha256: str
 
 
+class Admission(msgspec.Struct, frozen=True, tag=True):
+    """Whether an announced motion may begin.
+
+    Attributes:
+        blocked_by: A robot that stands in its way, or has announced to pass there; empty when the motion is admitted.
+    """
+
+    blocked_by: str = ""
+
+
 class Neighbour(msgspec.Struct, frozen=True):
     """Another robot of the same world.
 
     Attributes:
         target: Its measured state.
         announced_rad: (k, n_joints) postures of what is left of the motion that it has announced; none at rest.
+        session: Which has authority over it; empty while it is idle.
     """
 
     name: str
     target: TargetState
     announced_rad: Array
+    session: str = ""
 
 
 class Step(msgspec.Struct, frozen=True, tag=True):
@@ -375,7 +384,7 @@ MOTIONS = (Begin, Announce, Command, Halt, Settle, End)  # simulated time may mo
 Request = (
     Describe | LoadScene | Begin | Announce | Command | Halt | Settle | End | Observe | Capture | InvokeTool | Shutdown
 )
-Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | ToolResult | Frames | Beat
+Reply = Ack | Refused | Description | Loaded | Admission | Step | Observation | Ended | ToolResult | Frames | Beat
 ReplyT = TypeVar("ReplyT", bound=Reply)
 
 REQUESTS = Codec[Request](Request, "request")

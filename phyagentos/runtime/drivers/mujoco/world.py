@@ -136,13 +136,11 @@ class SimulatedWorld:
         self.simulation.begin_episode(scene, Encounters(bodies) if len(bodies) > 1 else None)
 
     def admit(self, name: str, motion: wire.Announce) -> Motion:
-        """Admit or refuse a motion, in no time: the robots of one moment follow in the order of their names."""
+        """Admit a motion, in no time; returns the robot in its way. Those of one moment come in the order of names."""
         yield from ()
-        encounters = self.simulation.encounters
         held = {each: robot.look().holding for each, robot in self.robots.items()}
-        if encounters is None or not encounters.admit(name, motion.q_rad, motion.beside, held):
-            return ""
-        return wire.MOTION_CONFLICT
+        encounters = self.simulation.encounters
+        return encounters.admit(name, motion.q_rad, motion.beside, held) if encounters is not None else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,10 +277,10 @@ class MujocoDriver(TargetDriver):
         if shape[1:] != (n_joints,) or not shape[0] or not np.isfinite(motion.q_rad).all():
             raise ExecutionError("MALFORMED", f"postures of shape {shape}; expected (n, {n_joints}), all finite")
         name = self.profile.target
-        code = self.world.simulation.carry_out(name, self.world.admit(name, motion), may_abort=True)
-        if code in BROKEN_OFF:
-            raise ExecutionError(code, "the announcement was broken off")
-        return code
+        blocked_by = self.world.simulation.carry_out(name, self.world.admit(name, motion), may_abort=True)
+        if blocked_by in BROKEN_OFF:
+            raise ExecutionError(blocked_by, "the announcement was broken off")
+        return blocked_by
 
     @override
     def apply(self, command: wire.Command) -> str:
@@ -325,7 +323,8 @@ class MujocoDriver(TargetDriver):
         neighbours: tuple[wire.Neighbour, ...] = ()
         if encounters is not None:
             neighbours = tuple(
-                wire.Neighbour(name, state, encounters.find_announced(name)) for name, state in states.items()
+                wire.Neighbour(name, state, encounters.find_announced(name), self.world.robots[name].session)
+                for name, state in states.items()
             )
         seen = wire.Observation(time_s=physics.time_s, target=target, neighbours=neighbours)
         if not truth:
