@@ -31,8 +31,8 @@ from phyagentos.runtime.targets.wire import Step
 AnswerT = TypeVar("AnswerT", Approaches, Motion)
 PRESSED_MORE = 1.2  # of the force of a contact that is about to be left
 WAIT_S = 0.2  # for another robot that is in the way, until it is tried again
-PATIENCE_S = 5.0  # of such waiting, in all, by the robot that gives way: of two, the later in the order of names
-LONG_PATIENCE_S = 20.0  # of the other one; a session of manipulation takes less
+STOOD_MAX_S = 3.0  # of such waiting for one that stands, by the robot that gives way: the later in order of names
+WAITED_MAX_S = 20.0  # in all, by any; a session of manipulation takes less
 HOMEWARD = 0.45  # of the velocity limits: what is held stays in the fingers
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
 
@@ -48,7 +48,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
 
     _is_asked = False
     _beside = ""  # a robot to which the hand comes near on purpose
-    _waits_until_s, _waited_s = 0.0, 0.0  # for another robot that is in the way
+    _waits_until_s, _waited_s, _stood_s = 0.0, 0.0, 0.0  # for another robot that is in the way
     _waited_for = ""
     _gives_way = False  # it goes home, so that another robot can pass, and fails there
 
@@ -67,7 +67,8 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     @final
     def on_start(self) -> Status:
         """Submit."""
-        self._is_asked, self._gives_way, self._waits_until_s, self._waited_s = False, False, 0.0, 0.0
+        self._is_asked, self._gives_way = False, False
+        self._waits_until_s, self._waited_s, self._stood_s = 0.0, 0.0, 0.0
         return self.ask()
 
     def on_running(self) -> Status:
@@ -109,7 +110,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     def _describe(self, neighbour: wire.Neighbour) -> Neighbour:
         postures = np.vstack((neighbour.target.q_rad, neighbour.announced_rad))
         is_met = neighbour.name == self._beside
-        return Neighbour(neighbour.name, postures, bool(neighbour.session), is_met)
+        return Neighbour(neighbour.name, postures, is_met)
 
     def find_held(self) -> Payload | None:
         """What the fingers hold as believed, so that a motion that was not composed for it carries it along."""
@@ -124,12 +125,14 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
 
     @final
     def wait_for(self, names: tuple[str, ...]) -> Status:
-        """Hold still for a moment, then ask again; once patience with these robots is spent, give up."""
-        own = self.context.session.target
-        if self._waited_s >= (LONG_PATIENCE_S if own < min(names, default=own) else PATIENCE_S):
+        """Hold still for a moment, then ask again; give up once these robots were in the way for too long."""
+        there = [each for each in self.context.cell.read_neighbours() if each.name in names]
+        is_first = all(self.context.session.target < each.name and each.session for each in there)
+        if self._waited_s >= WAITED_MAX_S or (self._stood_s >= STOOD_MAX_S and not is_first):
             self._waited_for = format_names(names)
             return self.give_up()
         self._waits_until_s, self._waited_s = self.context.time_s + WAIT_S, self._waited_s + WAIT_S
+        self._stood_s += 0.0 if any(len(each.announced_rad) for each in there) else WAIT_S
         return Status.RUNNING
 
     def give_up(self) -> Status:
@@ -267,7 +270,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
         """Go home first, where that is possible, so that the other robot can pass; then fail."""
         if self._gives_way:
             return super().give_up()
-        self._gives_way, self._waited_s = True, 0.0
+        self._gives_way, self._waited_s, self._stood_s = True, 0.0, 0.0
         return self.ask()
 
     @final

@@ -202,7 +202,6 @@ class MotionPlanner:
         if self._find_unknown(placing, own):
             return None
         with job.stage("place"):
-            own.crowded_by = job.crowded_by
             return find_placements(placing, entity, self._kinematics, self._get_scene(placing, own), own)
 
     def _check_posture(self, request: CheckPosture, job: Job) -> Stance:
@@ -228,14 +227,14 @@ class MotionPlanner:
             return scene
 
     def _add_neighbours(self, request: _Placed, scene: PlanningScene) -> None:
-        """Let the other robots stand in the scene; where a grasp or a place is chosen, only those that stay."""
-        is_choice = isinstance(request, FindGrasps | FindPlacements)
+        """Let the other robots stand in the scene, unless a grasp or a place is chosen: until then they may move on."""
         there = [each for each in request.world.neighbours if each.name in self._neighbours]
-        own = self._spheres.build_arrays(scene) if there else None
+        if not there or isinstance(request, FindGrasps | FindPlacements):
+            return
+        own = self._spheres.build_arrays(scene)
         for each in there:
-            if own is not None and not (is_choice and each.is_at_work):
-                groups = scene.crowd[each.name] = self._neighbours[each.name].cover(each, request.world.entities)
-                scene.crowd_checks[each.name] = SphereChecker(own.meet_only(groups)).is_free
+            groups = scene.crowd[each.name] = self._neighbours[each.name].cover(each, request.world.entities)
+            scene.crowd_checks[each.name] = SphereChecker(own.meet_only(groups)).is_free
 
     def _find_unknown(self, request: MotionRequest, job: Job) -> NoPlan | None:
         """Refusal of a request that names an entity without solids or an unknown place."""

@@ -17,13 +17,11 @@ class Neighbour(msgspec.Struct, frozen=True):
 
     Attributes:
         postures_rad: (k, n_joints) where it stands, then what is left of the motion that it has announced.
-        is_at_work: Whether a session moves it, so that it will not stay where it stands.
         is_met: Whether the hand comes near it on purpose: only a contact is avoided.
     """
 
     name: str
     postures_rad: Array
-    is_at_work: bool = False
     is_met: bool = False
 
 
@@ -113,7 +111,7 @@ GRASPS = 4  # that a skill chooses from
 
 
 class FindGrasps(msgspec.Struct, frozen=True, tag=True):
-    """Grasps of an object. Answer: `Approaches`. Robots at work are no obstacles yet: the motion there waits for them.
+    """Grasps of an object. Answer: `Approaches`. Other robots are no obstacles yet: the motion there avoids them.
 
     Attributes:
         q_rad: (n_joints,) present posture.

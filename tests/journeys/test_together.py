@@ -1,0 +1,81 @@
+"""Two arms in one world under one goal: each around the other, one for the other, and from hand to hand."""
+
+import json
+import shutil
+from contextlib import contextmanager
+
+import pytest
+
+from phyagentos.assembly.agent_plane import MemoryUse
+from phyagentos.assembly.paths import open_project
+from phyagentos.bench.suite import open_bench
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.journal import Journal
+
+pytestmark = pytest.mark.journey
+
+SEIZED = "version: 1\nfaults:\n  - {kind: stall, joint: joint1, when: {session: '*.red'}, duration_s: 3600}\n"
+ONE_TRAY = """
+goal: one_tray
+objective: Both arms bring a cube into the tray that both reach.
+scene: shared_table
+targets: {left: left_arm, right: right_arm}
+worlds: {table: [left, right]}
+defaults: {timeout_s: 60, max_replans: 2}
+sessions:
+  red:
+    skill: pick_and_place
+    target: left
+    with: {object: red_1, destination: green_tray}
+    accept: ["inside(red_1, green_tray)"]
+    resources: [green_tray]
+  blue:
+    skill: pick_and_place
+    target: right
+    with: {object: blue_1, destination: green_tray}
+    accept: ["inside(blue_1, green_tray)"]
+    resources: [green_tray]
+  away:
+    skill: home
+    target: right
+    after: [blue]
+    accept: ["inside(blue_1, green_tray)"]
+    even_if_met: true
+"""
+
+
+@contextmanager
+def pursue(root, graph, faults=None, seed=1):
+    """A goal in a project that is the example; its report, and its records in the order of the journal."""
+    project = root / "project"
+    shutil.copytree(find_shipped_root() / "examples" / "04_two_arms", project)
+    if not (file := project / "goal_graphs" / f"{graph}.yaml").exists():
+        file.write_text(ONE_TRAY)
+    broken = root / "faults.yaml"
+    broken.write_text(faults or "version: 1\n")
+    workspace, clock = open_project(root / "w", project), SystemClock()
+    with open_bench(workspace, clock, faults=broken, memory_use=MemoryUse.NONE) as agent:
+        report = agent.mission.run(file, seed=seed)
+    journal = Journal(workspace.root, side=Side.OPERATOR, by="test", clock=clock)
+    yield workspace, report, list(journal.read_new())
+    journal.close()
+
+
+def list_events(workspace, report):
+    for session in report.sessions:
+        file = workspace.evidence_of(session.id) / "events.jsonl"
+        yield from map(json.loads, file.read_text().splitlines() if file.exists() else ())
+
+
+def test_where_one_arm_is_disabled_in_the_middle_of_a_goal_the_other_one_finishes_it(tmp_path):
+    with pursue(tmp_path, "one_tray", SEIZED) as (workspace, report, records):
+        submitted = {record.id: record.body for record in records if record.ev == "submit"}
+        red = [body for id, body in submitted.items() if ".red" in id]
+
+        assert report.verdict == "success", report
+        assert [body["target"] for body in red] == ["left_arm", "left_arm", "right_arm"]
+        assert any(reason.startswith("another target") for reason in red[-1]["reasons"]), red[-1]["reasons"]
+        assert [each.cause for each in report.sessions if each.node == "red"] == ["STALLED", "STALLED", ""]
+        assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]
