@@ -30,6 +30,7 @@ from phyagentos.runtime.targets.wire import Step
 
 AnswerT = TypeVar("AnswerT", Approaches, Motion)
 PRESSED_MORE = 1.2  # of the force of a contact that is about to be left
+BESIDE = PortInformation(data_type=str, required=False, description="Robot to which the hand comes near on purpose.")
 WAIT_S = 0.2  # for another robot that is in the way, until it is tried again
 STOOD_MAX_S = 3.0  # of such waiting for one that stands, by the robot that gives way: the later in order of names
 WAITED_MAX_S = 20.0  # in all, by any; a session of manipulation takes less
@@ -68,6 +69,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     def on_start(self) -> Status:
         """Submit."""
         self._is_asked, self._gives_way = False, False
+        self._beside = self.find("beside") or "" if "beside" in self.INPUT_PORTS else ""
         self._waits_until_s, self._waited_s, self._stood_s = 0.0, 0.0, 0.0
         return self.ask()
 

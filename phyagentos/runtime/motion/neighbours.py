@@ -38,7 +38,7 @@ class NeighbourModel:
         held = [
             move_spheres(cover_shape(shape), tool_T_world @ compute_matrix(entity.pose) @ compute_matrix(shape.pose))
             for entity in entities
-            if entity.held_by == neighbour.name
+            if entity.held_by == neighbour.name and not neighbour.is_met  # else it is what the hand comes for
             for shape in entity.shapes
         ]
         groups, links, T = [], np.zeros_like(self._chain.frames), np.eye(4)

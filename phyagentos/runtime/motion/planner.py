@@ -227,9 +227,14 @@ class MotionPlanner:
             return scene
 
     def _add_neighbours(self, request: _Placed, scene: PlanningScene) -> None:
-        """Let the other robots stand in the scene, unless a grasp or a place is chosen: until then they may move on."""
-        there = [each for each in request.world.neighbours if each.name in self._neighbours]
-        if not there or isinstance(request, FindGrasps | FindPlacements):
+        """Let the other robots stand in the scene; where a grasp or a place is chosen, only those that are met there.
+
+        The others may have moved on until then.
+        """
+        is_choice = isinstance(request, FindGrasps | FindPlacements)
+        near = [each for each in request.world.neighbours if each.is_met or not is_choice]
+        there = [each for each in near if each.name in self._neighbours]
+        if not there:
             return
         own = self._spheres.build_arrays(scene)
         for each in there:

@@ -90,9 +90,9 @@ class Encounters:
         """
         own = list(self._iter_places(name, sample(q_rad), held[name]))
         for other in (each for each in self._names if each != name):
-            here = self._world.qpos[self._robots[other].q_address]
-            theirs = list(self._iter_places(other, np.vstack((here, self.find_announced(other))), held[other]))
-            sides = self._find_sides({name: held[name], other: held[other]})
+            here, things = self._world.qpos[self._robots[other].q_address], () if other == beside else held[other]
+            theirs = list(self._iter_places(other, np.vstack((here, self.find_announced(other))), things))
+            sides = self._find_sides({name: held[name], other: things})
             apart_m = BESIDE_M if other == beside else CLEARANCE_M
             apart_m = min(apart_m, self._measure(sides, own[:1], theirs[:1]) - NEARER_M)
             if self._measure(sides, own, theirs, enough_m=apart_m) < apart_m:
