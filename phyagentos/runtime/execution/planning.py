@@ -129,7 +129,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     def wait_for(self, names: tuple[str, ...]) -> Status:
         """Hold still for a moment, then ask again; give up once these robots were in the way for too long."""
         there = [each for each in self.context.cell.read_neighbours() if each.name in names]
-        is_first = all(self.context.session.target < each.name and each.session for each in there)
+        is_first = all(self.context.session.target < each.name for each in there)
         if self._waited_s >= WAITED_MAX_S or (self._stood_s >= STOOD_MAX_S and not is_first):
             self._waited_for = format_names(names)
             return self.give_up()

@@ -273,13 +273,11 @@ class Neighbour(msgspec.Struct, frozen=True):
     Attributes:
         target: Its measured state.
         announced_rad: (k, n_joints) postures of what is left of the motion that it has announced; none at rest.
-        session: Which has authority over it; empty while it is idle.
     """
 
     name: str
     target: TargetState
     announced_rad: Array
-    session: str = ""
 
 
 class Step(msgspec.Struct, frozen=True, tag=True):

@@ -21,6 +21,7 @@ CLEARANCE_M = 0.03  # between two robots; postures are compared so densely that 
 BESIDE_M = 0.004  # where one comes near the other on purpose: as much as planning keeps from what stands fixed
 SAMPLE_RAD = 0.05  # largest turn of a joint between two postures that are compared
 ARRIVAL_S = 0.1  # after the end of a motion, until the robot rests
+FREE = 6  # degrees of freedom of a thing that nothing but a hand holds
 NEARER_M = 0.001  # than at its beginning: a motion that begins too near another robot comes no nearer
 
 Place = Mapping[int, float]  # joint positions by their address
@@ -113,7 +114,8 @@ class Encounters:
         robot, model, data = self._robots[name], self._model, self._data
         data.qpos[:] = self._world.qpos
         mujoco.mj_kinematics(model, data)
-        addresses = {thing: int(model.jnt_qposadr[model.body(thing).jntadr[0]]) for thing in held}
+        free = [thing for thing in held if model.body(thing).dofnum[0] == FREE]  # what is hinged stays where it is
+        addresses = {thing: int(model.jnt_qposadr[model.body(thing).jntadr[0]]) for thing in free}
         in_hand = {
             start: compute_inverse(robot.place(data)) @ robot.place(data, thing) for thing, start in addresses.items()
         }

@@ -252,7 +252,6 @@ class MujocoDriver(TargetDriver):
     @override
     def begin(self, session: str, epoch: int) -> None:
         present, self.session = self._get_present(), session
-        self._withdraw()
         if self.is_moving:
             self.world.simulation.ending.add(self.profile.target)
             self.world.simulation.carry_out(self.profile.target, present.controller.halt())
@@ -263,13 +262,8 @@ class MujocoDriver(TargetDriver):
     @override
     def end(self) -> tuple[wire.RecordedFault, ...]:
         self.session = ""
-        self._withdraw()
         self.world.simulation.let_stand(self.profile.target)
         return tuple(self.controller.activations)
-
-    def _withdraw(self) -> None:
-        if self.world.simulation.encounters is not None:
-            self.world.simulation.encounters.withdraw(self.profile.target)
 
     @override
     def announce(self, motion: wire.Announce) -> str:
@@ -294,8 +288,13 @@ class MujocoDriver(TargetDriver):
 
     @override
     def halt(self, category: int = 2) -> None:
-        self._withdraw()
-        self.world.simulation.carry_out(self.profile.target, self.controller.halt())
+        self.world.simulation.carry_out(self.profile.target, self._come_to_rest())
+
+    def _come_to_rest(self) -> Motion:
+        """Halt; what was announced is over with the first physics step, which all robots take together."""
+        if (encounters := self.world.simulation.encounters) is not None:
+            encounters.withdraw(self.profile.target)
+        return (yield from self.controller.halt())
 
     @override
     def hold(self, duration_s: float) -> None:
@@ -323,8 +322,7 @@ class MujocoDriver(TargetDriver):
         neighbours: tuple[wire.Neighbour, ...] = ()
         if encounters is not None:
             neighbours = tuple(
-                wire.Neighbour(name, state, encounters.find_announced(name), self.world.robots[name].session)
-                for name, state in states.items()
+                wire.Neighbour(name, state, encounters.find_announced(name)) for name, state in states.items()
             )
         seen = wire.Observation(time_s=physics.time_s, target=target, neighbours=neighbours)
         if not truth:
