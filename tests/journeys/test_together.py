@@ -4,6 +4,8 @@ import json
 import shutil
 from contextlib import contextmanager
 
+import msgspec
+import numpy as np
 import pytest
 
 from phyagentos.assembly.agent_plane import MemoryUse
@@ -12,6 +14,7 @@ from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.world.environment import Environment
 from phyagentos.store.journal import Journal
 
 pytestmark = pytest.mark.journey
@@ -78,4 +81,38 @@ def test_where_one_arm_is_disabled_in_the_middle_of_a_goal_the_other_one_finishe
         assert [body["target"] for body in red] == ["left_arm", "left_arm", "right_arm"]
         assert any(reason.startswith("another target") for reason in red[-1]["reasons"]), red[-1]["reasons"]
         assert [each.cause for each in report.sessions if each.node == "red"] == ["STALLED", "STALLED", ""]
+        assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]
+
+
+def find_spans(records):
+    """(start, finish) of each session, by their places in the journal."""
+    places = {(record.id, record.ev): at for at, record in enumerate(records)}
+    return {id: (at, places[id, "finish"]) for (id, ev), at in places.items() if ev == "start"}
+
+
+def test_two_arms_sort_one_heap_at_once_and_take_turns_at_the_tray_that_both_reach(tmp_path):
+    with pursue(tmp_path, "sort_together") as (workspace, report, records):
+        spans = find_spans(records)
+        folders = [workspace.evidence_of(session.id) for session in report.sessions]
+
+        assert report.verdict == "success", report
+        assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]
+        red, green_2, green_1 = (spans[f"{report.goal}.{node}"] for node in ("red_1", "green_2", "green_1"))
+        assert max(red[0], green_2[0]) < min(red[1], green_2[1])  # at once
+        assert green_2[1] < green_1[0]  # in turn
+        busy_s = sum(session.sim_time_s for session in report.sessions)
+        ends = [float(np.load(folder / "terminal.npz")["time"]) for folder in folders]
+        assert max(ends) - min(float(np.load(folder / "initial.npz")["time"]) for folder in folders) < 0.7 * busy_s
+
+
+def test_a_bar_goes_from_hand_to_hand_in_the_air(tmp_path):
+    with pursue(tmp_path, "handover") as (workspace, report, records):
+        assert report.verdict == "success", report
+        worlds = [
+            msgspec.json.decode((workspace.evidence_of(session.id) / "after.json").read_bytes(), type=Environment)
+            for session in report.sessions
+        ]
+        hands = [{name for name, state in world.targets.items() if "bar" in state.holding} for world in worlds]
+        assert hands == [{"left_arm"}, {"left_arm"}, {"left_arm", "right_arm"}, {"right_arm"}, set()]
+        assert all(world.entities["bar"].pose.position_m[2] > 0.25 for world in worlds[1:4])
         assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]

@@ -11,17 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from phyagentos.runtime.motion.job import Job
-from phyagentos.runtime.motion.path import (
-    ITERATIONS,
-    ITERATIONS_CROWDED,
-    Checker,
-    Path,
-    Query,
-    compute_length,
-    densify,
-    find_path,
-    round_corners,
-)
+from phyagentos.runtime.motion.path import Checker, Path, Query, compute_length, densify, find_path, round_corners
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
 from phyagentos.runtime.motion.requests import Array, Motion, NoPlan, PathSearch, PlanMove, Stages
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
@@ -128,11 +118,11 @@ def _prepare(request: PlanMove, scene: PlanningScene, spheres: SphereModel, job:
         return job.fail("IN_COLLISION", f"None of {len(goals)} goal postures is free.")
     checker = SphereChecker(spheres.build_arrays(scene))
     seen_free = [index for index in free if checker.is_free(goals[index])]
-    budget = ITERATIONS_CROWDED if scene.crowd else ITERATIONS
+    is_crowded = bool(scene.crowd)
     if seen_free and checker.is_free(start):
-        query = Query(start, goals[seen_free], q_min, q_max, budget)
+        query = Query(start, goals[seen_free], q_min, q_max, is_crowded)
         return _Search(query, checker, seen_free, "spheres", stuck, touched)
-    return _Search(Query(start, goals[free], q_min, q_max, budget), scene, free, "exact", stuck, touched)
+    return _Search(Query(start, goals[free], q_min, q_max, is_crowded), scene, free, "exact", stuck, touched)
 
 
 def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows: TimeRows, job: Job) -> Timed | None:
