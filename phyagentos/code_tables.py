@@ -244,6 +244,7 @@ GRASP_LOST              The object was held and is not any more.
 GRASP_MISSED            The fingers closed and do not hold the object.
 HOLD_VIOLATED           A condition that had to hold all through did not.
 LEAF_ERROR              A leaf failed by an error of its own.
+MOTION_CONFLICT         Another robot stood in the way of a motion for too long.
 NOT_AT_START            A motion does not begin where the arm stands.
 NOT_VISIBLE             The object is believed, but was not seen.
 NO_PROGRESS             No control period passed for longer than allowed, or the tree neither commands nor plans.

@@ -194,7 +194,11 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         serve_refusals(orders, error.problems)
         return
     bounds = read_tool_bounds(settings.limits)
-    planner: Planner = PlannerProcess(profile_path, bounds) if profile.model else LocalPlanner(NoModel())
+    shared = [
+        name for name, each in targets.items() if profile.world and each.world == profile.world and name != target
+    ]
+    neighbours = {name: library.get_target(name) for name in sorted(shared)}
+    planner: Planner = PlannerProcess(profile_path, bounds, neighbours) if profile.model else LocalPlanner(NoModel())
     connection: Channel = Loopback(local) if local is not None else connect_to_world(socket, token, clock)
     has_truth = not profile.model and profile.kind != "real_robot"
     sees_truth = settings.perception.sensing is Sensing.TRUTH or has_truth

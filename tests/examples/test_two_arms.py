@@ -44,7 +44,7 @@ def test_a_driver_that_cannot_share_is_found_by_lint_in_profile_and_goal(of_two_
     assert linted.returncode == 2
     assert f"right_arm/target.yaml: world: {FOUND}" in linted.stderr
     assert f"two_arms.yaml:6:1: {FOUND}" in linted.stderr
-    assert "2 problems" in linted.stderr
+    assert "4 problems" in linted.stderr  # the profile, and each of the three goals
 
 
 @pytest.mark.journey

@@ -55,7 +55,7 @@ def world(tmp_path):
 def test_time_stands_until_the_verdict_and_until_the_agent_has_acted_on_it(world):
     heard, shared, marks, _ = world
     status = SimpleNamespace(contract=SimpleNamespace(goal="g", target="right"), state=SessionState.VERIFYING)
-    ledger = SimpleNamespace(sessions={"b": status})
+    ledger = SimpleNamespace(sessions={"b": status}, goals={})
 
     def look():
         again_s = shared.update({"left": BUSY}, ledger, lambda _: False)
@@ -78,5 +78,16 @@ def test_an_agent_that_is_gone_holds_time_for_a_minute_at_most(world):
     shared.take_in(SimpleNamespace(side=Side.RUNTIME, to=SessionState.AWAITING_VERIFICATION, id="b", seq=7))
     for wait_s, said in ((0.0, None), (AGENT_S + 1.0, {"left": "a"})):
         clock.sleep(wait_s)
-        shared.update({"left": BUSY}, SimpleNamespace(sessions={"b": status}), lambda _: False)
+        shared.update({"left": BUSY}, SimpleNamespace(sessions={"b": status}, goals={}), lambda _: False)
+        assert heard.read() == said
+
+
+def test_a_goal_that_has_its_verdict_holds_no_time_for_the_next_one(world):
+    heard, shared, _, _ = world
+    status = SimpleNamespace(contract=SimpleNamespace(goal="g", target="left"), state=SessionState.SUCCEEDED)
+    goal = SimpleNamespace(verdict="")
+    shared.take_in(SimpleNamespace(side=Side.RUNTIME, to=SessionState.AWAITING_VERIFICATION, id="b", seq=7))
+    for verdict, said in (("", None), ("success", {"left": "a"})):
+        goal.verdict = verdict
+        shared.update({"left": BUSY}, SimpleNamespace(sessions={"b": status}, goals={"g": goal}), lambda _: False)
         assert heard.read() == said

@@ -126,6 +126,9 @@ class Served:
             return self._describe()
         if kind == "Observe":
             return self._observe(request)
+        if kind == "Announce":  # no other body is in its world
+            self._check(request)
+            return {"type": "Admission", "blocked_by": ""}
         if kind == "Capture":
             if request["cameras"] or request["crops"]:
                 raise Refusal("UNKNOWN_CAMERA", "the target has no cameras")

@@ -24,6 +24,7 @@ FIELDS: dict[str, dict[str, type]] = {
     "LoadScene": {"scene": str, "seed": int, "episode": str, "snapshot": bytes, "may_reset": bool},
     "Begin": {**_SESSION, "token": bytes},
     "Command": {**_SESSION, "sequence": int, "expires_at_s": float, **dict.fromkeys(ARRAYS, list)},
+    "Announce": {**_SESSION, "q_rad": list, "beside": str},
     "Halt": {**_SESSION, "category": int},
     "Settle": {**_SESSION, "duration_s": float},
     "End": _SESSION,
@@ -34,7 +35,7 @@ FIELDS: dict[str, dict[str, type]] = {
 }
 _DEFAULTS: dict[str, Any] = {
     "may_reset": True, "token": b"", "category": 2, "truth": False, "cameras": [], "crops": {},
-    "every": 1, "arguments": {}, "session": "", "epoch": 0,
+    "every": 1, "arguments": {}, "session": "", "epoch": 0, "beside": "",
 }  # fmt: skip
 _SNAPSHOT = {"Observe": False, "LoadScene": b""}
 

@@ -48,7 +48,9 @@ _OF_CODES = {
     **dict.fromkeys(
         ("NO_SPACE", "OUT_OF_REACH", "TOO_HEAVY", "TOO_SLIPPERY", "TOO_TALL", "TOO_WIDE"), Cause.IMPOSSIBLE
     ),
-    **dict.fromkeys(("NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_PLAN"), Cause.NO_PLAN),
+    **dict.fromkeys(
+        ("NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_PLAN", "MOTION_CONFLICT"), Cause.NO_PLAN
+    ),
 }
 _OF_ENDS = {
     Ended.TIMED_OUT: Cause.TIMED_OUT,

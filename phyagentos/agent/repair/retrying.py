@@ -16,6 +16,7 @@ from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import Role, find_label
 from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 
+MOTION_CONFLICT = "MOTION_CONFLICT"
 SLOWER = 0.5  # physics: at half speed a slippery 0.5 kg cube stays in the fingers in 59 of 60 transports
 SLOWEST = 0.25
 AGAIN = 0.5  # each time that the same has failed with the same cause, it is half as likely to help
@@ -41,6 +42,7 @@ _CHANCES = {
 }
 _CHANCE = 0.5  # declared for any other cause
 _CHANCE_OF_RETURN = 0.5  # nothing was found because of what earlier attempts had ruled out
+_CHANCE_OF_PASSAGE = 0.6  # another robot was in the way, and moves on
 _CHANCE_OF_GRASP = 0.3  # nothing was in reach of the hand as it held the thing
 
 
@@ -53,6 +55,8 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
     returns = case.cause is Cause.NO_PLAN and not (after.avoid_grasps or after.avoid_sites)
     if case.cause is Cause.NO_PLAN and avoids_else:
         chance = _CHANCE_OF_RETURN if returns else _CHANCE_OF_GRASP
+    if MOTION_CONFLICT in case.miss.codes:
+        chance = _CHANCE_OF_PASSAGE * AGAIN**same
     chance = 0.0 if case.replans_left <= 0 or _is_undecided_for_good(case) else chance
     yield Alternative(
         kind=AlternativeKind.OTHER_GRASP if avoids_else and not returns else AlternativeKind.RETRY,

@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.session import Scene
@@ -277,6 +278,23 @@ class TargetSessionHandle:
     def observe(self, *, snapshot: bool = False) -> wire.Observation:
         """The present sensing, with the target's snapshot of the same moment on request; time does not move."""
         return self._ask(wire.Observe(truth=self._sees_truth, snapshot=snapshot), wire.Observation)
+
+    def read_neighbours(self) -> tuple[wire.Neighbour, ...]:
+        """The other robots of a shared world as they stand and move now; none where time is not shared."""
+        return self.observe().neighbours if self._shares_time else ()
+
+    def announce(self, q_rad: NDArray[np.float64], beside: str = "") -> str:
+        """Announce a motion (n, n_joints), one posture a physics step; the robot that is in its way, empty if none.
+
+        What else refuses it refuses its first command, too. `beside` is a robot to which it comes near on purpose.
+        """
+        if not self._shares_time:
+            return ""
+        request = wire.Announce(session=self._session, epoch=self._epoch, q_rad=q_rad, beside=beside)
+        try:
+            return self._ask(request, wire.Admission).blocked_by
+        except CommandRefused:
+            return ""
 
     def halt(self, category: int = 2) -> wire.Step:
         """Let the target bring itself to rest, by a stop of this category."""

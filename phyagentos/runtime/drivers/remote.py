@@ -93,6 +93,10 @@ class RemoteDriver(TargetDriver):
         return self._ask(request, wire.Frames, SLOW_REPLY_S)
 
     @override
+    def announce(self, motion: wire.Announce) -> str:
+        return self._ask(motion, wire.Admission).blocked_by
+
+    @override
     def apply(self, command: wire.Command) -> str:
         step = self._move(command)
         self._is_moving = not step.stopped and bool(command.qd_rad_s[-1].any())

@@ -1,9 +1,11 @@
 """Services of one session for its leaves, which see no connection, no handle and no wall clock."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.evidence import Event
@@ -14,10 +16,24 @@ from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.execution.commands import CommandBuffer
 from phyagentos.runtime.execution.lag import Lag
 from phyagentos.runtime.perception.world_model import HAND, WorldModel
-from phyagentos.runtime.targets.wire import Description, Step
+from phyagentos.runtime.targets.wire import Description, Neighbour, Step
 
 if TYPE_CHECKING:
     from phyagentos.runtime.motion.process import Planner
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """The robots that share a world with this one; none by default.
+
+    Attributes:
+        read_neighbours: As they stand and move now.
+        announce: The one that is in the way of a motion (n, n_joints) that is about to be commanded; empty if none.
+            The second argument names one to which it comes near on purpose.
+    """
+
+    read_neighbours: Callable[[], tuple[Neighbour, ...]] = tuple
+    announce: Callable[[NDArray[np.float64], str], str] = lambda _q_rad, _beside: ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,6 +45,7 @@ class SkillContext:
         commands: Takes a tick's set-points.
         initial: The world before the first command.
         lag: Of the arm behind its set-points.
+        cell: The other robots of its world.
         events: Events beside the tree so far.
     """
 
@@ -39,6 +56,7 @@ class SkillContext:
     world: WorldModel
     initial: Environment
     lag: Lag
+    cell: Cell = Cell()
     events: list[Event] = field(default_factory=list)
     _uses: dict[str, int] = field(default_factory=dict)
 
@@ -81,6 +99,7 @@ def open_context(
     planner: "Planner",
     initial: Environment,
     world: WorldModel,
+    cell: Cell = Cell(),
 ) -> SkillContext:
     """The services of a session that has authority; its set-points begin where the target rests.
 
@@ -103,4 +122,5 @@ def open_context(
         world=world,
         initial=initial,
         lag=Lag(float(np.asarray(limits.tracking_error_max.value))),
+        cell=cell,
     )

@@ -49,6 +49,8 @@ class FailureCode(StrEnum):
     """A condition of the tree is false or unknown."""
     PLANNER_LOST = "PLANNER_LOST"
     """The planner process died or broke its protocol."""
+    MOTION_CONFLICT = "MOTION_CONFLICT"
+    """Another robot stood in the way for too long."""
     NOT_AT_START = "NOT_AT_START"
     """A motion does not begin where the arm stands."""
     NO_PROGRESS = "NO_PROGRESS"

@@ -2,8 +2,10 @@
 
 from typing import Any, ClassVar, Generic, TypeVar, cast, final
 
+import numpy as np
 from msgspec import to_builtins
 
+from phyagentos.errors import format_names
 from phyagentos.geometry import to_child
 from phyagentos.protocol.world.environment import Entity, Pose
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Status
@@ -16,15 +18,23 @@ from phyagentos.runtime.motion.requests import (
     Motion,
     MotionAnswer,
     MotionRequest,
+    Neighbour,
     NoPlan,
     Payload,
+    PlanMove,
     World,
 )
 from phyagentos.runtime.perception.world_model import BELIEF, HAND
+from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.wire import Step
 
 AnswerT = TypeVar("AnswerT", Approaches, Motion)
 PRESSED_MORE = 1.2  # of the force of a contact that is about to be left
+BESIDE = PortInformation(data_type=str, required=False, description="Robot to which the hand comes near on purpose.")
+WAIT_S = 0.2  # for another robot that is in the way, until it is tried again
+STOOD_MAX_S = 3.0  # of such waiting for one that stands, by the robot that gives way: the later in order of names
+WAITED_MAX_S = 20.0  # in all, by any; a session of manipulation takes less
+HOMEWARD = 0.45  # of the velocity limits: what is held stays in the fingers
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
 
 
@@ -38,6 +48,10 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     EXPECTED: ClassVar[type[MotionAnswer]] = Approaches  # the kind of answer that `on_answer` takes
 
     _is_asked = False
+    _beside = ""  # a robot to which the hand comes near on purpose
+    _waits_until_s, _waited_s, _stood_s = 0.0, 0.0, 0.0  # for another robot that is in the way
+    _waited_for = ""
+    _gives_way = False  # it goes home, so that another robot can pass, and fails there
 
     def compose(self) -> MotionRequest | Status:
         """The request, or a status when none is needed."""
@@ -54,7 +68,9 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     @final
     def on_start(self) -> Status:
         """Submit."""
-        self._is_asked = False
+        self._is_asked, self._gives_way = False, False
+        self._beside = self.find("beside") or "" if "beside" in self.INPUT_PORTS else ""
+        self._waits_until_s, self._waited_s, self._stood_s = 0.0, 0.0, 0.0
         return self.ask()
 
     def on_running(self) -> Status:
@@ -69,7 +85,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
             "planner", type(answer).__name__, leaf=self.path, ms=answer.timing.ms, stages=to_builtins(answer.stages)
         )
         if isinstance(answer, NoPlan):
-            return self.on_refused(answer)
+            return self.wait_for(answer.neighbours) if answer.neighbours else self.on_refused(answer)
         if not isinstance(answer, self.EXPECTED):
             wanted, found = self.EXPECTED.__name__, type(answer).__name__
             return self.fail(FailureCode.PLANNER_LOST, f"the planner answered {found}; expected {wanted}")
@@ -90,7 +106,13 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
         return World(
             entities=tuple(entity for entity in entities if not any(_is_in(entity, vessel) for vessel in vessels)),
             regions=tuple(environment.regions.values()),
+            neighbours=tuple(self._describe(each) for each in self.context.cell.read_neighbours()),
         )
+
+    def _describe(self, neighbour: wire.Neighbour) -> Neighbour:
+        postures = np.vstack((neighbour.target.q_rad, neighbour.announced_rad))
+        is_met = neighbour.name == self._beside
+        return Neighbour(neighbour.name, postures, is_met)
 
     def find_held(self) -> Payload | None:
         """What the fingers hold as believed, so that a motion that was not composed for it carries it along."""
@@ -99,12 +121,36 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
         held = next((entities[name] for name in holding if name in entities), None)
         return None if held is None else measure_payload(held, self.context.step.target, self.context.profile)
 
+    def choose_request(self) -> MotionRequest | Status:
+        """What to ask now."""
+        return self.compose()
+
+    @final
+    def wait_for(self, names: tuple[str, ...]) -> Status:
+        """Hold still for a moment, then ask again; give up once these robots were in the way for too long."""
+        there = [each for each in self.context.cell.read_neighbours() if each.name in names]
+        is_first = all(self.context.session.target < each.name for each in there)
+        if self._waited_s >= WAITED_MAX_S or (self._stood_s >= STOOD_MAX_S and not is_first):
+            self._waited_for = format_names(names)
+            return self.give_up()
+        self._waits_until_s, self._waited_s = self.context.time_s + WAIT_S, self._waited_s + WAIT_S
+        self._stood_s += 0.0 if any(len(each.announced_rad) for each in there) else WAIT_S
+        return Status.RUNNING
+
+    def give_up(self) -> Status:
+        """FAILURE: another robot was in the way for too long."""
+        message = f"{self._waited_for} was in the way for {self._waited_s:.1f} s"
+        return self.fail(FailureCode.MOTION_CONFLICT, message, waited_s=self._waited_s)
+
     @final
     def ask(self) -> Status:
-        """Submit what `compose` gives, once the arm rests and the planner is free."""
+        """Submit what `compose` gives, once the arm rests and the planner is free, and no other robot is waited for."""
+        if self.context.time_s < self._waits_until_s:
+            self.context.commands.hold()
+            return Status.RUNNING
         if not (self.context.commands.at_rest and self.context.planner.is_free):
             return Status.RUNNING
-        request = self.compose()
+        request = self.choose_request()
         if isinstance(request, Status):
             return request
         self.context.planner.submit(request)
@@ -206,9 +252,35 @@ class MovingLeaf(PlanningLeaf[Motion]):
         return self.succeed("", **self.describe_motion(motion))
 
     @final
+    def choose_request(self) -> MotionRequest | Status:
+        """What the author composes, or the way home."""
+        if not self._gives_way:
+            return self.compose()
+        home = np.asarray(self.context.profile.arm.home_rad, dtype=np.float64)
+        return PlanMove(
+            world=self.world(),
+            q_rad=self.context.commands.q_rad,
+            goals_rad=home[None, :],
+            seed=self.context.draw_seed(self.path),
+            payload=self.find_held(),
+            speed=HOMEWARD,
+            width_m=self.context.step.target.gripper_width_m,
+        )
+
+    @final
+    def give_up(self) -> Status:
+        """Go home first, where that is possible, so that the other robot can pass; then fail."""
+        if self._gives_way:
+            return super().give_up()
+        self._gives_way, self._waited_s, self._stood_s = True, 0.0, 0.0
+        return self.ask()
+
+    @final
     def on_answer(self, answer: Motion) -> Status:
         """Store the motion; it is played from this tick on."""
         context = self.context
+        if blocking := context.cell.announce(answer.trajectory.q_rad, self._beside):
+            return self.wait_for((blocking,))
         self._motion, self._lost_periods, self._judged = answer, 0, context.step
         self._pressed_n = PRESSED_MORE * (context.step.contact_force_n or 0.0)
         self._player = TrajectoryPlayer(answer.trajectory, context.commands, context.lag)
@@ -242,7 +314,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
             self._player = None
             error = step.tracking_error_rad
             return self.fail(FailureCode.STALLED, f"the arm is {error:.3f} rad behind its set-points", error_rad=error)
-        status = self.on_arrived(self._motion)
+        status = self.give_up() if self._gives_way else self.on_arrived(self._motion)
         self._player = None
         return status
 

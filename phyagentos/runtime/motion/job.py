@@ -19,12 +19,14 @@ class Job:
         rejected: Rejected candidates, counted by reason.
         screened: Start postures of compiled inverse kinematics; `reached` of them reached their tool pose.
         goals: How mink solved each approach.
+        crowded_by: Other robots that were too near in a posture.
     """
 
     def __init__(self, *, clock: Clock, should_cancel: Callable[[], bool]) -> None:
         self.rejected: Counter[str] = Counter()
         self.screened = self.reached = 0
         self.goals: list[GoalPosture] = []
+        self.crowded_by: set[str] = set()
         self.should_cancel = should_cancel
         self._clock = clock
         self._ms: dict[str, float] = {}

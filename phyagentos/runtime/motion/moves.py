@@ -70,6 +70,7 @@ def plan_move(
             path = find_path(prepared.query, prepared.checker, request.seed + _SEED_STRIDE * attempt, job.should_cancel)
         job.checkpoint()
         if path is None:
+            job.crowded_by.update(scene.crowd)
             return job.fail("NO_PATH_FOUND", f"No path to any of {len(prepared.goals)} goals was found in the budget.")
         timed = _time_and_check(path, prepared, scene, time_rows, job)
         if timed is None:
@@ -117,9 +118,11 @@ def _prepare(request: PlanMove, scene: PlanningScene, spheres: SphereModel, job:
         return job.fail("IN_COLLISION", f"None of {len(goals)} goal postures is free.")
     checker = SphereChecker(spheres.build_arrays(scene))
     seen_free = [index for index in free if checker.is_free(goals[index])]
+    is_crowded = bool(scene.crowd)
     if seen_free and checker.is_free(start):
-        return _Search(Query(start, goals[seen_free], q_min, q_max), checker, seen_free, "spheres", stuck, touched)
-    return _Search(Query(start, goals[free], q_min, q_max), scene, free, "exact", stuck, touched)
+        query = Query(start, goals[seen_free], q_min, q_max, is_crowded)
+        return _Search(query, checker, seen_free, "spheres", stuck, touched)
+    return _Search(Query(start, goals[free], q_min, q_max, is_crowded), scene, free, "exact", stuck, touched)
 
 
 def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows: TimeRows, job: Job) -> Timed | None:

@@ -21,6 +21,7 @@ from phyagentos.runtime.motion.requests import Array
 RANGE_RAD = 1.5
 RESOLUTION_RAD = 0.03
 ITERATIONS = 20_000
+ITERATIONS_CROWDED = 2_000  # where another robot is near: the leaf waits, and asks again
 STARTS = 3
 SHORTCUTS = 100
 SPACING_RAD = 0.12
@@ -47,12 +48,14 @@ class Query:
     Attributes:
         start_rad: (n_joints,) free posture.
         goals_rad: (m, n_joints) free postures, m >= 1.
+        is_crowded: Whether another robot is near, which may move on.
     """
 
     start_rad: Array
     goals_rad: Array
     q_min_rad: Array
     q_max_rad: Array
+    is_crowded: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,12 +131,12 @@ def _search(query: Query, checker: Checker, seed: int, should_cancel: Callable[[
     planner.setRange(RANGE_RAD)
     planner.setProblemDefinition(problem)
     planner.setup()
-    iterations = 0
+    iterations, most = 0, ITERATIONS_CROWDED if query.is_crowded else ITERATIONS
 
     def is_over() -> bool:
         nonlocal iterations
         iterations += 1
-        return iterations > ITERATIONS or bool(should_cancel())
+        return iterations > most or bool(should_cancel())
 
     planner.solve(ob.PlannerTerminationCondition(is_over))
     if not problem.hasExactSolution():

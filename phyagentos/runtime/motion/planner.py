@@ -3,7 +3,7 @@
 An answer depends on its request alone; models and compiled scenes kept between requests never change it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import chain, combinations
 from pathlib import Path
@@ -22,6 +22,7 @@ from phyagentos.runtime.motion.job import Cancelled, Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.lines import find_line
 from phyagentos.runtime.motion.moves import TimeRows, find_escape, plan_move
+from phyagentos.runtime.motion.neighbours import NeighbourModel
 from phyagentos.runtime.motion.placements import find_placements
 from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes, name_pair
 from phyagentos.runtime.motion.pushes import find_push
@@ -48,6 +49,7 @@ from phyagentos.runtime.motion.requests import (
     World,
 )
 from phyagentos.runtime.motion.robot_model import build_robot_model
+from phyagentos.runtime.motion.sphere_checker import SphereChecker
 from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, time_path
 from phyagentos.runtime.motion.tool_bounds import ANYWHERE, ToolBounds
@@ -62,7 +64,12 @@ class MotionPlanner:
     """The motion functions of one robot; the clock only measures stages."""
 
     def __init__(
-        self, profile: TargetProfile, folder: Path, clock: Clock | None = None, bounds: ToolBounds = ANYWHERE
+        self,
+        profile: TargetProfile,
+        folder: Path,
+        clock: Clock | None = None,
+        bounds: ToolBounds = ANYWHERE,
+        neighbours: Mapping[str, Path] | None = None,
     ) -> None:
         self._clock = clock or SystemClock()
         self.robot = build_robot_model(profile, folder, bounds)
@@ -71,11 +78,21 @@ class MotionPlanner:
         self._spheres = SphereModel(self.robot, self._chain)
         self._scenes = PlanningScenes(self.robot)
         self._limits = JointLimits.from_profile(profile)
+        self._neighbours = {name: NeighbourModel(file) for name, file in (neighbours or {}).items()}
 
     @classmethod
-    def open(cls, profile_file: Path, clock: Clock | None = None, bounds: ToolBounds = ANYWHERE) -> "MotionPlanner":
-        """The planner of `robots/<name>/target.yaml`, whose tool centre point stays within `bounds`."""
-        return cls(validate(TargetProfile, read_yaml(profile_file)), profile_file.parent, clock, bounds)
+    def open(
+        cls,
+        profile_file: Path,
+        clock: Clock | None = None,
+        bounds: ToolBounds = ANYWHERE,
+        neighbours: Mapping[str, Path] | None = None,
+    ) -> "MotionPlanner":
+        """The planner of `robots/<name>/target.yaml`, whose tool centre point stays within `bounds`.
+
+        `neighbours` are the profiles of other robots of its world, by name.
+        """
+        return cls(validate(TargetProfile, read_yaml(profile_file)), profile_file.parent, clock, bounds, neighbours)
 
     def answer(self, request: MotionRequest, should_cancel: Callable[[], bool] = lambda: False) -> MotionAnswer:
         """Carry out one request.
@@ -84,9 +101,12 @@ class MotionPlanner:
         """
         job = Job(clock=self._clock, should_cancel=should_cancel)
         try:
-            return self._find_unknown(request, job) or self._dispatch(request, job)
+            answer = self._find_unknown(request, job) or self._dispatch(request, job)
         except Cancelled:
             return job.fail("CANCELLED", "The request was cancelled.")
+        if not isinstance(answer, NoPlan):
+            return answer
+        return replace(answer, neighbours=tuple(sorted(job.crowded_by)))
 
     def warm_up(self) -> None:
         """Load or compile every kernel and library, so that the first request is as fast as later ones."""
@@ -202,7 +222,24 @@ class MotionPlanner:
             width_m = request.width_m if isinstance(request, FindLine | FindPush | FindTouch | PlanMove) else None
             if payload is None and width_m is not None:
                 scene.spread_fingers(width_m, width_m)
+            self._add_neighbours(request, scene)
+            scene.crowded_by = job.crowded_by
             return scene
+
+    def _add_neighbours(self, request: _Placed, scene: PlanningScene) -> None:
+        """Let the other robots stand in the scene; where a grasp or a place is chosen, only those that are met there.
+
+        The others may have moved on until then.
+        """
+        is_choice = isinstance(request, FindGrasps | FindPlacements)
+        near = [each for each in request.world.neighbours if each.is_met or not is_choice]
+        there = [each for each in near if each.name in self._neighbours]
+        if not there:
+            return
+        own = self._spheres.build_arrays(scene)
+        for each in there:
+            groups = scene.crowd[each.name] = self._neighbours[each.name].cover(each, request.world.entities)
+            scene.crowd_checks[each.name] = SphereChecker(own.meet_only(groups)).is_free
 
     def _find_unknown(self, request: MotionRequest, job: Job) -> NoPlan | None:
         """Refusal of a request that names an entity without solids or an unknown place."""

@@ -8,7 +8,7 @@ commanded; around a payload they take every opening from that at which they hold
 tool centre point is a ball that meets only its bounds.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 
 import mujoco
@@ -29,6 +29,7 @@ Shapes = tuple[Shape, ...]
 Kinds = tuple[tuple[ShapeKind, Pose], ...]
 
 PAYLOAD = "payload"
+ARM = "arm"  # any part of the robot, and what it holds, beside another robot
 FIXED_MARGIN_M = 0.004  # of walls and tables: calibration and tracking error
 MOVABLE_MARGIN_M = 0.002  # smaller, since fingers must pass beside a neighbour
 PAYLOAD_SCALE = 1.02
@@ -51,6 +52,9 @@ class PlanningScene:
     Attributes:
         checks: Configurations checked since `pose`.
         obstacles: Entities of the world that are not parked.
+        crowd: Groups of spheres (k, 4) of other robots, by their names.
+        crowd_checks: Whether a posture (n_joints,) is clear of each.
+        crowded_by: Those of which one was not, since `pose`.
     """
 
     def __init__(self, robot: RobotModel, entities: Sequence[Entity], payload_shapes: Shapes) -> None:
@@ -71,6 +75,9 @@ class PlanningScene:
         ]
         self._spread: tuple[float, float] | None = None  # openings at which the fingers stand
         self.obstacles: list[Entity] = []
+        self.crowd: dict[str, list[Array]] = {}
+        self.crowd_checks: dict[str, Callable[[Array], bool]] = {}
+        self.crowded_by: set[str] = set()
         self.tcp_T_payload = np.eye(4)
 
     def pose(self, world: World, payload: Payload | None, ignore: Iterable[str] = ()) -> None:
@@ -98,6 +105,7 @@ class PlanningScene:
         most_m = self.robot.profile.gripper.max_width_m
         self.spread_fingers(most_m if payload is None else payload.width_m, most_m)
         self.checks = 0
+        self.crowd, self.crowd_checks, self.crowded_by = {}, {}, set()
 
     def sweep(self, q_rad: Array, low_m: float, high_m: float) -> list[Pair]:
         """Pairs that touch in a posture (n_joints,) at any opening of the fingers from `low_m` to `high_m` [m]."""
@@ -142,7 +150,13 @@ class PlanningScene:
         self._data.qpos[:] = q_rad
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_collision(self._model, self._data)
-        return int(self._data.ncon) == 0
+        return int(self._data.ncon) == 0 and not self._find_crowding(q_rad)
+
+    def _find_crowding(self, q_rad: Array) -> list[str]:
+        """Other robots that are too near in a posture (n_joints,)."""
+        crowding = [name for name, is_clear in self.crowd_checks.items() if not is_clear(q_rad)]
+        self.crowded_by.update(crowding)
+        return crowding
 
     def find_contacts(self, q_rad: Array, depth_m: float = 0.0) -> list[Pair]:
         """Pairs that touch in a posture (n_joints,), sorted and unique; robot bodies come first.
@@ -156,6 +170,7 @@ class PlanningScene:
         for first, second in contacts.geom[contacts.dist < -depth_m].tolist():
             a, b = self._owner[first], self._owner[second]
             pairs.add((b, a) if self._is_obstacle[first] else (a, b))
+        pairs.update((ARM, name) for name in self._find_crowding(q_rad))
         return sorted(pairs)
 
     def is_of_tool_pose(self, pair: Pair) -> bool:

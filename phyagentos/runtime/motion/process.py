@@ -8,7 +8,7 @@ import argparse
 import queue
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection
@@ -100,11 +100,22 @@ class NoModel:
 
 
 class PlannerProcess:
-    """A planner in its own process, replaced when it dies or ignores a cancellation; `bounds` are of its tool."""
+    """A planner in its own process, replaced when it dies or ignores a cancellation.
 
-    def __init__(self, profile_file: Path, bounds: ToolBounds = ANYWHERE, *, clock: Clock | None = None) -> None:
+    `bounds` are of its tool, `neighbours` the profiles of the other robots of its world, by name.
+    """
+
+    def __init__(
+        self,
+        profile_file: Path,
+        bounds: ToolBounds = ANYWHERE,
+        neighbours: Mapping[str, Path] | None = None,
+        *,
+        clock: Clock | None = None,
+    ) -> None:
         command = [sys.executable, "-m", "phyagentos.runtime.motion.process", "--profile", str(profile_file)]
         command += ["--bounds", msgspec.json.encode(bounds).decode()]
+        command += [f"--neighbour={name}={file}" for name, file in (neighbours or {}).items()]
         self._start = partial(Child, command, spin_s=SPIN_S)
         self._clock = clock or SystemClock()
         self._pending = False
@@ -216,7 +227,9 @@ class _Inbox:
                 self.requests.put((data, message))
 
 
-def serve(profile_file: Path, bounds: ToolBounds, connection: "Connection[Any, Any]") -> None:
+def serve(
+    profile_file: Path, bounds: ToolBounds, neighbours: Mapping[str, Path], connection: "Connection[Any, Any]"
+) -> None:
     """Answer requests until the other side closes.
 
     The latest approaches are kept: a skill asks first what its preflight asked. Their timing says what they took then.
@@ -224,7 +237,7 @@ def serve(profile_file: Path, bounds: ToolBounds, connection: "Connection[Any, A
     from phyagentos.runtime.motion.planner import MotionPlanner  # the port alone loads no simulator
 
     inbox = _Inbox(connection)
-    planner = MotionPlanner.open(profile_file, bounds=bounds)
+    planner = MotionPlanner.open(profile_file, bounds=bounds, neighbours=neighbours)
     planner.warm_up()
     known: dict[bytes, bytes] = {}
     while (received := inbox.requests.get()) is not None:
@@ -245,10 +258,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Answers motion requests for one robot.")
     parser.add_argument("--profile", type=Path, required=True, help="robots/<name>/target.yaml")
     parser.add_argument("--bounds", required=True, help="where the tool may be, as JSON")
+    parser.add_argument("--neighbour", action="append", default=[], help="NAME=robots/<name>/target.yaml")
     parser.add_argument("--descriptor", type=int, required=True, help="socket to the worker, inherited")
     arguments = parser.parse_args()
     bounds = msgspec.json.decode(arguments.bounds, type=dict[str, Corners])
-    serve(arguments.profile, bounds, Connection(arguments.descriptor))
+    neighbours = {name: Path(file) for name, _, file in (each.partition("=") for each in arguments.neighbour)}
+    serve(arguments.profile, bounds, neighbours, Connection(arguments.descriptor))
 
 
 if __name__ == "__main__":

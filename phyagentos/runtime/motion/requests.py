@@ -12,11 +12,25 @@ from phyagentos.protocol.world.environment import Entity, Pose, Region
 Array = NDArray[np.float64]
 
 
+class Neighbour(msgspec.Struct, frozen=True):
+    """Another robot; what it holds are the entities that are `held_by` it.
+
+    Attributes:
+        postures_rad: (k, n_joints) where it stands, then what is left of the motion that it has announced.
+        is_met: Whether the hand comes near it on purpose: only a contact is avoided.
+    """
+
+    name: str
+    postures_rad: Array
+    is_met: bool = False
+
+
 class World(msgspec.Struct, frozen=True):
-    """Believed entities, obstacles included, and named regions."""
+    """Believed entities, obstacles included, named regions, and other robots."""
 
     entities: tuple[Entity, ...]
     regions: tuple[Region, ...] = ()
+    neighbours: tuple[Neighbour, ...] = ()
 
 
 class Load(msgspec.Struct, frozen=True):
@@ -97,7 +111,7 @@ GRASPS = 4  # that a skill chooses from
 
 
 class FindGrasps(msgspec.Struct, frozen=True, tag=True):
-    """Grasps of an object. Answer: `Approaches`.
+    """Grasps of an object. Answer: `Approaches`. Other robots are no obstacles yet: the motion there avoids them.
 
     Attributes:
         q_rad: (n_joints,) present posture.
@@ -122,7 +136,7 @@ class FindGrasps(msgspec.Struct, frozen=True, tag=True):
 
 
 class FindPlacements(msgspec.Struct, frozen=True, tag=True):
-    """Placements of the payload in or on an entity or region. Answer: `Approaches`.
+    """Placements of the payload in or on an entity or region, as `FindGrasps`. Answer: `Approaches`.
 
     Attributes:
         destination: An entity with an interior, an entity to stand on (`relation` "on"), or a region.
@@ -395,6 +409,7 @@ class NoPlan(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         code: `NO_IK`, `IN_COLLISION`, `NO_PATH_FOUND`, `NO_FREE_SITE`, `UNKNOWN_ENTITY`, `TOO_WIDE`, `CANCELLED`, ...
         rejected: Rejected candidates, counted by reason (`ik`, `line`, `link5|wall`).
+        neighbours: Other robots that were in the way.
     """
 
     code: str
@@ -402,6 +417,7 @@ class NoPlan(msgspec.Struct, frozen=True, tag=True):
     timing: Timing
     rejected: dict[str, int] = {}
     stages: Stages = Stages()
+    neighbours: tuple[str, ...] = ()
 
 
 MotionRequest = (

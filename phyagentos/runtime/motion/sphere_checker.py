@@ -8,7 +8,7 @@ from numba import njit
 
 from phyagentos.runtime.motion.chain import compute_links
 from phyagentos.runtime.motion.requests import Array
-from phyagentos.runtime.motion.sphere_model import SphereArrays
+from phyagentos.runtime.motion.sphere_model import MOVABLE, SphereArrays
 
 
 class SphereChecker:
@@ -57,9 +57,24 @@ def _place(links, link, spheres, start, stop, centers):  # type: ignore[no-untyp
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _is_free(q, m, links, centers, balls, placed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    frames, parents, slides, spheres, first, link, bounds, meets, pairs, shrink, boxes, kinds = (
-        m  # each access to `m` costs 20 ns
-    )
+    # each access to `m` costs 20 ns
+    (
+        frames,
+        parents,
+        slides,
+        spheres,
+        first,
+        link,
+        bounds,
+        meets,
+        pairs,
+        shrink,
+        boxes,
+        kinds,
+        crowd,
+        crowd_first,
+        crowd_bounds,
+    ) = m
     compute_links(q, frames, parents, slides, links)
     for c in range(link.shape[0]):
         placed[c] = 0
@@ -74,6 +89,18 @@ def _is_free(q, m, links, centers, balls, placed):  # type: ignore[no-untyped-de
             for i in range(first[c], first[c + 1]):
                 if _is_near_box(boxes, k, centers, i, spheres[i, 3]):
                     return False
+        for g in range(crowd_bounds.shape[0] if meets[c] & MOVABLE > 0 else 0):
+            if not _is_near(balls, c, crowd_bounds, g, bounds[c, 3] + crowd_bounds[g, 3]):
+                continue
+            if placed[c] == 0:
+                placed[c] = 1
+                _place(links, link[c], spheres, first[c], first[c + 1], centers)
+            for i in range(first[c], first[c + 1]):
+                if not _is_near(centers, i, crowd_bounds, g, spheres[i, 3] + crowd_bounds[g, 3]):
+                    continue
+                for j in range(crowd_first[g], crowd_first[g + 1]):
+                    if _is_near(centers, i, crowd, j, spheres[i, 3] + crowd[j, 3]):
+                        return False
     for p in range(pairs.shape[0]):
         a, b = pairs[p, 0], pairs[p, 1]
         if not _is_near(balls, a, balls, b, bounds[a, 3] + bounds[b, 3] - shrink[p]):

@@ -4,7 +4,8 @@ One cluster per body with a bounding sphere. Pairs of clusters that look closer 
 calibrated over free postures; so the model may be wrong in both directions, and every final motion is checked exactly.
 """
 
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -28,8 +29,8 @@ QUANTILE = 0.01  # of free postures that a calibrated pair may still refuse
 SAMPLES = 1000
 BALL_MARGIN_M = 1e-9  # so that rounding never lets a ball miss what its box meets
 SEED = 0
-_NEVER, _MOVABLE, _FIXED, _WALL = 0, 1, 2, 4  # kinds of obstacles
-_ALL = _MOVABLE | _FIXED
+_NEVER, MOVABLE, _FIXED, _WALL = 0, 1, 2, 4  # kinds of obstacles; other robots are movable
+_ALL = MOVABLE | _FIXED
 
 
 class SphereArrays(NamedTuple):
@@ -48,6 +49,9 @@ class SphereArrays(NamedTuple):
         shrink: (p,) calibrated reduction of their distance threshold [m].
         boxes: (b, 16) obstacles: centre, rotation by rows, half extents, radius of the ball around it.
         kinds: (b,) of the obstacles.
+        crowd: (m, 4) spheres of other robots in the world: centre, radius; in groups like the own clusters.
+        crowd_first: (g + 1,) index of the first sphere of each group.
+        crowd_bounds: (g, 4) bounding sphere of each group.
     """
 
     frames: Array
@@ -62,28 +66,23 @@ class SphereArrays(NamedTuple):
     shrink: Array
     boxes: Array
     kinds: Integers
+    crowd: Array
+    crowd_first: Integers
+    crowd_bounds: Array
+
+    def meet_only(self, groups: Sequence[Array]) -> "SphereArrays":
+        """The same robot among the spheres (k, 4) of these groups, and nothing else."""
+        alone = self._replace(pairs=self.pairs[:0], shrink=self.shrink[:0], boxes=self.boxes[:0], kinds=self.kinds[:0])
+        return alone._replace(**_join_groups(groups))
 
 
 class SphereModel:
     """The calibrated sphere cover of one robot."""
 
     def __init__(self, robot: RobotModel, chain: Chain) -> None:
+        model = robot.model
         self._chain, self._wrist = chain, robot.profile.arm.wrist_joints
-        self._clusters: list[tuple[int, int, Array]] = []
-        model, data = robot.model, mujoco.MjData(robot.model)
-        data.qpos[:] = 0.0
-        mujoco.mj_kinematics(model, data)
-        mounting = {int(model.body(name).id) for name in robot.mounting}
-        for body in range(1, model.nbody):
-            link = chain.link_of_body[body]
-            parts = [
-                _move(_cover_geom(model, geom), compute_inverse(chain.zero[link]) @ _geom_pose(data, geom))
-                for geom in range(model.ngeom)
-                if model.geom_bodyid[geom] == body
-            ]
-            if parts:
-                meets = _NEVER if link == 0 else _MOVABLE if body in mounting else _ALL
-                self._clusters.append((link, meets, np.vstack(parts)))
+        self._clusters = list(iter_clusters(robot, chain))
         self._pairs = _find_pairs(model, [int(b) for b in range(1, model.nbody) if model.body_geomnum[b]], chain)
         self._shrink = self._calibrate(robot)
 
@@ -93,11 +92,11 @@ class SphereModel:
         last = self._chain.tool
         if scene.payload_shapes:
             tcp = np.vstack((self._chain.tcp, (0.0, 0.0, 0.0, 1.0)))
-            cover = [_move(_cover_payload(s), compute_matrix(s.pose)) for s in scene.payload_shapes]
+            cover = [move_spheres(cover_shape(s), compute_matrix(s.pose)) for s in scene.payload_shapes]
             links = [link for link, _, _ in clusters]
             pairs += [(i, len(clusters)) for i, link in enumerate(links) if not last - self._wrist < link <= last]
             shrink += [0.0] * (len(pairs) - len(shrink))
-            clusters.append((last, _ALL, _move(np.vstack(cover), tcp @ scene.tcp_T_payload)))
+            clusters.append((last, _ALL, move_spheres(np.vstack(cover), tcp @ scene.tcp_T_payload)))
         clusters.append((last, _WALL, np.append(self._chain.tcp[:, 3], BALL_M)[None]))
         boxes, kinds = _box_obstacles(scene)
         return SphereArrays(
@@ -107,12 +106,13 @@ class SphereModel:
             spheres=np.vstack([cover for _, _, cover in clusters]),
             first=np.cumsum([0, *(len(cover) for _, _, cover in clusters)]),
             link=np.array([link for link, _, _ in clusters]),
-            bounds=np.array([_bound(cover) for _, _, cover in clusters]),
+            bounds=np.array([bound_spheres(cover) for _, _, cover in clusters]),
             meets=np.array([meets for _, meets, _ in clusters]),
             pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
             shrink=np.array(shrink),
             boxes=boxes,
             kinds=kinds,
+            **_join_groups([group for groups in scene.crowd.values() for group in groups]),
         )
 
     def _calibrate(self, robot: RobotModel) -> list[float]:
@@ -141,6 +141,32 @@ class SphereModel:
         between = np.linalg.norm(centers[a][:, :, None] - centers[b][:, None], axis=3)
         gaps: Array = (between - radii).min(axis=(1, 2))
         return gaps
+
+
+def iter_clusters(robot: RobotModel, chain: Chain) -> Iterator[tuple[int, int, Array]]:
+    """Link, kinds of obstacles and cover (k, 4) in the link's frame of each body."""
+    model, data = robot.model, mujoco.MjData(robot.model)
+    data.qpos[:] = 0.0
+    mujoco.mj_kinematics(model, data)
+    mounting = {int(model.body(name).id) for name in robot.mounting}
+    for body in range(1, model.nbody):
+        link = chain.link_of_body[body]
+        parts = [
+            move_spheres(_cover_geom(model, geom), compute_inverse(chain.zero[link]) @ _geom_pose(data, geom))
+            for geom in range(model.ngeom)
+            if model.geom_bodyid[geom] == body
+        ]
+        if parts:
+            meets = _NEVER if link == 0 else MOVABLE if body in mounting else _ALL
+            yield link, meets, np.vstack(parts)
+
+
+def _join_groups(groups: Sequence[Array]) -> dict[str, Any]:
+    return {
+        "crowd": np.vstack([np.empty((0, 4)), *groups]),
+        "crowd_first": np.cumsum([0, *map(len, groups)]),
+        "crowd_bounds": np.array([bound_spheres(group) for group in groups]).reshape(-1, 4),
+    }
 
 
 def _find_pairs(model: mujoco.MjModel, bodies: list[int], chain: Chain) -> list[tuple[int, int]]:
@@ -186,12 +212,14 @@ def _cover_box(half_m: Array, cells: Integers) -> Array:
     return np.column_stack((grid, np.full(len(grid), np.linalg.norm(cell))))
 
 
-def _cover_payload(shape: Shape) -> Array:
+def cover_shape(shape: Shape) -> Array:
+    """Spheres (k, 4) in the frame of a held solid that together contain it."""
     half = np.array(compute_half_box(shape)) * PAYLOAD_SCALE
     return _cover_box(half, np.clip(np.round(half / 0.01), 1, 4).astype(int))
 
 
-def _move(spheres: Array, T: Array) -> Array:
+def move_spheres(spheres: Array, T: Array) -> Array:
+    """Spheres (k, 4) in the frame in which theirs has the pose `T` (4, 4)."""
     return np.column_stack((spheres[:, :3] @ T[:3, :3].T + T[:3, 3], spheres[:, 3]))
 
 
@@ -202,7 +230,8 @@ def _geom_pose(data: mujoco.MjData, geom: int) -> Array:
     return T
 
 
-def _bound(spheres: Array) -> Array:
+def bound_spheres(spheres: Array) -> Array:
+    """(4,) a sphere that contains all of these (k, 4)."""
     center = (spheres[:, :3].min(axis=0) + spheres[:, :3].max(axis=0)) / 2.0
     radius = (np.linalg.norm(spheres[:, :3] - center, axis=1) + spheres[:, 3]).max()
     return np.append(center, radius)
@@ -211,7 +240,7 @@ def _bound(spheres: Array) -> Array:
 def _box_obstacles(scene: PlanningScene) -> tuple[Array, Integers]:
     rows, kinds = [], []
     for entity in scene.obstacles:
-        margin_m, kind = (MOVABLE_MARGIN_M, _MOVABLE) if entity.movable else (FIXED_MARGIN_M, _FIXED)
+        margin_m, kind = (MOVABLE_MARGIN_M, MOVABLE) if entity.movable else (FIXED_MARGIN_M, _FIXED)
         for box in compute_shape_boxes(entity):
             rows.append(_make_row(box.pose[:3, 3], box.pose[:3, :3], box.half_m + margin_m))
             kinds.append(kind)

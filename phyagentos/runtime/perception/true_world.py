@@ -37,6 +37,7 @@ class TrueWorld(WorldModel):
         named = name_described({entity.name: entity for entity in entities}, self._scene.described)
         given = (entity for entity in named.values() if entity.described)
         self._names |= {body.name: entity.name for entity in given for body in entities if body.pose is entity.pose}
+        others = {each.name: each.target for each in now.neighbours} if isinstance(now, Observation) else {}
         holding = tuple(self._names.get(name, name) for name in now.target.holding)
         return Environment(
             time_s=now.time_s,
@@ -46,5 +47,5 @@ class TrueWorld(WorldModel):
             sensing=self._sensing,
             entities=named,
             regions={region.name: region for region in regions},
-            targets={self._target: msgspec.structs.replace(now.target, holding=holding)},
+            targets={self._target: msgspec.structs.replace(now.target, holding=holding)} | others,
         )

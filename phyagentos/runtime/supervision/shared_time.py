@@ -70,7 +70,10 @@ class SharedTime:
         found: set[GoalId] = set()
         for id, (seq, since_s) in list(self._ended.items()):
             status = ledger.sessions.get(id)
-            if status is None or not status.contract.goal or self._clock.now_s() - since_s > AGENT_S:
+            goal = ledger.goals.get(status.contract.goal) if status is not None else None
+            is_over = goal is not None and bool(goal.verdict)  # its agent acts no more
+            is_gone = is_over or self._clock.now_s() - since_s > AGENT_S
+            if status is None or not status.contract.goal or is_gone:
                 del self._ended[id]
             elif status.contract.target in targets:
                 is_judged = status.state not in _UNJUDGED

@@ -241,6 +241,16 @@ def follows_set_points(subject: Subject) -> None:
     assert not client.target.is_moving, "it reports a motion at rest"
 
 
+def admits_a_motion_that_meets_no_other_target(subject: Subject) -> None:
+    """An announcement is admitted and moves nothing; it needs authority."""
+    client = subject.serve().begin()
+    way, before = np.vstack([command.q_rad for command in client.plan()]), _look(client)
+    admission = _require(client.ask(wire.Announce(SESSION, EPOCH, way)), wire.Admission, "Announce")
+    assert not admission.blocked_by, f"{admission.blocked_by} is in the way where there is no other target"
+    _refuse(client.ask(wire.Announce("other", EPOCH, way)), "NO_AUTHORITY")
+    assert _stands(client, before), "an announcement moved it"
+
+
 def refuses_what_is_no_command(subject: Subject) -> None:
     """Arrays of a wrong shape or with NaN move nothing, and their sequence number stays free."""
     client = subject.serve().begin()
@@ -355,6 +365,7 @@ CHECKS: tuple[Check, ...] = (
     is_nothing_before_a_scene,
     keeps_an_episode,
     follows_set_points,
+    admits_a_motion_that_meets_no_other_target,
     refuses_what_is_no_command,
     asks_for_authority,
     halts_in_the_middle,

@@ -80,6 +80,14 @@ class TargetDriver(ABC):
             raise ExecutionError("UNKNOWN_CAMERA", "the target has no cameras")
         return wire.Frames(())
 
+    def announce(self, motion: wire.Announce) -> str:
+        """Admit a motion that is about to be commanded; a driver without neighbours admits any.
+
+        Returns:
+            The robot that is in its way; empty when it is admitted.
+        """
+        return ""
+
     @abstractmethod
     def apply(self, command: wire.Command) -> str:
         """Carry out one control period of set-points; the driver checks shapes and values of their arrays.

@@ -119,6 +119,9 @@ class ServedTarget:
                     self.look_for_stops()
                     refused = self._authority.check_command(request, self.time_s)
                     reply = refused or self._report(self.driver.apply(request))
+                case wire.Announce():
+                    refused = self._authority.check_commanding(request.session, request.epoch)
+                    reply = refused or wire.Admission(self.driver.announce(request))
                 case wire.Observe():
                     reply = self._observe(request)
                 case wire.Capture():

@@ -92,6 +92,20 @@ class Command(msgspec.Struct, frozen=True, tag=True):
     gripper_width_m: Array
 
 
+class Announce(msgspec.Struct, frozen=True, tag=True):
+    """Announce a motion before its first command, to a target that shares its world. Reply: `Admission`.
+
+    Attributes:
+        q_rad: (n, n_joints) postures, one row per physics step.
+        beside: A robot to which the motion comes near on purpose, as to take a thing out of its hand.
+    """
+
+    session: str
+    epoch: int
+    q_rad: Array
+    beside: str = ""
+
+
 class Halt(msgspec.Struct, frozen=True, tag=True):
     """Bring the target to rest within its limits, by its own means, and hold. Reply: `Step`.
 
@@ -243,6 +257,29 @@ class Loaded(msgspec.Struct, frozen=True, tag=True):
     model_sha256: str
 
 
+class Admission(msgspec.Struct, frozen=True, tag=True):
+    """Whether an announced motion may begin.
+
+    Attributes:
+        blocked_by: A robot that stands in its way, or has announced to pass there; empty when the motion is admitted.
+    """
+
+    blocked_by: str = ""
+
+
+class Neighbour(msgspec.Struct, frozen=True):
+    """Another robot of the same world.
+
+    Attributes:
+        target: Its measured state.
+        announced_rad: (k, n_joints) postures of what is left of the motion that it has announced; none at rest.
+    """
+
+    name: str
+    target: TargetState
+    announced_rad: Array
+
+
 class Step(msgspec.Struct, frozen=True, tag=True):
     """The world after one command: what a tick of a tree needs.
 
@@ -253,6 +290,7 @@ class Step(msgspec.Struct, frozen=True, tag=True):
         contact_force_n: Maximum force on one other body since the latest report, by the joint torque sensors; None
             without such sensors.
         contact_force_error_n: Greatest expected difference from the true force.
+        touched_n: Other robots that it touched since the latest report, with the maximum force between the two [N].
     """
 
     time_s: float
@@ -261,6 +299,7 @@ class Step(msgspec.Struct, frozen=True, tag=True):
     stopped: str = ""
     contact_force_n: float | None = None
     contact_force_error_n: float = 0.0
+    touched_n: dict[str, float] = {}
 
 
 class Observation(msgspec.Struct, frozen=True, tag=True):
@@ -269,6 +308,7 @@ class Observation(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         entities: Ground truth, on request; likewise `regions`.
         snapshot: The driver's state at this moment, on request; None where the driver has none.
+        neighbours: The other robots of its world, by name.
     """
 
     time_s: float
@@ -276,6 +316,7 @@ class Observation(msgspec.Struct, frozen=True, tag=True):
     entities: tuple[Entity, ...] = ()
     regions: tuple[Region, ...] = ()
     snapshot: Artefact | None = None
+    neighbours: tuple[Neighbour, ...] = ()
 
 
 class RecordedFault(msgspec.Struct, frozen=True):
@@ -337,9 +378,11 @@ class Frames(msgspec.Struct, frozen=True, tag=True):
     missing: dict[str, str] = {}
 
 
-MOTIONS = (Begin, Command, Halt, Settle, End)  # simulated time may move in these requests
-Request = Describe | LoadScene | Begin | Command | Halt | Settle | End | Observe | Capture | InvokeTool | Shutdown
-Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | ToolResult | Frames | Beat
+MOTIONS = (Begin, Announce, Command, Halt, Settle, End)  # simulated time may move in these requests
+Request = (
+    Describe | LoadScene | Begin | Announce | Command | Halt | Settle | End | Observe | Capture | InvokeTool | Shutdown
+)
+Reply = Ack | Refused | Description | Loaded | Admission | Step | Observation | Ended | ToolResult | Frames | Beat
 ReplyT = TypeVar("ReplyT", bound=Reply)
 
 REQUESTS = Codec[Request](Request, "request")

@@ -10,7 +10,7 @@ from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.handle import TargetSessionHandle
-from phyagentos.runtime.execution.context import SkillContext, open_context
+from phyagentos.runtime.execution.context import Cell, SkillContext, open_context
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime
 from phyagentos.runtime.execution.tree_loader import build_tree
@@ -61,6 +61,7 @@ class SkillLoader:
             planner=self.planner,
             initial=initial,
             world=target.world,
+            cell=Cell(read_neighbours=target.handle.read_neighbours, announce=target.handle.announce),
         )
 
     def open(self, session: Session, plan: Mapping[str, Any], context: SkillContext) -> SkillRuntime:

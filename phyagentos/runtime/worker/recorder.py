@@ -38,6 +38,7 @@ RECORDED_PACKAGES = (
     "phyagentos", "numpy", "scipy", "mujoco", "mink", "daqp", "ompl", "toppra", "casadi", "numba", "py-trees",
 )  # fmt: skip
 
+ROBOT_CONTACT = "robot_contact"  # kind of an event: another robot of the world was touched
 _NONE: Mapping[str, float] = {}
 
 
@@ -58,6 +59,7 @@ class Recorder:
         self._rows: list[tuple[float, ...]] = []
         self._forces_n: list[float] = []  # of each row; NaN where the target has no such sense
         self._force_error_n = 0.0
+        self._touches: list[Event] = []
         self._looks: list[LookEntry] = []
         self.look_ms, self.look_bytes = 0.0, 0
         try:
@@ -135,13 +137,21 @@ class Recorder:
                 target.gripper_width_m,
             )
         )
+        self._note_touches(step)
         self._forces_n.append(np.nan if step.contact_force_n is None else step.contact_force_n)
         self._force_error_n = max(self._force_error_n, step.contact_force_error_n)
 
     def on_rest(self, step: Step) -> None:
         """Count the force after the last command, until the target is at rest, to the last sample."""
+        self._note_touches(step)
         if self._forces_n and step.contact_force_n is not None:
             self._forces_n[-1] = max(self._forces_n[-1], step.contact_force_n)
+
+    def _note_touches(self, step: Step) -> None:
+        """Contacts with other robots of the world, as events."""
+        for name, force_n in step.touched_n.items():
+            details = {"robot": name, "force_n": round(force_n, 3)}
+            self._touches.append(Event(time_s=step.time_s, kind=ROBOT_CONTACT, code="", details=details))
 
     def write_course(
         self,
@@ -167,7 +177,7 @@ class Recorder:
             arrays |= {"force_n": np.array(self._forces_n), "force_error_n": np.array([self._force_error_n])}
         self.files.write(evidence.TRAJECTORY, encode_arrays(arrays))
         self.files.write(evidence.TRACE, encode_lines(list(trace)))
-        self.files.write(evidence.EVENTS, encode_lines(list(events)))
+        self.files.write(evidence.EVENTS, encode_lines([*events, *self._touches]))
         for name, values in ((evidence.HOLDS, holds), (evidence.FAULTS, faults)):
             self.files.write(name, encode_json(list(values)))
 

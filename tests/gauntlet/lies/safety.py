@@ -184,4 +184,38 @@ SABOTAGES = (
             "test_an_arm_that_rests_in_contact_may_leave_it_and_may_not_press_harder",
         ),
     ),
+    Sabotage(
+        name="announced_way_is_free",
+        lie="A motion is admitted although it crosses what another robot has announced.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.drivers.mujoco.encounters",
+                "np.vstack((here, self.find_announced(other)))",
+                "here[None]",
+            ),
+        ),
+        tests=(
+            "tests/runtime/targets/test_encounters.py::"
+            "test_of_two_motions_that_cross_that_of_the_first_name_is_admitted_whichever_comes_first[0]",
+        ),
+    ),
+    Sabotage(
+        name="neighbour_takes_no_room",
+        lie="The planner is told of another robot, and plans through it.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.motion.planner", "if each.is_met or not is_choice]", "if each.is_met and is_choice]"
+            ),
+        ),
+        tests=(
+            "tests/runtime/motion/test_neighbours.py::"
+            "test_a_move_goes_around_the_posture_and_the_announced_way_of_another_robot",
+        ),
+    ),
+    Sabotage(
+        name="contact_of_robots_untold",
+        lie="Two robots touch, and no bundle says so.",
+        edits=(Edit("phyagentos.runtime.worker.recorder", "in step.touched_n.items():", "in {}.items():"),),
+        tests=("tests/runtime/test_neighbours.py::test_contacts_with_another_robot_are_events_of_the_bundle",),
+    ),
 )

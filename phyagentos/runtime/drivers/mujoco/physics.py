@@ -446,6 +446,12 @@ class Physics:
         part, other = ("robot" if body < 0 else self.model.body(body).name for body in key)
         return float(np.linalg.norm(force)), f"{part}|{other}"
 
+    def place(self, data: mujoco.MjData, body: str = "") -> Array:
+        """(4, 4) pose of a body, or of the tool centre point, in a state whose kinematics are computed."""
+        found, T = data.body(body) if body else data.site(self._tcp), np.eye(4)
+        T[:3, :3], T[:3, 3] = found.xmat.reshape(3, 3), found.xpos
+        return T
+
     def set_pad_friction(self, friction: tuple[float, float, float] | None) -> None:
         """Friction (slide, spin, roll) of the finger pads, and of what decides over them; None for the model's."""
         self.model.geom_friction[self._gripping] = self._grip_friction if friction is None else friction

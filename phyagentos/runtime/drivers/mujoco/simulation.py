@@ -14,6 +14,7 @@ from typing import Protocol
 
 import mujoco
 
+from phyagentos.runtime.drivers.mujoco.encounters import Encounters
 from phyagentos.runtime.drivers.mujoco.joint_controller import JointController, Motion
 from phyagentos.runtime.models.world import CompiledScene
 
@@ -64,6 +65,7 @@ class Simulation:
         control_period_s: Of all robots [s].
         is_paced: Whether `pass_period` alone moves time, by the wall clock.
         lock: Guards a shared world.
+        encounters: Of the robots of a shared world; None while no scene is loaded.
         ending: Robots whose session is to end; they come to rest while the others stand.
     """
 
@@ -74,6 +76,7 @@ class Simulation:
     is_paced: bool = False
     lock: threading.Condition = field(default_factory=threading.Condition)
     ending: set[str] = field(default_factory=set)
+    encounters: Encounters | None = None
     _moves: dict[str, _Move] = field(default_factory=dict)
     _standing: dict[str, Motion] = field(default_factory=dict)
     _primed: set[str] = field(default_factory=set)
@@ -87,9 +90,9 @@ class Simulation:
         """Add a robot."""
         self.bodies = dict(sorted({**self.bodies, name: body}.items()))
 
-    def begin_episode(self, scene: CompiledScene) -> None:
+    def begin_episode(self, scene: CompiledScene, encounters: Encounters | None = None) -> None:
         """Another scene is the present; no robot moves."""
-        self.scene = scene
+        self.scene, self.encounters = scene, encounters
         self._moves.clear()
         self._standing.clear()
         self._primed.clear()
@@ -231,6 +234,8 @@ class Simulation:
     def _step(self) -> None:
         scene = self._get_scene()
         mujoco.mj_step(scene.model, scene.data)
+        if self.encounters is not None:
+            self.encounters.note()
         self._primed.clear()
 
     def _get_scene(self) -> CompiledScene:

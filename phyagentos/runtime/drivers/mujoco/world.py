@@ -25,8 +25,9 @@ from phyagentos.protocol.world.environment import TargetState
 from phyagentos.protocol.world.idealisations import Aspect, Idealisation
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.cameras import CameraRig
+from phyagentos.runtime.drivers.mujoco.encounters import Encounters
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
-from phyagentos.runtime.drivers.mujoco.joint_controller import JointController
+from phyagentos.runtime.drivers.mujoco.joint_controller import JointController, Motion
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.drivers.mujoco.local_limits import END_MARGIN_RAD
 from phyagentos.runtime.drivers.mujoco.physics import Physics, advance
@@ -132,7 +133,14 @@ class SimulatedWorld:
             rig = CameraRig(scene.model, self.sensors, request.seed, request.episode, robot.prefix)
             robot.enter(Embodiment(physics, controller, rig, own))
         self._present = request, wire.Loaded(request.episode, scene.model_sha256)
-        self.simulation.begin_episode(scene)
+        self.simulation.begin_episode(scene, Encounters(bodies) if len(bodies) > 1 else None)
+
+    def admit(self, name: str, motion: wire.Announce) -> Motion:
+        """Admit a motion, in no time; returns the robot in its way. Those of one moment come in the order of names."""
+        yield from ()
+        held = {each: robot.look().holding for each, robot in self.robots.items()}
+        encounters = self.simulation.encounters
+        return encounters.admit(name, motion.q_rad, motion.beside, held) if encounters is not None else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,6 +268,17 @@ class MujocoDriver(TargetDriver):
         return tuple(self.controller.activations)
 
     @override
+    def announce(self, motion: wire.Announce) -> str:
+        shape, n_joints = motion.q_rad.shape, len(self.profile.arm.joints)
+        if shape[1:] != (n_joints,) or not shape[0] or not np.isfinite(motion.q_rad).all():
+            raise ExecutionError("MALFORMED", f"postures of shape {shape}; expected (n, {n_joints}), all finite")
+        name = self.profile.target
+        blocked_by = self.world.simulation.carry_out(name, self.world.admit(name, motion), may_abort=True)
+        if blocked_by in BROKEN_OFF:
+            raise ExecutionError(blocked_by, "the announcement was broken off")
+        return blocked_by
+
+    @override
     def apply(self, command: wire.Command) -> str:
         if refused := self.controller.check(command):
             raise ExecutionError(refused.code, refused.message)
@@ -271,7 +290,13 @@ class MujocoDriver(TargetDriver):
 
     @override
     def halt(self, category: int = 2) -> None:
-        self.world.simulation.carry_out(self.profile.target, self.controller.halt())
+        self.world.simulation.carry_out(self.profile.target, self._come_to_rest())
+
+    def _come_to_rest(self) -> Motion:
+        """Halt; what was announced is over with the first physics step, which all robots take together."""
+        if (encounters := self.world.simulation.encounters) is not None:
+            encounters.withdraw(self.profile.target)
+        return (yield from self.controller.halt())
 
     @override
     def hold(self, duration_s: float) -> None:
@@ -280,24 +305,32 @@ class MujocoDriver(TargetDriver):
 
     @override
     def report(self) -> wire.Step:
-        physics, controller = self.physics, self.controller
+        physics, controller, encounters = self.physics, self.controller, self.world.simulation.encounters
         return wire.Step(
             time_s=physics.time_s,
             target=self.look(),
             tracking_error_rad=physics.find_lag(controller.q_rad),
             contact_force_n=controller.take_force(),
             contact_force_error_n=controller.force_error_n,
+            touched_n={} if encounters is None else encounters.take_touched(self.profile.target),
         )
 
     @override
     def observe(self, *, truth: bool) -> wire.Observation:
-        physics, target = self.physics, self.look()
+        physics, encounters = self.physics, self.world.simulation.encounters
+        states = {name: robot.look() for name, robot in self.world.robots.items()}
+        holders = {entity: name for name, state in states.items() for entity in state.holding}
+        target = states.pop(self.profile.target)
+        neighbours: tuple[wire.Neighbour, ...] = ()
+        if encounters is not None:
+            neighbours = tuple(
+                wire.Neighbour(name, state, encounters.find_announced(name)) for name, state in states.items()
+            )
+        seen = wire.Observation(time_s=physics.time_s, target=target, neighbours=neighbours)
         if not truth:
-            return wire.Observation(time_s=physics.time_s, target=target)
-        holders = {entity: name for name, robot in self.world.robots.items() for entity in robot.look().holding}
-        return wire.Observation(
-            time_s=physics.time_s, target=target, entities=physics.read_entities(holders), regions=physics.regions
-        )
+            return seen
+        entities = physics.read_entities(holders)
+        return msgspec.structs.replace(seen, entities=entities, regions=physics.regions)
 
     @override
     def snapshot(self) -> wire.Artefact:

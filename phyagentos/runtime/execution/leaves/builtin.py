@@ -23,6 +23,7 @@ from phyagentos.runtime.execution.leaves.plan_line import PlanLine
 from phyagentos.runtime.execution.leaves.plan_place import PlanPlace
 from phyagentos.runtime.execution.leaves.plan_pour import PlanPour
 from phyagentos.runtime.execution.leaves.plan_push import PlanPush
+from phyagentos.runtime.execution.leaves.plan_reach import PlanReach
 from phyagentos.runtime.execution.leaves.plan_retreat import PlanRetreat
 from phyagentos.runtime.execution.leaves.plan_room import PlanRoom
 from phyagentos.runtime.execution.leaves.plan_touch import PlanTouch
@@ -56,6 +57,7 @@ def register_builtin(registry: LeafRegistry) -> None:
     registry.register("plan_place", PlanPlace)
     registry.register("plan_pour", PlanPour)
     registry.register("plan_push", PlanPush)
+    registry.register("plan_reach", PlanReach)
     registry.register("plan_retreat", PlanRetreat)
     registry.register("plan_room", PlanRoom)
     registry.register("plan_touch", PlanTouch)

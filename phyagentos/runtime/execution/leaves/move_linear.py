@@ -1,7 +1,7 @@
 """Move along the straight line of an approach, forward to its end or back to its hover posture."""
 
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
-from phyagentos.runtime.execution.planning import MovingLeaf
+from phyagentos.runtime.execution.planning import BESIDE, MovingLeaf
 from phyagentos.runtime.motion.requests import Approach, MotionRequest, Payload, TimeLine
 
 
@@ -17,6 +17,7 @@ class MoveLinear(MovingLeaf):
         "stop_n": PortInformation(
             data_type=float, required=False, description="Contact force at which it stops and fails [N]."
         ),
+        "beside": BESIDE,
     }
 
     def compose(self) -> MotionRequest | Status:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
-from phyagentos.runtime.execution.planning import MovingLeaf
+from phyagentos.runtime.execution.planning import BESIDE, MovingLeaf
 from phyagentos.runtime.motion.requests import Approach, Approaches, Motion, MotionRequest, Payload, PlanMove
 
 
@@ -19,6 +19,7 @@ class MoveTo(MovingLeaf):
         "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
         "ignore": PortInformation(data_type=str, required=False, description="Entity that is no obstacle."),
         "speed": PortInformation(data_type=float, default_value=1.0, description="Fraction of the velocity limits."),
+        "beside": BESIDE,
     }
     OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The approach it hovers at.")}
 

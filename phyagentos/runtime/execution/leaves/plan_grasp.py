@@ -2,7 +2,7 @@
 
 from phyagentos.protocol.world.mechanisms import find_hinge
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
-from phyagentos.runtime.execution.planning import CandidatePlanningLeaf
+from phyagentos.runtime.execution.planning import BESIDE, CandidatePlanningLeaf
 from phyagentos.runtime.motion.requests import Approaches, Destination, FindGrasps, MotionRequest
 from phyagentos.runtime.perception.world_model import BELIEF
 
@@ -33,6 +33,7 @@ class PlanGrasp(CandidatePlanningLeaf):
             data_type=tuple, default_value=(), description="Directions in its frame, one of which shall point up then."
         ),
         "hover_m": PortInformation(data_type=float, default_value=0.08, description="Length of the approach [m]."),
+        "beside": BESIDE,
     }
     OUTPUT_PORTS = {
         "approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first."),

@@ -1,0 +1,201 @@
+"""Two arms at one heap: `sort_together`, beside the same sessions one after the other.
+
+    python benchmarks/together.py --seeds 50
+
+Each seed runs three times: both arms at once, again (its bits are compared), and in turn, with an edge from each node
+to the next. A cube counts when `judge.is_in_tray` says so. Makespan is simulated time from the first snapshot to the
+last. Contacts between the arms are those that the world noted at every physics step; besides, the recorded joint
+positions of both are put into the recorded model, which tells how near the arms came.
+"""
+
+import argparse
+import itertools
+import json
+import shutil
+import statistics
+import sys
+import tempfile
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import yaml
+from judge import is_in_tray
+from rich.console import Console
+
+from phyagentos.agent.mission.report import MissionReport
+from phyagentos.assembly.agent_plane import MemoryUse
+from phyagentos.assembly.paths import open_project
+from phyagentos.bench.report import Ask, Rate, format_outcome
+from phyagentos.bench.suite import open_bench
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.workspace.workspace import Workspace
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLE = ROOT / "examples" / "04_two_arms"
+ARMS = ("left_arm", "right_arm")
+NEAR_M, MOMENT_S = 0.10, 0.02
+
+
+def write_serial(project: Path, name: str) -> Path:
+    """The same graph with its nodes one after the other: those of one arm, then those of the other."""
+    graph = project / "goal_graphs" / f"{name}.yaml"
+    data = yaml.safe_load(graph.read_text())
+    nodes = list(data["sessions"])
+    for before, node in itertools.pairwise(nodes):
+        data["sessions"][node]["after"] = [before]
+    serial = graph.with_name(f"{name}_in_turn.yaml")
+    serial.write_text(yaml.safe_dump(data | {"goal": serial.stem}, sort_keys=False))
+    return serial
+
+
+def find_bundles(workspace: Workspace, report: MissionReport) -> list[Path]:
+    """Bundles of the sessions that were executed."""
+    folders = [workspace.evidence_of(session.id) for session in report.sessions]
+    return [folder for folder in folders if (folder / "terminal.npz").exists()]
+
+
+def measure_makespan(folders: list[Path]) -> float:
+    """Simulated time from the first snapshot to the last [s]."""
+    began = min(float(np.load(folder / "initial.npz")["time"]) for folder in folders)
+    return max(float(np.load(folder / "terminal.npz")["time"]) for folder in folders) - began
+
+
+def find_contacts(folders: list[Path]) -> list[float]:
+    """Forces of the contacts between the arms, as the world noted them [N]."""
+    events = [json.loads(line) for folder in folders for line in (folder / "events.jsonl").read_text().splitlines()]
+    return [event["details"]["force_n"] for event in events if event["kind"] == "robot_contact"]
+
+
+def measure_distance(folders: list[Path], sessions: dict[str, str]) -> float:
+    """How near the arms came, from their recorded joint positions [m]; `NEAR_M` where they were never nearer."""
+    model = mujoco.MjModel.from_binary_path(str(folders[0] / "scene.mjb"))
+    data = mujoco.MjData(model)
+    owner = np.array(
+        [
+            next((i for i, arm in enumerate(ARMS) if model.body(body).name.startswith(f"{arm}/")), -1)
+            for body in model.geom_bodyid
+        ]
+    )
+    model.geom_margin[owner >= 0] = NEAR_M
+    model.body_margin[np.unique(model.geom_bodyid[owner >= 0])] = NEAR_M
+    with np.load(folders[0] / "initial.npz") as first:
+        data.qpos[:] = first["qpos"]
+    courses = {}
+    for arm in ARMS:
+        parts = [np.load(folder / "trajectory.npz") for folder in folders if sessions[folder.name] == arm]
+        times = np.concatenate([part["time_s"] for part in parts])
+        order = np.argsort(times, kind="stable")
+        courses[arm] = times[order], np.concatenate([part["q_measured"] for part in parts])[order]
+    moments = np.arange(min(t[0] for t, _ in courses.values()), max(t[-1] for t, _ in courses.values()), MOMENT_S)
+    address = {arm: [int(model.joint(f"{arm}/joint{k}").qposadr[0]) for k in range(1, 8)] for arm in ARMS}
+    nearest = NEAR_M
+    for moment in moments:
+        for arm, (times, q_rad) in courses.items():
+            data.qpos[address[arm]] = q_rad[max(int(np.searchsorted(times, moment, side="right")) - 1, 0)]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        sides = owner[data.contact.geom]
+        between = (sides.min(axis=1) >= 0) & (sides[:, 0] != sides[:, 1])
+        nearest = min(nearest, float(data.contact.dist[between].min(initial=NEAR_M)))
+    return nearest
+
+
+def read_bits(folders: list[Path]) -> dict[str, bytes]:
+    """Trajectories and snapshots of a run, by session and name."""
+    return {
+        f"{folder.name}/{file.name}": file.read_bytes() for folder in folders for file in sorted(folder.glob("*.npz"))
+    }
+
+
+def run(graph: Path, project: Path, seeds: range, console: Console) -> dict[int, dict]:
+    """What came of each seed."""
+    found = {}
+    cubes = {name.split()[0]: name.split()[1] for name in find_cubes(graph)}
+    with tempfile.TemporaryDirectory(prefix="together-", ignore_cleanup_errors=True) as scratch:
+        workspace = open_project(Path(scratch), project)
+        with open_bench(workspace, SystemClock(), memory_use=MemoryUse.NONE) as agent:
+            for seed in seeds:
+                report = agent.mission.run(graph, seed=seed)
+                folders = find_bundles(workspace, report)
+                last = max(folders, key=lambda folder: float(np.load(folder / "terminal.npz")["time"]))
+                arms = {workspace.evidence_of(session.id).name: session.target for session in report.sessions}
+                at_home = [is_in_tray(last, *pair) for pair in cubes.items()]
+                waits = sum("MOTION_CONFLICT" in str(session.code) for session in report.sessions)
+                found[seed] = {
+                    "met": report.verdict == "success",
+                    "true": all(at_home),
+                    "makespan_s": measure_makespan(folders),
+                    "contacts_n": find_contacts(folders),
+                    "nearest_m": measure_distance(folders, arms),
+                    "replans": len(report.sessions) - len(report.nodes),
+                    "conflicts": waits,
+                    "wall_s": report.wall_s,
+                    "bits": read_bits(folders),
+                    "reason": report.reason,
+                    "causes": [f"{s.id} {s.cause} {s.code} {s.leaf}" for s in report.sessions if s.cause],
+                }
+                each = found[seed]
+                console.print(
+                    f"{graph.stem} {seed}: {report.verdict}, {sum(at_home)} of {len(at_home)} cubes, "
+                    f"{each['makespan_s']:.1f} s, {len(each['contacts_n'])} contacts, "
+                    f"nearest {1e3 * each['nearest_m']:.0f} mm, "
+                    f"{each['replans']} replans {each['causes']}, {report.wall_s:.0f} s of wall time"
+                )
+    return found
+
+
+def find_cubes(graph: Path) -> list[str]:
+    """`cube tray` of every node that brings a cube into a tray."""
+    nodes = yaml.safe_load(graph.read_text())["sessions"].values()
+    return [
+        f"{node['with']['object']} {node['with']['destination']}" for node in nodes if "destination" in node["with"]
+    ]
+
+
+def main() -> int:
+    """Run, show, and tell whether the arms are quick together and never touch."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=50)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--graph", default="sort_together")
+    parser.add_argument("--compared", type=int, help="seeds that also run again, and in turn; all of them by default")
+    chosen = parser.parse_args()
+    seeds, console = range(chosen.first, chosen.first + chosen.seeds), Console(highlight=False)
+    with tempfile.TemporaryDirectory(prefix="project-") as folder:
+        project = Path(shutil.copytree(EXAMPLE, Path(folder) / "project"))
+        graph = project / "goal_graphs" / f"{chosen.graph}.yaml"
+        together = run(graph, project, seeds, console)
+        compared = seeds[: chosen.compared]
+        again = run(graph, project, compared, console) if compared else {}
+        serial = run(write_serial(project, chosen.graph), project, compared, console) if compared else {}
+    goals = Rate(sum(each["met"] and each["true"] for each in together.values()), len(together))
+    figures = {
+        "goals": goals.value,
+        "false_successes": float(sum(each["met"] and not each["true"] for each in together.values())),
+        "contacts": float(sum(len(each["contacts_n"]) for each in together.values())),
+        "nearest_mm": 1e3 * min(each["nearest_m"] for each in together.values()),
+        "makespan_s": statistics.mean(each["makespan_s"] for each in together.values()),
+    }
+    asked = {
+        "goals": Ask(0.95, at_least=True),
+        "false_successes": Ask(0, at_least=False),
+        "contacts": Ask(0, at_least=False),
+    }
+    if compared:
+        both = [seed for seed in compared if together[seed]["met"] and serial[seed]["met"]]
+        figures["serial_s"] = statistics.mean(serial[seed]["makespan_s"] for seed in both)
+        figures["share_of_serial"] = (
+            statistics.mean(together[seed]["makespan_s"] for seed in both) / figures["serial_s"]
+        )
+        figures["worst_share"] = max(together[seed]["makespan_s"] / serial[seed]["makespan_s"] for seed in both)
+        figures["other_bits"] = float(sum(together[seed]["bits"] != again[seed]["bits"] for seed in compared))
+        asked |= {"share_of_serial": Ask(0.65, at_least=False), "other_bits": Ask(0, at_least=False)}
+    console.print(f"goals met in truth: {goals}")
+    line, holds = format_outcome(figures, asked)
+    print(line)
+    return 0 if holds else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,122 @@
+"""Two arms in one world under one goal: each around the other, one for the other, and from hand to hand."""
+
+import json
+import shutil
+from contextlib import contextmanager
+
+import msgspec
+import numpy as np
+import pytest
+
+from phyagentos.assembly.agent_plane import MemoryUse
+from phyagentos.assembly.paths import open_project
+from phyagentos.bench.suite import open_bench
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.store.journal import Journal
+
+pytestmark = pytest.mark.journey
+
+SEIZED = "version: 1\nfaults:\n  - {kind: stall, joint: joint1, when: {session: '*.red'}, duration_s: 3600}\n"
+ONE_TRAY = """
+goal: one_tray
+objective: Both arms bring a cube into the tray that both reach.
+scene: shared_table
+targets: {left: left_arm, right: right_arm}
+worlds: {table: [left, right]}
+defaults: {timeout_s: 60, max_replans: 2}
+sessions:
+  red:
+    skill: pick_and_place
+    target: left
+    with: {object: red_1, destination: green_tray}
+    accept: ["inside(red_1, green_tray)"]
+    resources: [green_tray]
+  blue:
+    skill: pick_and_place
+    target: right
+    with: {object: blue_1, destination: green_tray}
+    accept: ["inside(blue_1, green_tray)"]
+    resources: [green_tray]
+  away:
+    skill: home
+    target: right
+    after: [blue]
+    accept: ["inside(blue_1, green_tray)"]
+    even_if_met: true
+"""
+
+
+@contextmanager
+def pursue(root, graph, faults=None, seed=1):
+    """A goal in a project that is the example; its report, and its records in the order of the journal."""
+    project = root / "project"
+    shutil.copytree(find_shipped_root() / "examples" / "04_two_arms", project)
+    if not (file := project / "goal_graphs" / f"{graph}.yaml").exists():
+        file.write_text(ONE_TRAY)
+    broken = root / "faults.yaml" if faults else None
+    if broken is not None:
+        broken.write_text(faults)
+    workspace, clock = open_project(root / "w", project), SystemClock()
+    with open_bench(workspace, clock, faults=broken, memory_use=MemoryUse.NONE) as agent:
+        report = agent.mission.run(file, seed=seed)
+    journal = Journal(workspace.root, side=Side.OPERATOR, by="test", clock=clock)
+    yield workspace, report, list(journal.read_new())
+    journal.close()
+
+
+def list_events(workspace, report):
+    for session in report.sessions:
+        file = workspace.evidence_of(session.id) / "events.jsonl"
+        yield from map(json.loads, file.read_text().splitlines() if file.exists() else ())
+
+
+def test_where_one_arm_is_disabled_in_the_middle_of_a_goal_the_other_one_finishes_it(tmp_path):
+    with pursue(tmp_path, "one_tray", SEIZED) as (workspace, report, records):
+        submitted = {record.id: record.body for record in records if record.ev == "submit"}
+        red = [body for id, body in submitted.items() if ".red" in id]
+
+        assert report.verdict == "success", report
+        assert [body["target"] for body in red] == ["left_arm", "left_arm", "right_arm"]
+        children = [record.body for record in records if record.ev == "child_of"]
+        assert "another target (chance" in children[-1]["reason"].partition("rather than")[0], children
+        assert [each.cause for each in report.sessions if each.node == "red"] == ["STALLED", "STALLED", ""]
+        assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]
+
+
+def find_spans(records):
+    """(start, finish) of each session, by their places in the journal."""
+    places = {(record.id, record.ev): at for at, record in enumerate(records)}
+    return {id: (at, places[id, "finish"]) for (id, ev), at in places.items() if ev == "start"}
+
+
+def test_two_arms_sort_one_heap_at_once_and_take_turns_at_the_tray_that_both_reach(tmp_path):
+    with pursue(tmp_path, "sort_together") as (workspace, report, records):
+        spans = find_spans(records)
+        folders = [workspace.evidence_of(session.id) for session in report.sessions]
+
+        assert report.verdict == "success", report
+        assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]
+        red, green_2, green_1 = (spans[f"{report.goal}.{node}"] for node in ("red_1", "green_2", "green_1"))
+        assert max(red[0], green_2[0]) < min(red[1], green_2[1])  # at once
+        assert green_2[1] < green_1[0]  # in turn
+        busy_s = sum(session.sim_time_s for session in report.sessions)
+        ends = [float(np.load(folder / "terminal.npz")["time"]) for folder in folders]
+        assert max(ends) - min(float(np.load(folder / "initial.npz")["time"]) for folder in folders) < 0.7 * busy_s
+
+
+def test_a_bar_goes_from_hand_to_hand_in_the_air(tmp_path):
+    with pursue(tmp_path, "handover") as (workspace, report, _):
+        assert report.verdict == "success", report
+        worlds = [
+            msgspec.json.decode(
+                (workspace.evidence_of(session.id) / "environment_after.json").read_bytes(), type=Environment
+            )
+            for session in report.sessions
+        ]
+        hands = [{name for name, state in world.targets.items() if "bar" in state.holding} for world in worlds]
+        assert hands == [{"left_arm"}, {"left_arm"}, {"left_arm", "right_arm"}, {"right_arm"}, set()]
+        assert all(world.entities["bar"].pose.position_m[2] > 0.25 for world in worlds[1:4])
+        assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]
