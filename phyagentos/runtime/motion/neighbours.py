@@ -45,7 +45,7 @@ class NeighbourModel:
         for index, (q_rad, tcp) in enumerate(
             zip(neighbour.postures_rad, self._chain.compute_tcp_path(neighbour.postures_rad), strict=True)
         ):
-            compute_links(q_rad, self._chain.frames, links)
+            compute_links(q_rad, self._chain.frames, self._chain.parents, self._chain.slides, links)
             for link, cover in self._clusters:
                 if link or not index:  # the base stands
                     T[:3] = links[link]
