@@ -271,6 +271,7 @@ class TargetProfile(Authored):
         placement: How scenes are placed for it.
         mount_position_m: Where its base stands in the world [m].
         mount_quaternion_wxyz: How its base stands in the world.
+        stands_on_column: Whether a solid column carries its base from the level of the table's top up.
         control_period_s: Length of one command [s]; a whole number of physics steps.
         physics_step_s: One step of the simulation [s].
         workspace_m: Box that the target itself keeps its tool centre point in, least and greatest corner, world frame;
@@ -308,6 +309,7 @@ class TargetProfile(Authored):
     placement: ScenePlacement = ScenePlacement()
     mount_position_m: Triple = (0.0, 0.0, 0.0)
     mount_quaternion_wxyz: Quadruple = (1.0, 0.0, 0.0, 0.0)
+    stands_on_column: bool = False
     control_period_s: float = 0.02
     physics_step_s: float = 0.002
     workspace_m: tuple[Triple, Triple] | None = None

@@ -24,7 +24,7 @@ from phyagentos.runtime.models.urdf import URDF, read_urdf
 GRIPPER_ACTUATOR = "act_gripper"
 GRIPPER_TENDON = "gripper_width"
 HAND, MOUNT = "hand/", "hand"  # prefix of a mounted hand's names; the body that cameras of the wrist are mounted on
-STAND, STAND_RADIUS_M, STAND_RGBA = "stand", 0.05, (0.3, 0.3, 0.33, 1.0)
+COLUMN, COLUMN_RADIUS_M, COLUMN_RGBA = "column", 0.05, (0.3, 0.3, 0.33, 1.0)
 MOUNT_TO_TOOL_M = 0.1034  # from that body to the tool centre point, where a model has none of this name
 # Friction decides a grasp: torsional contact (condim 4), stiff, above what the other body says.
 _PAD = {
@@ -147,8 +147,8 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
         body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
     if base is not None:
         (free_base if is_free else put_on_plane)(spec, profile, path)
-    elif (height_m := profile.mount_position_m[2]) > 0.0:
-        _add_stand(spec.worldbody.bodies[0], height_m)
+    elif profile.stands_on_column:
+        _add_column(spec.worldbody.bodies[0], profile.mount_position_m[2])
     _check_names(spec, profile, path)
     for name, span in dict(profile.ranges).items():
         spec.joint(name).limited, spec.joint(name).range = True, span
@@ -158,16 +158,16 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
     return spec
 
 
-def _add_stand(base: "mujoco.MjsBody", height_m: float) -> None:
+def _add_column(base: "mujoco.MjsBody", height_m: float) -> None:
     """A column under a base that is mounted above the level of the table's top."""
     down = compute_rotation(base.quat).T @ (0.0, 0.0, -height_m / 2)
     base.add_geom(
-        name=STAND,
+        name=COLUMN,
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         pos=down,
         quat=base.quat * (1.0, -1.0, -1.0, -1.0),
-        size=[STAND_RADIUS_M, height_m / 2, 0.0],
-        rgba=STAND_RGBA,
+        size=[COLUMN_RADIUS_M, height_m / 2, 0.0],
+        rgba=COLUMN_RGBA,
     )
 
 

@@ -15,7 +15,7 @@ from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.models.drafting import draft_profile
 from phyagentos.runtime.models.hand import measure_hand
-from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, STAND, build_robot, read_model, read_profile
+from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, COLUMN, build_robot, read_model, read_profile
 from phyagentos.runtime.models.sources import find_model
 from phyagentos.runtime.motion.chain import build_chain
 from phyagentos.runtime.motion.kinematics import POLISHED, Kinematics
@@ -168,14 +168,14 @@ def test_a_raised_base_stands_on_something_that_is_solid_for_planning_too(beak):
     change(
         beak,
         "model: beak.xml\n",
-        "model: beak.xml\nmount_position_m: [0.0, 0.0, 0.2]\nmount_quaternion_wxyz: [0.8, 0.6, 0, 0]\n",
+        "model: beak.xml\nmount_position_m: [0.0, 0.0, 0.2]\nstands_on_column: true\nmount_quaternion_wxyz: [0.8, 0.6, 0, 0]\n",
     )
     profile, folder = read_profile(beak)
     for model in (build_robot(profile, folder).compile(), build_robot_model(profile, folder).model):
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
-        assert data.geom(STAND).xpos == pytest.approx((0.0, 0.0, 0.1))
-        assert data.geom(STAND).xmat.reshape(3, 3) == pytest.approx(np.eye(3))
+        assert data.geom(COLUMN).xpos == pytest.approx((0.0, 0.0, 0.1))
+        assert data.geom(COLUMN).xmat.reshape(3, 3) == pytest.approx(np.eye(3))
 
 
 def test_axes_that_are_not_quite_parallel_cost_a_short_arm_no_goal_posture(beak):
