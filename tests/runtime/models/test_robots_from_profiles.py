@@ -15,7 +15,7 @@ from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.models.drafting import draft_profile
 from phyagentos.runtime.models.hand import measure_hand
-from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, COLUMN, build_robot, read_model, read_profile
+from phyagentos.runtime.models.robot import COLUMN, GRIPPER_ACTUATOR, build_robot, read_model, read_profile
 from phyagentos.runtime.models.sources import find_model
 from phyagentos.runtime.motion.chain import build_chain
 from phyagentos.runtime.motion.kinematics import POLISHED, Kinematics
@@ -165,11 +165,8 @@ def test_a_jaw_that_is_still_closing_grips_nothing(beak):
 
 
 def test_a_raised_base_stands_on_something_that_is_solid_for_planning_too(beak):
-    change(
-        beak,
-        "model: beak.xml\n",
-        "model: beak.xml\nmount_position_m: [0.0, 0.0, 0.2]\nstands_on_column: true\nmount_quaternion_wxyz: [0.8, 0.6, 0, 0]\n",
-    )
+    mount = "mount_position_m: [0, 0, 0.2]\nmount_quaternion_wxyz: [0.8, 0.6, 0, 0]\nstands_on_column: true\n"
+    change(beak, "model: beak.xml\n", "model: beak.xml\n" + mount)
     profile, folder = read_profile(beak)
     for model in (build_robot(profile, folder).compile(), build_robot_model(profile, folder).model):
         data = mujoco.MjData(model)
