@@ -1,5 +1,7 @@
 """Bodies on legs, by their motors alone: a trot that arrives, and a stance that keeps its feet while it is pushed."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -15,18 +17,23 @@ PUSH_N, PUSHES = 20.0, 4  # each from another side
 YARD = read_scene(Library.open().get_scene("mobile/yard"))
 
 
+@cache
+def build(name, **changes):
+    """A profile, its base changed, and its robot in the yard."""
+    profile, folder = read_profile_here(name)
+    profile = profile.model_copy(update={"base": profile.base.model_copy(update=changes)})
+    return profile, Physics.alone(profile, folder, YARD, seed=1)
+
+
 class Walker:
     """A robot in an empty room, and what it went through: tilt, torques as a share of the motors', speed."""
 
     def __init__(self, name, **changes) -> None:
-        profile, folder = read_profile_here(name)
-        base = profile.base.model_copy(update=changes)
-        self.profile = profile.model_copy(update={"base": base})
-        self.physics = Physics.alone(self.profile, folder, YARD, seed=1)
-        self.physics.start(0.5)
+        self.profile, self.physics = build(name, **changes)
+        self.physics.start(0.3)
         self.q = self.physics.q_rad
         self.tilt_rad = self.torque_share = self.step_m = 0.0
-        self.torque_nm = np.array((*base.torque_nm, *profile.arm.torque_nm[3:]))
+        self.torque_nm = np.array((*self.profile.base.torque_nm, *self.profile.arm.torque_nm[3:]))
 
     def go(self, goal, move_s, rest_s=0.0):
         """Lead all joints smoothly to a goal (n_joints,), let them rest there, and look at every step."""
@@ -110,8 +117,7 @@ def test_a_kind_of_walk_needs_its_number_of_feet():
 
 def test_legs_know_their_stance_from_the_model_and_its_posture_at_rest():
     """What the controllers take as home is where the soles are when the body stands upright."""
-    profile, folder = read_profile_here("go2")
-    physics = Physics.alone(profile, folder, YARD, seed=1)
+    profile, physics = build("go2")
     legs = Legs(physics.model, physics.base, profile.base, n_feet=4)
     assert legs.height_m == pytest.approx(0.271, abs=0.002)  # two links of 213 mm, bent to 54 degrees, and a sole
     assert legs.weight_n == pytest.approx(9.81 * 15.2, rel=0.01)  # 15.2 kg, as the model has it
