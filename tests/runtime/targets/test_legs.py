@@ -10,11 +10,14 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.drivers.mujoco.legs import FRICTION, Legs, share_wrench
 from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.motion.planner import MotionPlanner
+from phyagentos.runtime.motion.requests import Motion, PlanMove, World
 from tests.models_here import read_profile_here
 
 pytestmark = pytest.mark.sim
 PUSH_N, PUSHES = 20.0, 4  # each from another side
-YARD = read_scene(Library.open().get_scene("mobile/yard"))
+LIBRARY = Library.open()
+YARD = read_scene(LIBRARY.get_scene("mobile/yard"))
 
 
 @cache
@@ -134,3 +137,13 @@ def test_forces_of_the_ground_push_within_friction_and_add_up():
     assert np.allclose(np.cross(levers, forces).sum(axis=0), moment, atol=1.2)
     assert (np.abs(forces[:, :2]).sum(axis=1) <= FRICTION * forces[:, 2] + 1e-9).all()
     assert np.allclose(share_wrench(levers, np.array((0.0, 0.0, -300.0)), moment * 0.0, 300.0), 0.0)
+
+
+def test_the_way_of_a_body_without_an_arm_is_planned():
+    """Of a body whose parts do not move against each other no pair can touch: that ended the planner."""
+    read_profile_here("go2")
+    planner = MotionPlanner.open(LIBRARY.get_target("go2"))
+    goal = np.array((2.0, 0.0, np.pi / 2))
+    found = planner.answer(PlanMove(world=World(()), q_rad=np.zeros(3), goals_rad=goal[None], seed=1))
+    assert isinstance(found, Motion)
+    assert np.allclose(found.trajectory.q_rad[-1], goal, atol=1e-6)
