@@ -1,20 +1,27 @@
 """Bodies on legs, by their motors alone: a trot that arrives, and a stance that keeps its feet while it is pushed."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.world.environment import Environment, Pose, TargetState
 from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.actions.tool_point import ToolPoint
+from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.drivers.mujoco.legs import FRICTION, Legs, share_wrench
 from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.requests import Motion, PlanMove, World
+from phyagentos.runtime.preflight.safety_limits import iter_tool_problems
 from tests.models_here import read_profile_here
 
 pytestmark = pytest.mark.sim
+CODE = "LIMIT_UNENFORCEABLE"
 PUSH_N, PUSHES = 20.0, 4  # each from another side
 LIBRARY = Library.open()
 YARD = read_scene(LIBRARY.get_scene("mobile/yard"))
@@ -104,6 +111,23 @@ def test_a_humanoid_that_is_pushed_too_hard_falls():
     robot = Walker("g1")
     robot.shove("waist_pitch_joint", 60.0, np.pi, robot.q, rest_s=1.0)
     assert robot.height_m < 0.5 or robot.tilt_rad > np.radians(30)
+
+
+@pytest.mark.parametrize(("name", "lean_m", "codes"), [("g1", 0.02, []), ("g1", 0.04, [CODE]), ("panda", 0.02, [CODE])])
+def test_a_body_that_leans_may_start_and_an_arm_on_a_fixed_mount_may_not(name, lean_m, codes):
+    """The guard's kinematics know no lean: a goal began in the middle of a push, and was refused."""
+    profile, folder = read_profile_here(name)
+    chain = read_kinematics(build_robot(profile, folder).compile(), profile, "")
+    home = np.array(profile.arm.home_rad)
+    x, y, z = ToolPoint(chain).compute(home)
+    state = TargetState(
+        q_rad=tuple(home), qd_rad_s=tuple(0.0 * home), gripper_width_m=0.0, tcp=Pose((x, y + lean_m, z))
+    )
+    now = Environment(
+        time_s=0.0, scene="s", episode="e", revision=1, sensing="truth", entities={}, targets={name: state}
+    )
+    found = iter_tool_problems(profile, SimpleNamespace(kinematics=chain), now)
+    assert [problem.code for problem in found] == codes
 
 
 def test_without_the_torque_of_its_motors_a_quadruped_sinks():
