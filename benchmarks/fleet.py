@@ -51,12 +51,12 @@ class Tally:
 
 
 def choose_arms(names: list[str], console: Console) -> list[tuple[TargetProfile, int]]:
-    """Profiles of arms with a gripper, and the lines of their files; says which models are not here."""
+    """Profiles of arms with a gripper on a fixed base, and the lines of their files; says which models are not here."""
     library, chosen = Library.open(), []
     for name in names or sorted(library.names_of_targets()):
         path = library.get_target(name)
         profile, folder = read_profile(path)
-        if profile.kind != "simulation" or profile.end_effector != "opening":
+        if profile.kind != "simulation" or profile.end_effector != "opening" or profile.base is not None:
             continue
         try:
             for model in (profile.model, *((profile.hand.model,) if profile.hand is not None else ())):
