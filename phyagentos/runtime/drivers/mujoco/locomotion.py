@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.capabilities.targets import Base
+from phyagentos.protocol.capabilities.targets import Base, TargetProfile
 from phyagentos.runtime.drivers.mujoco.planar_base import Array, PlanarBase
 
 GAIN_1_S = 4.0  # speed by which an omniwheel base makes up for a metre or radian that it is off
@@ -69,8 +69,11 @@ class OmniDrive:
 LOCOMOTIONS: Mapping[str, Callable[[mujoco.MjModel, PlanarBase, Base], Locomotion]] = {"omni": OmniDrive}
 
 
-def make_locomotion(model: mujoco.MjModel, planar: PlanarBase, base: Base) -> Locomotion:
-    """What moves a base; raises DefinitionError `UNKNOWN_NAME` for a kind that is not known."""
-    if base.kind not in LOCOMOTIONS:
-        raise DefinitionError([Problem.unknown("UNKNOWN_NAME", "target.yaml: base.kind", base.kind, LOCOMOTIONS)])
+def make_locomotion(model: mujoco.MjModel, planar: PlanarBase, profile: TargetProfile) -> Locomotion:
+    """What moves a target's base; raises DefinitionError `UNKNOWN_NAME` for a kind that is not known."""
+    base = profile.base
+    if base is None or base.kind not in LOCOMOTIONS:
+        found = base.kind if base is not None else ""
+        address = f"{profile.target}/target.yaml: base.kind"
+        raise DefinitionError([Problem.unknown("UNKNOWN_NAME", address, found, LOCOMOTIONS)])
     return LOCOMOTIONS[base.kind](model, planar, base)

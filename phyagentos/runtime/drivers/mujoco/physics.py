@@ -45,10 +45,8 @@ class Physics:
         self._sensors = JointSensors(profile.arm, scene.seed, profile.physics_step_s)
         model = self.model
         own = self._servoed = profile.servoed
-        self.base = self._locomotion = None
-        if profile.base is not None:
-            self.base = PlanarBase(model, profile, profile.base, prefix)
-            self._locomotion = make_locomotion(model, self.base, profile.base)
+        self.base = PlanarBase(model, profile, prefix) if profile.base is not None else None
+        self._locomotion = make_locomotion(model, self.base, profile) if self.base is not None else None
         self._goal = np.zeros((2, own.start))  # pose and speeds that the base follows
         joints = [model.joint(prefix + name) for name in profile.arm.joints[own]]
         self._hand = scene.hands[profile.target]

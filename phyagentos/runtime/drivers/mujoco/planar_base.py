@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation, multiply
-from phyagentos.protocol.capabilities.targets import BASE_JOINTS, Base, TargetProfile
+from phyagentos.protocol.capabilities.targets import BASE_JOINTS, TargetProfile
 from phyagentos.runtime.models.base import FREE_JOINT
 
 Array = NDArray[np.float64]
@@ -24,7 +24,10 @@ class PlanarBase:
         rest: (k,) positions of the joints at rest.
     """
 
-    def __init__(self, model: mujoco.MjModel, profile: TargetProfile, base: Base, prefix: str) -> None:
+    def __init__(self, model: mujoco.MjModel, profile: TargetProfile, prefix: str) -> None:
+        base = profile.base
+        if base is None:
+            raise ValueError(f"{profile.target} has no base")
         free = model.joint(prefix + FREE_JOINT)
         self.body, self.free_q, self.free_v = int(free.bodyid[0]), int(free.qposadr[0]), int(free.dofadr[0])
         joints = [model.joint(prefix + name) for name in base.joints]

@@ -11,7 +11,7 @@ from phyagentos.runtime.perception.world_model import BELIEF
 
 SIDES = 24  # directions from which a thing may be faced: 15 degrees apart
 THERE = 0.005  # metres and radians from a goal at which it is reached
-ROOM_RAD = 0.05  # before the end of the heading's range
+HEADING_MAX_RAD = YAW_MAX_RAD - 0.05  # planning keeps some room to the end of a range
 
 
 class DriveTo(MovingLeaf):
@@ -46,7 +46,7 @@ class DriveTo(MovingLeaf):
         q = self.context.commands.q_rad
         goals = np.tile(q, (len(poses), 1))
         goals[:, : len(BASE_JOINTS)] = poses
-        goals = goals[np.abs(poses[:, 2]) < YAW_MAX_RAD - ROOM_RAD]
+        goals = goals[np.abs(poses[:, 2]) < HEADING_MAX_RAD]
         if len(goals) and np.abs(goals - q).max(axis=1).min() < THERE:
             return self.succeed("already there")
         return PlanMove(
