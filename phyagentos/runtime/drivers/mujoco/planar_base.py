@@ -51,8 +51,7 @@ class PlanarBase:
     def read_rate(self, data: mujoco.MjData) -> Array:
         """(3,) speeds in the world [m/s, m/s, rad/s]."""
         vx, vy, _, *spin = data.qvel[self.free_v : self.free_v + 6]
-        up = self.find_up(data)
-        return np.array((vx, vy, up @ spin))
+        return np.array((vx, vy, self.find_up(data) @ spin))
 
     def find_up(self, data: mujoco.MjData) -> Array:
         """(3,) the world's upward direction in the frame of the body, in which the free joint's spin is."""
