@@ -146,7 +146,9 @@ def test_a_simulation_with_a_suction_cup_is_refused_before_it_starts(open_driver
     site = DriverSite(
         profile=profile, folder=path.parent, workspace=Workspace.open(tmp_path / "mujoco"), clock=SystemClock()
     )
-    with pytest.raises(DefinitionError, match="NO_DRIVER: found 'suction'; expected 'opening' or 'none', for driver 'mujoco'"):
+    with pytest.raises(
+        DefinitionError, match="NO_DRIVER: found 'suction'; expected 'opening' or 'none', for driver 'mujoco'"
+    ):
         REGISTRY.get(profile).open(site)
 
 
