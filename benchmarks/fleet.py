@@ -152,7 +152,8 @@ def choose_bodies(names: list[str], console: Console) -> list[Tally]:
     for name in names or sorted(library.names_of_targets()):
         path = library.get_target(name)
         profile, folder = read_profile(path)
-        tasks = TASKS.get(name, (TIDY,) if profile.end_effector == "opening" else ())
+        fixed = profile.end_effector == "opening" and profile.base is None
+        tasks = TASKS.get(name, (TIDY,) if fixed else ())
         if profile.kind != "simulation" or not tasks:
             continue
         try:
