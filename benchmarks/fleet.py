@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import yaml
-from judge import is_held_up, is_in_tray, is_posed
+from judge import is_held_up, is_in_tray, is_posed, is_standing
 from rich.console import Console
 from rich.table import Table
 
@@ -35,6 +35,7 @@ from phyagentos.runtime.models.sources import find_model
 
 ROOT = Path(__file__).resolve().parents[1]
 CUBES = {"red_cube": "red_tray", "green_cube": "green_tray", "blue_cube": "blue_tray"}
+SWAY_RAD_S = 0.2  # of joints of a body that is being pushed
 ENOUGH, ARMS = 0.95, 10  # share of its parts that a body has to do, and how many arms have to
 
 
@@ -46,11 +47,13 @@ class Task:
         graph: Name of the file below `goal_graphs/`; its first role is the body's.
         part: What is counted.
         judge: Which parts of a goal were done, as its recorded states show.
+        faults: Name of a file below `faults/`; `{}` stands for the body's.
     """
 
     graph: str
     part: str
     judge: Callable[[Episode, TargetProfile], list[bool]]
+    faults: str = ""
 
     @property
     def path(self) -> Path:
@@ -86,10 +89,38 @@ def judge_lift(episode: Episode, _profile: TargetProfile) -> list[bool]:
     return [bool(folders) and is_held_up(folders[-1], "spool", ("post", "table"))]
 
 
+def judge_walk(episode: Episode, _profile: TargetProfile) -> list[bool]:
+    """Whether it stands before the kennel, facing it."""
+    folders = list_bundles(episode)
+    return [bool(folders) and is_standing(folders[-1], "base", 0.22, place="kennel", ahead_m=0.9)]
+
+
+def judge_stance(episode: Episode, profile: TargetProfile) -> list[bool]:
+    """Which postures were kept for ten seconds, the body standing at its height at the end."""
+    last = {session.node: episode.workspace.evidence_of(session.id) for session in episode.report.sessions}
+    nodes = yaml.safe_load(STANCE.path.read_text())["sessions"].items()
+    kept = {name: profile.postures[node["with"]["posture"]] for name, node in nodes if name.startswith("keep")}
+    joints, least_m = profile.arm.joints[profile.servoed], profile.mount_position_m[2] - 0.02
+    return [
+        name in last
+        and is_posed(last[name], dict(zip(joints, posture, strict=True)), held_s=9.9, still_rad_s=SWAY_RAD_S)
+        and is_standing(last[name], "pelvis", least_m)
+        for name, posture in kept.items()
+    ]
+
+
 TIDY = Task("tidy_table", "cubes in their tray", judge_cubes)
 POSES = Task("hand_poses", "postures held", judge_postures)
 LIFT = Task("hand_lift", "spools held up", judge_lift)
-TASKS = {"leap_hand": (POSES, LIFT), "allegro_hand": (POSES, LIFT)}
+WALK = Task("walk_and_turn", "walks of 2 m and a right angle", judge_walk)
+STANCE = Task("stand_and_reach", "postures kept for 10 s while pushed", judge_stance, faults="shove_{}")
+TASKS = {
+    "leap_hand": (POSES, LIFT),
+    "allegro_hand": (POSES, LIFT),
+    "go2": (WALK,),
+    "g1": (STANCE,),
+    "r1": (STANCE,),
+}
 
 
 @dataclass(slots=True)
@@ -121,7 +152,8 @@ def choose_bodies(names: list[str], console: Console) -> list[Tally]:
     for name in names or sorted(library.names_of_targets()):
         path = library.get_target(name)
         profile, folder = read_profile(path)
-        tasks = TASKS.get(name, (TIDY,) if profile.end_effector == "opening" else ())
+        fixed = profile.end_effector == "opening" and profile.base is None
+        tasks = TASKS.get(name, (TIDY,) if fixed else ())
         if profile.kind != "simulation" or not tasks:
             continue
         try:
@@ -141,7 +173,8 @@ def run_body(tally: Tally, seeds: range, console: Console) -> None:
     name, task = tally.profile.target, tally.task
     with tempfile.TemporaryDirectory(prefix=f"fleet-{name}-", ignore_cleanup_errors=True) as scratch:
         workspace = open_project(Path(scratch), ROOT)
-        with open_bench(workspace, SystemClock()) as agent:
+        faults = ROOT / "faults" / f"{task.faults.format(name)}.yaml" if task.faults else None
+        with open_bench(workspace, SystemClock(), faults=faults) as agent:
             for seed in seeds:
                 report = agent.mission.run(task.path, seed=seed, overrides={f"targets.{task.role}": name})
                 count(Episode(seed=seed, workspace=workspace, report=report), tally)

@@ -40,12 +40,16 @@ def is_in_tray(folder: Path, cube: str, tray: str) -> bool:
     return inside and bool(low_enough) and bool(position[2] > lower[2]) and at_rest
 
 
-def is_posed(folder: Path, posture_rad: Mapping[str, float]) -> bool:
-    """Whether every joint is at its place [rad] and at rest at the end, and was measured there for the last 0.9 s.
+def is_posed(
+    folder: Path, posture_rad: Mapping[str, float], held_s: float = POSED_S, still_rad_s: float = REST_RAD_S
+) -> bool:
+    """Whether every joint is at its place [rad] and at rest at the end, and was measured there for some time before.
 
     Args:
         folder: An evidence bundle.
         posture_rad: By name of a joint, in the order of the recorded trajectory.
+        held_s: That time [s].
+        still_rad_s: How fast a joint at rest may be; one that is pushed sways [rad/s].
     """
     if not (folder / "terminal.npz").exists():
         return False
@@ -54,9 +58,34 @@ def is_posed(folder: Path, posture_rad: Mapping[str, float]) -> bool:
     with np.load(folder / "terminal.npz") as terminal, np.load(folder / "trajectory.npz") as course:
         q = terminal["qpos"][[int(joint.qposadr[0]) for joint in joints]]
         qd = terminal["qvel"][[int(joint.dofadr[0]) for joint in joints]]
-        late = course["time_s"] >= course["time_s"][-1] - POSED_S
-        rows = np.vstack((course["q_measured"][late], q))
-    return bool((np.abs(rows - wanted) <= POSED_RAD).all() and (np.abs(qd) <= REST_RAD_S).all())
+        late = course["time_s"] >= course["time_s"][-1] - held_s
+        rows = np.vstack((course["q_measured"][late][:, -len(q) :], q))  # the pose of a base comes first
+    return bool((np.abs(rows - wanted) <= POSED_RAD).all() and (np.abs(qd) <= still_rad_s).all())
+
+
+def is_standing(folder: Path, body: str, least_m: float, place: str = "", ahead_m: float = 0.0) -> bool:
+    """Whether a body is level within 10 degrees and at least so high at the end, at rest on feet that touch the floor.
+
+    With a `place` it also faces that body within 6 degrees, its origin within 7 cm of `ahead_m` from its centre.
+    """
+    if not (folder / "terminal.npz").exists():
+        return False
+    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
+    data = mujoco.MjData(model)
+    with np.load(folder / "terminal.npz") as terminal:
+        data.qpos[:], data.qvel[:] = terminal["qpos"], terminal["qvel"]
+    mujoco.mj_forward(model, data)
+    own, R = data.body(body), data.body(body).xmat.reshape(3, 3)
+    pairs = model.geom_bodyid[data.contact.geom[: data.ncon]]
+    roots = {int(model.body_rootid[each]) for pair in pairs if model.body("floor").id in pair for each in pair}
+    stands = R[2, 2] > np.cos(np.radians(10)) and own.xpos[2] >= least_m and model.body(body).id in roots
+    still = float(np.linalg.norm(data.qvel[model.body_dofadr[model.body(body).id] :][:3])) < REST_SPEED_M_S
+    if not place:
+        return bool(stands and still)
+    to_place = (data.body(place).xpos - own.xpos)[:2]
+    turned = np.arctan2(*(R[1::-1, 0])) - np.arctan2(to_place[1], to_place[0])
+    faces = abs(np.remainder(turned + np.pi, 2 * np.pi) - np.pi) < np.radians(6)
+    return bool(stands and still and faces and abs(np.linalg.norm(to_place) - ahead_m) < 0.07)
 
 
 def is_held_up(folder: Path, thing: str, supports: Sequence[str]) -> bool:

@@ -139,14 +139,16 @@ def test_a_profile_has_a_gripper_exactly_when_its_end_effector_opens(end_effecto
 
 
 @pytest.mark.sim
-def test_a_simulation_without_an_opening_gripper_is_refused_before_it_starts(open_driver, tmp_path):
+def test_a_simulation_with_a_suction_cup_is_refused_before_it_starts(open_driver, tmp_path):
     open_driver("mujoco")
     path = Library.open().get_target("panda")
     profile = read_target(path).model_copy(update={"end_effector": "suction"})
     site = DriverSite(
         profile=profile, folder=path.parent, workspace=Workspace.open(tmp_path / "mujoco"), clock=SystemClock()
     )
-    with pytest.raises(DefinitionError, match="NO_DRIVER: found 'suction'; expected 'opening' or 'none', for driver"):
+    with pytest.raises(
+        DefinitionError, match="NO_DRIVER: found 'suction'; expected 'opening' or 'none', for driver 'mujoco'"
+    ):
         REGISTRY.get(profile).open(site)
 
 

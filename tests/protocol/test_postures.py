@@ -50,3 +50,33 @@ def test_a_posture_is_no_thing_of_the_world_and_passes():
     assert not parse_predicate("in_posture(arm, fist)").is_lasting
     with pytest.raises(DefinitionError, match="posture 'posture'"):
         parse_predicate("in_posture(arm, 3)")
+
+
+def test_where_a_base_stands_is_no_part_of_a_posture():
+    state = TargetState(
+        q_rad=(2.0, 0.0, 1.5, 0.5, 1.06),
+        qd_rad_s=(0.0,) * 5,
+        gripper_width_m=0.0,
+        tcp=Pose(),
+        postures={"fist": (0.5, 1.0)},
+        base=(2.0, 0.0, 1.5),
+    )
+    found = value("in_posture(walker, fist, 0.1)", world(targets={"walker": state}))
+    assert found.truth is Truth.TRUE
+    assert found.measured == {"joint": 5, "off_rad": pytest.approx(0.06)}
+
+
+@pytest.mark.parametrize(
+    ("trunk", "truth"),
+    [
+        (Pose((0.0, 0.0, 0.75), (0.995, 0.0998, 0.0, 0.0)), Truth.TRUE),  # leans by 11.5 degrees
+        (Pose((0.0, 0.0, 0.75), (0.985, 0.1726, 0.0, 0.0)), Truth.FALSE),  # by 20 degrees
+        (Pose((0.0, 0.0, 0.15), (0.707, 0.0, 0.707, 0.0)), Truth.FALSE),  # lies on its face
+        (Pose((0.0, 0.0, 0.45), (1.0, 0.0, 0.0, 0.0)), Truth.FALSE),  # upright, on its knees
+        (None, Truth.UNKNOWN),
+    ],
+)
+def test_a_body_stands_when_its_trunk_is_upright_and_high_enough(trunk, truth):
+    state = TargetState(q_rad=(), qd_rad_s=(), gripper_width_m=0.0, tcp=Pose(), trunk=trunk)
+    assert value("standing(walker, 0.65)", world(targets={"walker": state})).truth is truth
+    assert value("standing(other, 0.65)", world(targets={"walker": state})).truth is Truth.UNKNOWN

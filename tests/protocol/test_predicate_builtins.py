@@ -322,3 +322,36 @@ def test_contains_is_decided_by_the_least_and_the_most(least, most, asked, expec
     assert truth(f"contains(tray, {asked})", now) is expected
     assert truth(f"contains(tray, {asked})", msgspec.structs.replace(now, time_s=12.0)) is Truth.UNKNOWN
     assert truth("contains(tray, 1)", world(tray())) is Truth.UNKNOWN
+
+
+def _base(*pose):
+    return {"arm": msgspec.structs.replace(_arm()["arm"], base=pose)}
+
+
+@pytest.mark.parametrize(
+    ("pose", "expected"),
+    [
+        ((1.0, 0.5, math.pi / 2), Truth.TRUE),
+        ((1.02, 0.48, math.pi / 2 - 0.09), Truth.TRUE),
+        ((1.04, 0.5, math.pi / 2), Truth.FALSE),  # beside it
+        ((1.0, 0.5, math.pi / 2 + 0.11), Truth.FALSE),  # askew
+        ((1.0, 0.5, -math.pi / 2), Truth.FALSE),  # backwards
+    ],
+)
+def test_docked_in_a_region_means_within_it_and_headed_as_it(pose, expected):
+    turned = (math.cos(math.pi / 4), 0.0, 0.0, math.sin(math.pi / 4))
+    bay = Region(name="bay", pose=Pose((1.0, 0.5, 0.0), turned), half_m=(0.03, 0.03, 0.1))
+    assert truth("docked(arm, bay)", world(regions={"bay": bay}, targets=_base(*pose))) is expected
+
+
+def test_docked_at_a_thing_means_at_its_distance_and_facing_it():
+    thing = cube("a", 1.0, 0.0)
+    assert truth("docked(arm, a, 0.5)", world(thing, targets=_base(0.5, 0.0, 0.0))) is Truth.TRUE
+    assert truth("docked(arm, a, 0.5)", world(thing, targets=_base(1.0, 0.53, -math.pi / 2))) is Truth.TRUE
+    assert truth("docked(arm, a, 0.5)", world(thing, targets=_base(0.4, 0.0, 0.0))) is Truth.FALSE
+    assert truth("docked(arm, a, 0.5)", world(thing, targets=_base(0.5, 0.0, 0.2))) is Truth.FALSE
+
+
+def test_an_arm_on_a_fixed_base_docks_nowhere():
+    found = value("docked(arm, a)", world(cube("a"), targets=_arm()))
+    assert (found.truth, found.because) == (Truth.UNKNOWN, "where the base of arm stands is not in the snapshot")

@@ -30,7 +30,6 @@ UNITS = {
 CONVERSIONS = {"deg": "Multiply degrees by pi / 180.", "mm": "Divide by 1000.", "cm": "Divide by 100."}
 BOXES = ("workspace_box", "keep_out")
 PER_JOINT = tuple(name for name in UNITS if name.startswith("joint_"))  # one number, or one per joint
-GRIPPER = ("gripper_width_max", "gripper_force_max")
 NO_SOURCE = {"", "?", "-", "n/a", "none", "unknown", "tbd", "todo", "guess", "guessed"}
 GUARDED = (  # codes of what the guard finds
     "ESTOPPED", "EXPIRED", "EXPIRY_TOO_LATE", "RATE", "SESSION_TOO_LONG", "WRONG_SHAPE", "NOT_FINITE",
@@ -145,7 +144,7 @@ def _check_limits(located: Located, target: str, limits: TargetLimits) -> Iterat
         elif isinstance(limit.value, tuple) and not _is_per_joint(path[0], limit.value):
             expected = "one number, or one per joint" if path[0] in PER_JOINT else "one number"
             yield located.problem("INVALID_VALUE", (*at, "value"), str(list(limit.value)), expected)
-        elif path[0] in GRIPPER and min(as_numbers(limit)) == 0.0:
+        elif path[0].startswith("gripper_") and min(as_numbers(limit)) == 0.0:
             continue  # nothing opens
         elif path[0] not in {"joint_position_min", "joint_position_max"} and min(as_numbers(limit)) <= 0.0:
             yield located.problem("INVALID_VALUE", (*at, "value"), str(limit.value), "greater than 0")

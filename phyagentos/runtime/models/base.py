@@ -25,13 +25,13 @@ _ROLLER = {"mass": 0.005, "condim": 3, "contype": 0, "conaffinity": _SCENE_BIT, 
 _RUN = {"damping": 1e-6, "armature": 1e-6}  # of a roller on its axle
 
 
-def free_base(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> None:
+def free_base(spec: mujoco.MjSpec, profile: TargetProfile, base: Base, path: Path) -> None:
     """Let the base stand on its own at home, its joints driven by motors.
 
     Raises:
         DefinitionError: As of `put_on_plane`.
     """
-    base, body = _prepare(spec, profile, path, kept=profile.base.joints if profile.base else ())
+    body = _prepare(spec, profile, base, path, kept=base.joints)
     x, y, yaw = profile.arm.home_rad[:3]
     body.pos = (x, y, profile.mount_position_m[2])
     body.quat = multiply((float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))), tuple(body.quat))
@@ -56,13 +56,13 @@ def free_base(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> None:
             _add_rollers(spec.joint(name), base.wheels)
 
 
-def put_on_plane(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> None:
+def put_on_plane(spec: mujoco.MjSpec, profile: TargetProfile, base: Base, path: Path) -> None:
     """Let the base slide and turn on the ground, its wheels or legs rigid.
 
     Raises:
         DefinitionError: `UNKNOWN_NAME` for a body that the model lacks, or that is held by another.
     """
-    base, body = _prepare(spec, profile, path, kept=())
+    body = _prepare(spec, profile, base, path, kept=())
     R = compute_rotation(body.quat)
     for index, name in enumerate(BASE_JOINTS):
         turns = index == 2
@@ -88,12 +88,9 @@ def _iter_soles(spec: mujoco.MjSpec, base: Base) -> Iterator["mujoco.MjsGeom"]:
 
 
 def _prepare(
-    spec: mujoco.MjSpec, profile: TargetProfile, path: Path, kept: tuple[str, ...]
-) -> tuple[Base, "mujoco.MjsBody"]:
-    """The base and its body, without joints but those of arm and gripper and the kept ones, which stand as at rest."""
-    base = profile.base
-    if base is None:
-        raise ValueError(f"{profile.target} has no base")
+    spec: mujoco.MjSpec, profile: TargetProfile, base: Base, path: Path, kept: tuple[str, ...]
+) -> "mujoco.MjsBody":
+    """The base's body, without joints but those of arm and gripper and the kept ones, which stand as at rest."""
     tops = [each.name for each in spec.worldbody.bodies]
     if base.body not in tops:
         raise DefinitionError([Problem.unknown("UNKNOWN_NAME", str(path), base.body, tops)])
@@ -121,7 +118,7 @@ def _prepare(
     if base.mass_kg is not None:
         for geom in body.geoms:
             geom.mass = base.mass_kg / len(body.geoms)
-    return base, body
+    return body
 
 
 def _freeze(joint: "mujoco.MjsJoint", position: float) -> None:

@@ -146,7 +146,7 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
     for body in spec.worldbody.bodies:
         body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
     if base is not None:
-        (free_base if is_free else put_on_plane)(spec, profile, path)
+        (free_base if is_free else put_on_plane)(spec, profile, base, path)
     elif profile.stands_on_column:
         _add_column(spec.worldbody.bodies[0], profile.mount_position_m[2])
     _check_names(spec, profile, path)

@@ -119,7 +119,7 @@ def _join(robots: Sequence[Robot]) -> mujoco.MjSpec:
     """The robots alone; the only one as it is, several with prefixes."""
     specs = []
     for profile, folder in robots:
-        robot = build_robot(profile, folder, is_free=profile.base is not None)
+        robot = build_robot(profile, folder, is_free=True)
         exclude_pairs(robot, compute_collision_matrix(profile, folder).excluded)
         specs.append(robot)
     if len(specs) == 1:

@@ -22,6 +22,7 @@ from phyagentos.runtime.targets.wire import Description
 POSITION_TOLERANCE_RAD = 0.02  # a target keeps a margin before its end stops; the guard keeps it too
 RELATIVE_TOLERANCE = 1e-6
 TOOL_TOLERANCE_M = 0.005  # what a calibrated arm and its nominal model differ by, with room
+LEANING_TOLERANCE_M = 0.03  # what a metre above the ground moves as a body on legs or wheels leans by 1.7 degrees
 
 Array = NDArray[np.float64]
 _OWN = (
@@ -116,9 +117,10 @@ def iter_tool_problems(profile: TargetProfile, live: Description, now: Environme
     except ValueError:  # another number of joints, which is reported already
         return
     away_m = math.dist(point, state.tcp.position_m)
-    if not away_m <= TOOL_TOLERANCE_M:
+    allowed_m = TOOL_TOLERANCE_M if profile.base is None else LEANING_TOLERANCE_M
+    if not away_m <= allowed_m:
         found = f"they bring the tool to {_show(point)} m, {away_m:.3g} m from where it stands"
-        expected = f"{_show(state.tcp.position_m)} m, within {TOOL_TOLERANCE_M} m"
+        expected = f"{_show(state.tcp.position_m)} m, within {allowed_m} m"
         by = "safety.yaml: workspace_box, keep_out"
         fix = "Let the target declare the kinematics of this arm, with this tool, where it is mounted."
         yield make_problem("LIMIT_UNENFORCEABLE", "target.kinematics", found, expected, by, fix)

@@ -142,4 +142,28 @@ SABOTAGES = (
             "test_a_guarded_motion_stops_when_the_target_feels_more_than_allowed_and_than_where_it_began",
         ),
     ),
+    Sabotage(
+        name="base_moved_by_hand",
+        lie="A base is put where it should be; its wheels turn for show.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.drivers.mujoco.physics",
+                "self._locomotion.control(self.data, *self._goal)",
+                "self._locomotion.control(self.data, *self._goal); self.base.write_pose(self.data, self._goal[0])",
+            ),
+        ),
+        tests=("tests/runtime/models/test_bases.py::test_motors_without_torque_move_no_base",),
+    ),
+    Sabotage(
+        name="dock_without_heading",
+        lie="A base that stands in its bay is docked, wherever it looks.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.world.predicates.builtins",
+                "max(off_m / allowed_m, turned_rad / FACING_RAD)",
+                "off_m / allowed_m",
+            ),
+        ),
+        tests=("tests/protocol/test_predicate_builtins.py::test_docked_in_a_region_means_within_it_and_headed_as_it",),
+    ),
 )

@@ -354,11 +354,18 @@ def test_every_limit_of_unknown_provenance_is_refused_at_load(write_safety, name
         ("workspace_box", "3.0"),
         ("command_rate_max", ".inf"),
         ("joint_velocity_max", "[]"),
+        ("gripper_width_max", "-0.01"),
     ],
 )
 def test_a_limit_that_bounds_nothing_is_refused_at_load(write_safety, name, value):
     with pytest.raises(DefinitionError, match="INVALID_VALUE"):
         read_safety(write_safety(name, value=value))
+
+
+@pytest.mark.parametrize("name", ["gripper_width_max", "gripper_force_max"])
+def test_a_gripper_that_is_not_there_has_limits_of_zero(write_safety, name):
+    limits = read_safety(write_safety(name, value="0.0")).targets
+    assert [getattr(each, name).value for each in limits.values()] == [0.0]
 
 
 @pytest.mark.parametrize("name", [name for name in FIELDS if not name.startswith(("joint", "workspace"))])

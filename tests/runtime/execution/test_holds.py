@@ -61,6 +61,18 @@ def test_the_twin_of_what_is_named_is_looked_at_too_since_it_may_be_the_one_that
     assert HoldMonitor([TEXT], alike, "panda").need.things == {"cup", "cup_b"}
 
 
+def test_a_condition_on_the_target_alone_needs_no_look_and_keeps_none():
+    """It took seconds a sample to look at everything, for what the target reports at every step."""
+    monitor = HoldMonitor(["standing(target, 0.65)"], build_world(0.0, 0.0), "walker")
+    assert not monitor.need.is_look
+    assert HoldMonitor(["count(exists(*)) >= 1"], build_world(0.0, 0.0), "walker").need.is_look
+    lying = Pose((0.0, 0.0, 0.1), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
+    state = TargetState(q_rad=(), qd_rad_s=(), gripper_width_m=0.0, tcp=Pose(), trunk=lying)
+    fallen = msgspec.structs.replace(build_world(0.1, 0.0), targets={"walker": state})
+    assert monitor.sample(fallen, look=object()).truth is Truth.FALSE
+    assert monitor.samples == {}
+
+
 def test_what_windows_measure_too_coarsely_is_looked_at_with_everything_every_half_second():
     monitor = HoldMonitor([TEXT], build_world(0.0, 0.0), "panda")
     wanted = []

@@ -12,6 +12,8 @@ from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.motion.chain import build_chain
+from phyagentos.runtime.motion.planning_scene import PlanningScenes
+from phyagentos.runtime.motion.requests import World
 from phyagentos.runtime.motion.robot_model import build_robot_model
 
 WHEEL = """
@@ -130,6 +132,26 @@ def test_a_base_bears_its_whole_weight(scooter):
 
     assert np.mean(lifted) == pytest.approx(weight, rel=0.02)
     assert physics.q_rad[3] == pytest.approx(scooter[0].arm.home_rad[3], abs=2e-3)
+
+
+@pytest.mark.sim
+def test_a_base_may_touch_the_ground_and_no_wall(scooter):
+    """Contacts of wheels with the ground are no collision; a pose in a wall is, and planning refuses it too."""
+    profile, folder = scooter
+    shapes = [{"kind": "box", "size_m": (0.1, 0.5, 0.2)}]
+    wall = {"kind": "wall", "fixed": True, "place": {"position_m": (1.0, 0.0, 0.2)}, "shapes": shapes}
+    bodies = {"floor": {**FLOOR, "shapes": [{"kind": "box", "size_m": (4.0, 4.0, 0.02)}]}, "wall": wall}
+    spec = SceneSpec.model_validate({**GROUND.model_dump(), "bodies": bodies})
+    physics = Physics.alone(profile, folder, spec, seed=3)
+    physics.start(0.5)
+    scene = PlanningScenes(build_robot_model(profile, folder)).get_scene(World(physics.entities))
+    free, blocked = np.array((0.5, 0.0, 0.0, 0.3)), np.array((0.85, 0.0, 0.0, 0.3))
+
+    assert physics.find_hardest_contact() == (0.0, "")
+    assert physics.check_posture(free)[1] == ""
+    assert physics.check_posture(blocked)[1] == "plate|wall"
+    assert scene.find_contacts(free) == []
+    assert ("plate", "wall") in scene.find_contacts(blocked)
 
 
 @pytest.mark.motion

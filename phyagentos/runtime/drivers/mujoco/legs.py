@@ -41,7 +41,7 @@ class Legs:
         """
         self.model, self._planar, self._seen = model, planar, mujoco.MjData(model)
         spheres = (_find_spheres(model, int(model.jnt_bodyid[joint])) for joint in planar.joints)
-        self._contacts = [found for found in spheres if found]
+        self._contacts = [found for found in spheres if len(found)]
         if len(self._contacts) != n_feet:
             found = f"{len(self._contacts)} bodies with solid spheres"
             raise DefinitionError.of(
@@ -86,6 +86,12 @@ class Legs:
         return float(np.arctan2(self.rotation[1, 0], self.rotation[0, 0]))
 
     @property
+    def lean(self) -> Array:
+        """(3,) turn that would bring the body upright, level: an axis in the world by the sine of the angle."""
+        x, y, _ = self.rotation[:, 2]
+        return np.array((y, -x, 0.0))
+
+    @property
     def spin_rad_s(self) -> Array:
         """(3,) angular velocity, in the world."""
         return np.array(self.rotation @ self._seen.qvel[self._planar.free_v + 3 : self._planar.free_v + 6])
@@ -123,11 +129,14 @@ class Legs:
 
     def find_foot(self, foot: int) -> Array:
         """(3,) the middle of a foot's points of contact."""
-        return np.array(np.mean([self._find_point(geom) for geom in self._contacts[foot]], axis=0))
+        points = self._find_points(self._contacts[foot])
+        return np.array(points.sum(axis=0) / len(points))
 
     def find_foot_velocity(self, foot: int) -> Array:
         """(3,) of that middle."""
-        return np.array(self._find_jacobian(self._contacts[foot][0], self.find_foot(foot)) @ self._seen.qvel)
+        J, body = np.zeros((3, self.model.nv)), self.model.geom_bodyid[self._contacts[foot][0]]
+        mujoco.mj_jac(self.model, self._seen, J, None, self.find_foot(foot), body)
+        return np.array(J @ self._seen.qvel)
 
     def carry(self) -> Array:
         """(n,) torques of the legs against their own weight and swing, and what damps their joints."""
@@ -135,35 +144,31 @@ class Legs:
 
     def push(self, foot: int, force_n: Array) -> Array:
         """(n,) torques of the legs by which a foot exerts a force (3,) on the world, its own weight apart."""
-        J = self._find_jacobian(self._contacts[foot][0], self.find_foot(foot))
-        return np.array(J[:, self._planar.v_address].T @ force_n)
+        return self._exert(self._contacts[foot][:1], self.find_foot(foot)[None], force_n[None])
 
     def stand_on(self, feet: Sequence[int], acceleration_m_s2: Array, angular_rad_s2: Array) -> Array:
         """(n,) torques that give the centre of mass, and the body about it, accelerations as near as the ground can."""
-        geoms = [geom for foot in feet for geom in self._contacts[foot]]
-        points = np.array([self._find_point(geom) for geom in geoms])
+        geoms = np.concatenate([self._contacts[foot] for foot in feet])
+        points = self._find_points(geoms)
         force = self._mass_kg * (acceleration_m_s2 - self.model.opt.gravity)
         moment = self.find_inertia() @ angular_rad_s2
-        forces = share_wrench(points - self.center_m, force, moment, self.weight_n)
-        torque = np.zeros(len(self._planar.v_address))
-        for geom, point, share in zip(geoms, points, forces, strict=True):
-            torque -= self._find_jacobian(geom, point)[:, self._planar.v_address].T @ share
-        return torque
+        return -self._exert(geoms, points, share_wrench(points - self.center_m, force, moment, self.weight_n))
 
     def command(self, data: mujoco.MjData, torque_nm: Array) -> None:
         """Write torques (n,) of the legs, within the motors' limits."""
         low, high = self.model.actuator_forcerange[self._planar.motors].T
         data.ctrl[self._planar.motors] = np.clip(torque_nm, low, high)
 
-    def _find_point(self, geom: int) -> Array:
-        """(3,) the lowest point of a sphere."""
-        return np.array(self._seen.geom_xpos[geom] - self.model.geom_size[geom, 0] * np.array(UP))
+    def _find_points(self, geoms: NDArray[np.intp]) -> Array:
+        """(k, 3) the lowest points of spheres."""
+        return np.array(self._seen.geom_xpos[geoms] - self.model.geom_size[geoms, :1] * UP)
 
-    def _find_jacobian(self, geom: int, point: Array) -> Array:
-        """(3, nv) of a point of the body that a geom belongs to."""
-        J = np.zeros((3, self.model.nv))
-        mujoco.mj_jac(self.model, self._seen, J, None, point, self.model.geom_bodyid[geom])
-        return J
+    def _exert(self, geoms: NDArray[np.intp], points: Array, forces_n: Array) -> Array:
+        """(n,) torques J^T f of the legs for forces (k, 3) at points (k, 3) of the bodies of geoms (k,)."""
+        torque, none = np.zeros(self.model.nv), np.zeros(3)
+        for body, point, force in zip(self.model.geom_bodyid[geoms], points, forces_n, strict=True):
+            mujoco.mj_applyFT(self.model, self._seen, force, none, point, body, torque)
+        return np.array(torque[self._planar.v_address])
 
 
 def share_wrench(levers_m: Array, force_n: Array, moment_nm: Array, weight_n: float) -> Array:
@@ -182,7 +187,8 @@ def share_wrench(levers_m: Array, force_n: Array, moment_nm: Array, weight_n: fl
     return np.array((shares[:, None] * rays).reshape(k, edges, 3).sum(axis=1) * weight_n)
 
 
-def _find_spheres(model: mujoco.MjModel, body: int) -> list[int]:
+def _find_spheres(model: mujoco.MjModel, body: int) -> NDArray[np.intp]:
     start, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
     sphere = mujoco.mjtGeom.mjGEOM_SPHERE
-    return [g for g in range(start, start + count) if model.geom_type[g] == sphere and model.geom_contype[g]]
+    found = [g for g in range(start, start + count) if model.geom_type[g] == sphere and model.geom_contype[g]]
+    return np.array(found, dtype=np.intp)

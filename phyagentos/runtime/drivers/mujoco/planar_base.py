@@ -42,23 +42,16 @@ class PlanarBase:
         self._height_m, self._upright = profile.mount_position_m[2], profile.mount_quaternion_wxyz
         self._back = compute_rotation(self._upright).T
 
-    def read_rotation(self, data: mujoco.MjData) -> Array:
-        """(3, 3) how it is turned from where its heading is zero."""
-        start = self.free_q + 3
-        rotation: Array = compute_rotation(data.qpos[start : start + 4]) @ self._back
-        return rotation
-
     def read_pose(self, data: mujoco.MjData) -> Array:
         """(3,) x, y [m] and heading [rad] in the world."""
-        R = self.read_rotation(data)
-        x, y = data.qpos[self.free_q : self.free_q + 2]
+        x, y, _, *turned = data.qpos[self.free_q : self.free_q + 7]
+        R = compute_rotation(turned) @ self._back
         return np.array((x, y, np.arctan2(R[1, 0], R[0, 0])))
 
     def read_rate(self, data: mujoco.MjData) -> Array:
         """(3,) speeds in the world [m/s, m/s, rad/s]."""
         vx, vy, _, *spin = data.qvel[self.free_v : self.free_v + 6]
-        up = self.find_up(data)
-        return np.array((vx, vy, up @ spin))
+        return np.array((vx, vy, self.find_up(data) @ spin))
 
     def find_up(self, data: mujoco.MjData) -> Array:
         """(3,) the world's upward direction in the frame of the body, in which the free joint's spin is."""

@@ -6,9 +6,7 @@ The ground's forces at the points of both feet give the body the accelerations t
 import math
 
 import mujoco
-import numpy as np
 
-from phyagentos.geometry import UP
 from phyagentos.protocol.capabilities.targets import Base
 from phyagentos.runtime.drivers.mujoco.legs import Array, Legs
 from phyagentos.runtime.drivers.mujoco.planar_base import PlanarBase
@@ -44,6 +42,6 @@ class Stand:
         acceleration = s * s * (middle - legs.center_m) - 2.0 * s * legs.find_center_velocity()
         height = middle[2] + legs.height_m - legs.position_m[2]
         acceleration[2] = w * w * height - 2.0 * w * legs.velocity_m_s[2]
-        error = np.cross(legs.rotation @ UP, UP)
+        error = legs.lean
         error[2] = math.remainder(math.atan2(-aside[0], aside[1]) - legs.yaw_rad, math.tau)
         return acceleration, w * w * error - 2.0 * w * legs.spin_rad_s

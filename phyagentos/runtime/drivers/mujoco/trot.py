@@ -9,7 +9,6 @@ import math
 import mujoco
 import numpy as np
 
-from phyagentos.geometry import UP
 from phyagentos.protocol.capabilities.targets import Base
 from phyagentos.runtime.drivers.mujoco.legs import Array, Legs
 from phyagentos.runtime.drivers.mujoco.planar_base import PlanarBase
@@ -89,7 +88,7 @@ class Trot:
         level = np.mean([legs.find_foot(foot)[2] for foot in ground]) + legs.height_m
         acceleration = w * (np.array([*velocity[:2], 0.0]) - legs.velocity_m_s)
         acceleration[2] = w * w * (level - legs.position_m[2]) - 2.0 * DAMPING * w * legs.velocity_m_s[2]
-        angular = w * w * np.cross(legs.rotation @ UP, UP) - 2.0 * DAMPING * w * legs.spin_rad_s
+        angular = w * w * legs.lean - 2.0 * DAMPING * w * legs.spin_rad_s
         angular[2] = w * (velocity[2] - legs.spin_rad_s[2])
         return acceleration, angular
 
