@@ -145,6 +145,29 @@ def run(graph: Path, project: Path, seeds: range, console: Console) -> dict[int,
     return found
 
 
+def run_handovers(project: Path, seeds: range, console: Console) -> list[bool]:
+    """Of each seed, whether the bar went from hand to hand and lies where only the right arm reaches, in truth."""
+    graph, held = project / "goal_graphs" / "handover.yaml", []
+    region = yaml.safe_load((project / "scenes" / "handover.yaml").read_text())["regions"]["right_place"]
+    with tempfile.TemporaryDirectory(prefix="handover-", ignore_cleanup_errors=True) as scratch:
+        workspace = open_project(Path(scratch), project)
+        with open_bench(workspace, SystemClock(), memory_use=MemoryUse.NONE) as agent:
+            for seed in seeds:
+                report = agent.mission.run(graph, seed=seed)
+                folders = find_bundles(workspace, report)
+                model = mujoco.MjModel.from_binary_path(str(folders[0] / "scene.mjb"))
+                start = int(model.joint(int(model.body("bar").jntadr[0])).qposadr[0])
+                ends = [np.load(folder / "terminal.npz")["qpos"][start : start + 3] for folder in folders]
+                is_there = bool((np.abs(ends[-1] - region["center_m"]) <= region["half_m"]).all())
+                touched = len(find_contacts(folders))
+                held.append(report.verdict == "success" and is_there and not touched)
+                console.print(f"handover {seed}: {report.verdict}, bar at {ends[-1].round(3)}, {touched} contacts")
+                console.print(
+                    *[f"{s.id} {s.cause} {s.code} {s.leaf} {s.reason[:200]}" for s in report.sessions if s.cause]
+                )
+    return held
+
+
 def find_cubes(graph: Path) -> list[str]:
     """`cube tray` of every node that brings a cube into a tray."""
     nodes = yaml.safe_load(graph.read_text())["sessions"].values()
@@ -160,12 +183,14 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--graph", default="sort_together")
     parser.add_argument("--compared", type=int, help="seeds that also run again, and in turn; all of them by default")
+    parser.add_argument("--handovers", type=int, default=20, help="seeds of the handover")
     chosen = parser.parse_args()
     seeds, console = range(chosen.first, chosen.first + chosen.seeds), Console(highlight=False)
     with tempfile.TemporaryDirectory(prefix="project-") as folder:
         project = Path(shutil.copytree(EXAMPLE, Path(folder) / "project"))
         graph = project / "goal_graphs" / f"{chosen.graph}.yaml"
         together = run(graph, project, seeds, console)
+        handed = run_handovers(project, range(chosen.handovers), console)
         compared = seeds[: chosen.compared]
         again = run(graph, project, compared, console) if compared else {}
         serial = run(write_serial(project, chosen.graph), project, compared, console) if compared else {}
@@ -191,6 +216,10 @@ def main() -> int:
         figures["worst_share"] = max(together[seed]["makespan_s"] / serial[seed]["makespan_s"] for seed in both)
         figures["other_bits"] = float(sum(together[seed]["bits"] != again[seed]["bits"] for seed in compared))
         asked |= {"share_of_serial": Ask(0.65, at_least=False), "other_bits": Ask(0, at_least=False)}
+    if handed:
+        figures["handovers"] = (rate := Rate(sum(handed), len(handed))).value
+        asked["handovers"] = Ask(0.95, at_least=True)
+        console.print(f"handovers: {rate}")
     console.print(f"goals met in truth: {goals}")
     line, holds = format_outcome(figures, asked)
     print(line)

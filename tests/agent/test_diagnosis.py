@@ -151,6 +151,13 @@ def test_a_slip_off_the_table_is_a_loss_in_transport_that_cannot_be_mended():
     assert (diagnosis.kind, diagnosis.is_hopeless) == (CauseClass.TRANSPORT, True)
 
 
+@pytest.mark.parametrize(("held_by", "hopeless"), [("panda", False), (None, True)])
+def test_what_a_hand_took_along_as_it_gave_way_to_another_robot_is_not_gone(held_by, hopeless):
+    bundle = make_bundle(moved(0.3, 0.0, 0.5, held_by=held_by), Stage.GRASPED, code="MOTION_CONFLICT")
+    diagnosis = ask(bundle)
+    assert diagnosis.is_hopeless is hopeless
+
+
 def test_nothing_is_given_up_for_a_pose_that_is_not_sure():
     diagnosis = ask(make_bundle(moved(z=-0.2, confidence=0.4), Stage.CLOSED, code="GRASP_MISSED"))
     assert (diagnosis.cause, diagnosis.is_hopeless) == (Cause.OBJECT_MOVED, False)

@@ -190,6 +190,11 @@ def test_a_plan_that_failed_is_not_tried_again_in_the_same_world(shipped, cause,
     assert propose(replace(case, miss=replace(case.miss, world=shift(HEMMED, *moved)))).kind is kind
 
 
+def test_a_plan_that_another_robot_was_in_the_way_of_is_tried_again_in_the_same_world(shipped):
+    kinds = {code: propose(make_case(shipped, Cause.NO_PLAN, code=code)).kind for code in ("MOTION_CONFLICT", "NO_IK")}
+    assert kinds == {"MOTION_CONFLICT": AlternativeKind.RETRY, "NO_IK": AlternativeKind.GIVE_UP}
+
+
 def test_the_same_plan_is_found_again_behind_another_attempt(shipped):
     first, way = failed_before(make_contract(), 1, Cause.NO_PLAN), {"strategy": Strategy(avoid_grasps=("yaw+000",))}
     case = make_case(shipped, Cause.NO_PLAN, contract=way, earlier=(first,))

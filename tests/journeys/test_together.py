@@ -50,21 +50,32 @@ sessions:
 
 
 @contextmanager
-def pursue(root, graph, faults=None, seed=1):
-    """A goal in a project that is the example; its report, and its records in the order of the journal."""
+def open_table(root, faults=None):
+    """A project that is the example, served; a function that pursues a goal: its report, and the journal's records."""
     project = root / "project"
     shutil.copytree(find_shipped_root() / "examples" / "04_two_arms", project)
-    if not (file := project / "goal_graphs" / f"{graph}.yaml").exists():
-        file.write_text(ONE_TRAY)
+    (project / "goal_graphs" / "one_tray.yaml").write_text(ONE_TRAY)
     broken = root / "faults.yaml" if faults else None
     if broken is not None:
         broken.write_text(faults)
     workspace, clock = open_project(root / "w", project), SystemClock()
     with open_bench(workspace, clock, faults=broken, memory_use=MemoryUse.NONE) as agent:
-        report = agent.mission.run(file, seed=seed)
-    journal = Journal(workspace.root, side=Side.OPERATOR, by="test", clock=clock)
-    yield workspace, report, list(journal.read_new())
-    journal.close()
+
+        def pursue(graph):
+            report = agent.mission.run(project / "goal_graphs" / f"{graph}.yaml", seed=1)
+            journal = Journal(workspace.root, side=Side.OPERATOR, by="test", clock=clock)
+            records = [record for record in journal.read_new() if graph in record.id]
+            journal.close()
+            return workspace, report, records
+
+        yield pursue
+
+
+@pytest.fixture(scope="module")
+def pursue(tmp_path_factory):
+    """One warm table for the goals that break nothing."""
+    with open_table(tmp_path_factory.mktemp("table")) as pursue:
+        yield pursue
 
 
 def list_events(workspace, report):
@@ -74,16 +85,17 @@ def list_events(workspace, report):
 
 
 def test_where_one_arm_is_disabled_in_the_middle_of_a_goal_the_other_one_finishes_it(tmp_path):
-    with pursue(tmp_path, "one_tray", SEIZED) as (workspace, report, records):
-        submitted = {record.id: record.body for record in records if record.ev == "submit"}
-        red = [body for id, body in submitted.items() if ".red" in id]
+    with open_table(tmp_path, SEIZED) as pursue:
+        workspace, report, records = pursue("one_tray")
+    submitted = {record.id: record.body for record in records if record.ev == "submit"}
+    red = [body for id, body in submitted.items() if ".red" in id]
 
-        assert report.verdict == "success", report
-        assert [body["target"] for body in red] == ["left_arm", "left_arm", "right_arm"]
-        children = [record.body for record in records if record.ev == "child_of"]
-        assert "another target (chance" in children[-1]["reason"].partition("rather than")[0], children
-        assert [each.cause for each in report.sessions if each.node == "red"] == ["STALLED", "STALLED", ""]
-        assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]
+    assert report.verdict == "success", report
+    assert [body["target"] for body in red] == ["left_arm", "left_arm", "right_arm"]
+    children = [record.body for record in records if record.ev == "child_of"]
+    assert "another target (chance" in children[-1]["reason"].partition("rather than")[0], children
+    assert [each.cause for each in report.sessions if each.node == "red"] == ["STALLED", "STALLED", ""]
+    assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]
 
 
 def find_spans(records):
@@ -92,31 +104,28 @@ def find_spans(records):
     return {id: (at, places[id, "finish"]) for (id, ev), at in places.items() if ev == "start"}
 
 
-def test_two_arms_sort_one_heap_at_once_and_take_turns_at_the_tray_that_both_reach(tmp_path):
-    with pursue(tmp_path, "sort_together") as (workspace, report, records):
-        spans = find_spans(records)
-        folders = [workspace.evidence_of(session.id) for session in report.sessions]
+def test_two_arms_sort_one_heap_at_once_and_take_turns_at_the_tray_that_both_reach(pursue):
+    workspace, report, records = pursue("sort_together")
+    spans = find_spans(records)
+    folders = [workspace.evidence_of(session.id) for session in report.sessions]
 
-        assert report.verdict == "success", report
-        assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]
-        red, green_2, green_1 = (spans[f"{report.goal}.{node}"] for node in ("red_1", "green_2", "green_1"))
-        assert max(red[0], green_2[0]) < min(red[1], green_2[1])  # at once
-        assert green_2[1] < green_1[0]  # in turn
-        busy_s = sum(session.sim_time_s for session in report.sessions)
-        ends = [float(np.load(folder / "terminal.npz")["time"]) for folder in folders]
-        assert max(ends) - min(float(np.load(folder / "initial.npz")["time"]) for folder in folders) < 0.7 * busy_s
+    assert report.verdict == "success", report
+    assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]
+    red, green_2, green_1 = (spans[f"{report.goal}.{node}"] for node in ("red_1", "green_2", "green_1"))
+    assert max(red[0], green_2[0]) < min(red[1], green_2[1])  # at once
+    assert green_2[1] < green_1[0]  # in turn
+    busy_s = sum(session.sim_time_s for session in report.sessions)
+    ends = [float(np.load(folder / "terminal.npz")["time"]) for folder in folders]
+    assert max(ends) - min(float(np.load(folder / "initial.npz")["time"]) for folder in folders) < 0.7 * busy_s
 
 
-def test_a_bar_goes_from_hand_to_hand_in_the_air(tmp_path):
-    with pursue(tmp_path, "handover") as (workspace, report, _):
-        assert report.verdict == "success", report
-        worlds = [
-            msgspec.json.decode(
-                (workspace.evidence_of(session.id) / "environment_after.json").read_bytes(), type=Environment
-            )
-            for session in report.sessions
-        ]
-        hands = [{name for name, state in world.targets.items() if "bar" in state.holding} for world in worlds]
-        assert hands == [{"left_arm"}, {"left_arm"}, {"left_arm", "right_arm"}, {"right_arm"}, set()]
-        assert all(world.entities["bar"].pose.position_m[2] > 0.25 for world in worlds[1:4])
-        assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]
+def test_a_bar_goes_from_hand_to_hand_in_the_air(pursue):
+    workspace, report, _ = pursue("handover")
+
+    assert report.verdict == "success", report
+    files = [workspace.evidence_of(session.id) / "environment_after.json" for session in report.sessions]
+    worlds = [msgspec.json.decode(file.read_bytes(), type=Environment) for file in files]
+    hands = [{name for name, state in world.targets.items() if "bar" in state.holding} for world in worlds]
+    assert hands == [{"left_arm"}, {"left_arm"}, {"left_arm", "right_arm"}, {"right_arm"}, set()]
+    assert all(world.entities["bar"].pose.position_m[2] > 0.25 for world in worlds[1:4])
+    assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]

@@ -39,8 +39,8 @@ class Bench:
     def set_state(self, id, state) -> None:
         self.ledger.sessions[id] = msgspec.structs.replace(self.ledger.sessions[id], state=state)
 
-    def grant(self, *idle) -> list[str]:
-        turns = self.queues.grant(idle)
+    def grant(self, *idle, starting=()) -> list[str]:
+        turns = self.queues.grant(idle, starting)
         for turn in turns:
             self.set_state(turn.session.id, "running")
         return [turn.session.id for turn in turns]
@@ -138,6 +138,18 @@ def test_two_targets_with_one_tray_have_it_in_turn():
     assert bench.grant("b") == []
     bench.queues.release("a")
     assert bench.grant("a", "b") == ["right"]
+
+
+def test_whose_worker_is_ready_first_does_not_decide_who_has_a_resource_first():
+    bench = Bench()
+    bench.submit("senior", "a", resources=["tray"])
+    bench.submit("junior", "b", resources=["tray"])
+    bench.submit("free", "c")
+
+    assert bench.grant("b", "c", starting=["a"]) == ["free"]
+    assert bench.grant("a", "b") == ["senior"]
+    bench.queues.release("a")
+    assert bench.grant("b") == ["junior"]
 
 
 def test_resources_are_granted_all_or_none_and_the_senior_waits_for_no_junior():

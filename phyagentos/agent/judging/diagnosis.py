@@ -285,9 +285,9 @@ def _judge_completed(
 
 
 def _is_out_of_reach(timeline: ManipulationTimeline, *, is_recorded: bool = True) -> bool:
-    """Whether the object fell off its support or was taken away; a lost runner leaves a motion unrecorded."""
+    """Whether the object fell off its support or was taken away, not in a hand; a lost runner records no motion."""
     was, now = timeline.was, timeline.now
-    if was is None or now is None or now.confidence < SURE or _was_held(timeline):
+    if was is None or now is None or now.held_by or now.confidence < SURE or _was_held(timeline):
         return False
     fell_m = was.pose.position_m[2] - now.pose.position_m[2]
     is_untouched = timeline.grips and timeline.stage < Stage.LIFTED  # a push moves it without holding it

@@ -21,6 +21,7 @@ from phyagentos.protocol.world.predicates.predicate import View, find_things, pa
 from phyagentos.protocol.world.predicates.syntax import iter_calls
 from phyagentos.protocol.world.truth import Truth
 
+MOTION_CONFLICT = "MOTION_CONFLICT"
 _OF_PLANS = frozenset({Cause.NO_PLAN, Cause.IMPOSSIBLE, Cause.ADAPTER_REFUSED})
 
 
@@ -82,6 +83,8 @@ def _find_lasting_cause(case: Case, status: SessionStatus, strategy: Strategy) -
     bundle = case.miss.bundle if is_own else case.recall(status)
     refused_in = _find_world_of_refusal(case, status) if is_own else None  # of earlier refusals no cause is recorded
     before = bundle.before if bundle is not None else refused_in
+    if bundle is not None and bundle.execution.code == MOTION_CONFLICT:
+        return ""  # the other robot moves on
     if cause is None or world is None or before is None or not _plans_alike(session.strategy, strategy, bundle):
         return ""
     if cause in _OF_PLANS:

@@ -32,7 +32,7 @@ AnswerT = TypeVar("AnswerT", Approaches, Motion)
 PRESSED_MORE = 1.2  # of the force of a contact that is about to be left
 BESIDE = PortInformation(data_type=str, required=False, description="Robot to which the hand comes near on purpose.")
 WAIT_S = 0.2  # for another robot that is in the way, until it is tried again
-STOOD_MAX_S = 3.0  # of such waiting for one that stands, by the robot that gives way: the later in order of names
+STOOD_MAX_S = 1.5  # of such waiting for one that stands, as no gripper does for so long, by the later in order of names
 WAITED_MAX_S = 20.0  # in all, by any; a session of manipulation takes less
 HOMEWARD = 0.45  # of the velocity limits: what is held stays in the fingers
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
@@ -50,7 +50,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     _is_asked = False
     _beside = ""  # a robot to which the hand comes near on purpose
     _waits_until_s, _waited_s, _stood_s = 0.0, 0.0, 0.0  # for another robot that is in the way
-    _waited_for = ""
+    _conflict = ""  # which robot was in the way for how long
     _gives_way = False  # it goes home, so that another robot can pass, and fails there
 
     def compose(self) -> MotionRequest | Status:
@@ -68,7 +68,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     @final
     def on_start(self) -> Status:
         """Submit."""
-        self._is_asked, self._gives_way = False, False
+        self._is_asked, self._gives_way, self._conflict = False, False, ""
         self._beside = self.find("beside") or "" if "beside" in self.INPUT_PORTS else ""
         self._waits_until_s, self._waited_s, self._stood_s = 0.0, 0.0, 0.0
         return self.ask()
@@ -131,7 +131,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
         there = [each for each in self.context.cell.read_neighbours() if each.name in names]
         is_first = all(self.context.session.target < each.name for each in there)
         if self._waited_s >= WAITED_MAX_S or (self._stood_s >= STOOD_MAX_S and not is_first):
-            self._waited_for = format_names(names)
+            self._conflict = self._conflict or f"{format_names(names)} was in the way for {self._waited_s:.1f} s"
             return self.give_up()
         self._waits_until_s, self._waited_s = self.context.time_s + WAIT_S, self._waited_s + WAIT_S
         self._stood_s += 0.0 if any(len(each.announced_rad) for each in there) else WAIT_S
@@ -139,8 +139,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
 
     def give_up(self) -> Status:
         """FAILURE: another robot was in the way for too long."""
-        message = f"{self._waited_for} was in the way for {self._waited_s:.1f} s"
-        return self.fail(FailureCode.MOTION_CONFLICT, message, waited_s=self._waited_s)
+        return self.fail(FailureCode.MOTION_CONFLICT, self._conflict)
 
     @final
     def ask(self) -> Status:

@@ -109,12 +109,17 @@ class Queues:
             self._remove(session)
         return session
 
-    def grant(self, idle: Collection[str]) -> list[Turn]:
-        """The sessions whose turn it is on idle targets; at most one for each."""
+    def grant(self, idle: Collection[str], starting: Collection[str] = ()) -> list[Turn]:
+        """The sessions whose turn it is on idle targets; at most one for each.
+
+        What the next session of a `starting` target needs is kept from junior ones: whose worker is ready first decides
+        nothing.
+        """
         heads = [session for target in idle if (session := self._find_head(target)) is not None]
         turns = [Turn(session) for session in heads if not session.resources]
-        needy = (session for session in heads if session.resources)
-        turns += self._share(sorted(needy, key=lambda each: self._heaps[each.target][0]))
+        soon = [session for target in starting if (session := self._find_head(target)) is not None]
+        needy = (session for session in (*heads, *soon) if session.resources)
+        turns += self._share(sorted(needy, key=lambda each: self._heaps[each.target][0]), starting)
         for turn in turns:
             self._remove(turn.session)
         return turns
@@ -163,12 +168,14 @@ class Queues:
         heapq.heappop(self._heaps[session.target])
         self._taken[session.target] = session.id, self._tickets.pop(session.id)
 
-    def _share(self, needy: list[Session]) -> Iterator[Turn]:
+    def _share(self, needy: list[Session], starting: Collection[str]) -> Iterator[Turn]:
         """Grant free resources by seniority; what a senior session waits for is kept from junior ones."""
         promised: set[str] = set()
         for session in needy:
             lost = next((name for name in session.resources if name in self._forsaken), None)
-            if lost is not None:
+            if session.target in starting:
+                promised.update(session.resources)
+            elif lost is not None:
                 why = f"{lost!r} is held by {self._forsaken[lost]!r}, which is broken"
                 yield Turn(session, Problem(RESOURCE_UNAVAILABLE, f"{session.id}: resources", why))
             elif promised.isdisjoint(session.resources) and self._holders.keys().isdisjoint(session.resources):

@@ -175,14 +175,16 @@ class Watchdog:
         """Give each free target the session whose turn it is."""
         if self._operator.is_stopped():
             return
-        idle = []
+        idle, starting = [], []
         for target in list(self._queues.iter_targets()):
             supervisor = self._find_supervisor(target)
             if supervisor is None or supervisor.phase is Phase.BROKEN:
                 self._turn_away(target, supervisor)
             elif supervisor.is_free():
                 idle.append(target)
-        for turn in self._queues.grant(idle):
+            elif supervisor.phase is Phase.STARTING:
+                starting.append(target)
+        for turn in self._queues.grant(idle, starting):
             if turn.refused is not None:
                 self._journal.try_commit(make_rejection(turn.session.id, turn.refused))
             else:

@@ -5,14 +5,14 @@ posture that the other has announced and not yet passed. So none is met wherever
 computed on a copy of the model and never touch the stepped state.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import dataclass
-from itertools import product
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from phyagentos.geometry import compute_inverse, compute_pose
 from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
@@ -24,8 +24,6 @@ ARRIVAL_S = 0.1  # after the end of a motion, until the robot rests
 FREE = 6  # degrees of freedom of a thing that nothing but a hand holds
 NEARER_M = 0.001  # than at its beginning: a motion that begins too near another robot comes no nearer
 
-Place = Mapping[int, float]  # joint positions by their address
-
 
 @dataclass(frozen=True, slots=True)
 class Announced:
@@ -33,6 +31,15 @@ class Announced:
 
     began_s: float
     q_rad: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A robot in one posture, with what it holds: joint positions by address, solids, and their middles (g, 3) [m]."""
+
+    values: Mapping[int, float]
+    geoms: NDArray[np.intp]
+    centers_m: Array
 
 
 class Encounters:
@@ -89,58 +96,57 @@ class Encounters:
 
         `beside` is a robot to which it comes near on purpose; `held` are the things that each robot holds.
         """
-        own = list(self._iter_places(name, sample(q_rad), held[name]))
+        own = self._place(name, sample(q_rad), held[name])
         for other in (each for each in self._names if each != name):
             here, things = self._world.qpos[self._robots[other].q_address], () if other == beside else held[other]
-            theirs = list(self._iter_places(other, np.vstack((here, self.find_announced(other))), things))
-            sides = self._find_sides({name: held[name], other: things})
+            theirs = self._place(other, np.vstack((here, self.find_announced(other))), things)
             apart_m = BESIDE_M if other == beside else CLEARANCE_M
-            apart_m = min(apart_m, self._measure(sides, own[:1], theirs[:1]) - NEARER_M)
-            if self._measure(sides, own, theirs, enough_m=apart_m) < apart_m:
+            apart_m = min(apart_m, self._measure(own[:1], theirs[:1]) - NEARER_M)
+            if self._measure(own, theirs, enough_m=apart_m) < apart_m:
                 return other
         self._announced[name] = Announced(self._robots[name].time_s, q_rad)
         return ""
 
-    def _find_sides(self, pair: Mapping[str, Collection[str]]) -> NDArray[np.int8]:
-        """(n_geoms,) 1 and 2 for the solids of two robots and of what each holds, else 0."""
-        sides = np.zeros(self._model.ngeom, dtype=np.int8)
-        for side, (name, held) in enumerate(pair.items(), start=1):
-            bodies = [int(self._model.body(thing).id) for thing in held]
-            sides[(self._owner == self._names.index(name)) | np.isin(self._model.geom_bodyid, bodies)] = side
-        return sides
-
-    def _iter_places(self, name: str, postures: Array, held: Collection[str]) -> Iterator[Place]:
+    def _place(self, name: str, postures: Array, held: Collection[str]) -> list[_Place]:
         """A robot in each posture (k, n_joints), with what it holds."""
         robot, model, data = self._robots[name], self._model, self._data
         data.qpos[:] = self._world.qpos
         mujoco.mj_kinematics(model, data)
         free = [thing for thing in held if model.body(thing).dofnum[0] == FREE]  # what is hinged stays where it is
         addresses = {thing: int(model.jnt_qposadr[model.body(thing).jntadr[0]]) for thing in free}
-        in_hand = {
-            start: compute_inverse(robot.place(data)) @ robot.place(data, thing) for thing, start in addresses.items()
-        }
-        joints = np.arange(model.nq)[robot.q_address].tolist()
+        in_hand = {at: compute_inverse(robot.place(data)) @ robot.place(data, each) for each, at in addresses.items()}
+        bodies = [int(model.body(thing).id) for thing in held]
+        is_solid = (model.geom_contype | model.geom_conaffinity) > 0
+        is_of_side = (self._owner == self._names.index(name)) | np.isin(model.geom_bodyid, bodies)
+        geoms = np.flatnonzero(is_solid & is_of_side)
+        joints, places = np.arange(model.nq)[robot.q_address].tolist(), []
         for q_rad in postures:
-            place = dict(zip(joints, q_rad.tolist(), strict=True))
-            if in_hand:
-                data.qpos[robot.q_address] = q_rad
-                mujoco.mj_kinematics(model, data)
-            for start, T in in_hand.items():
+            values = dict(zip(joints, q_rad.tolist(), strict=True))
+            data.qpos[robot.q_address] = q_rad
+            mujoco.mj_kinematics(model, data)
+            for at, T in in_hand.items():
                 pose = compute_pose(robot.place(data) @ T)
-                place |= dict(enumerate((*pose.position_m, *pose.quaternion_wxyz), start))
-            yield place
+                values |= dict(enumerate((*pose.position_m, *pose.quaternion_wxyz), at))
+            data.qpos[list(values)] = list(values.values())
+            mujoco.mj_kinematics(model, data)
+            places.append(_Place(values, geoms, data.geom_xpos[geoms].copy()))
+        return places
 
-    def _measure(
-        self, sides: NDArray[np.int8], own: list[Place], theirs: list[Place], enough_m: float = -np.inf
-    ) -> float:
+    def _measure(self, own: list[_Place], theirs: list[_Place], enough_m: float = -np.inf) -> float:
         """The least distance between two sides in any two of their places [m], infinite beyond `CLEARANCE_M`.
 
-        The search ends with the first that is less than `enough_m`.
+        The search ends with the first that is less than `enough_m`; places whose bounding balls are apart are skipped.
         """
         model, data, least_m = self._model, self._data, np.inf
+        sides = np.zeros(model.ngeom, dtype=np.int8)
+        sides[own[0].geoms], sides[theirs[0].geoms] = 1, 2
+        radii_m = model.geom_rbound[own[0].geoms][:, None] + model.geom_rbound[theirs[0].geoms]
+        one_m, two_m = (np.vstack([place.centers_m for place in places]) for places in (own, theirs))
+        between_m = cdist(one_m, two_m)
+        gaps_m = between_m.reshape(len(own), -1, len(theirs), radii_m.shape[1]) - radii_m[None, :, None]
         data.qpos[:] = self._world.qpos
-        for one, two in product(own, theirs):
-            both = {**one, **two}
+        for one, two in np.argwhere(gaps_m.min(axis=(1, 3)) < CLEARANCE_M).tolist():
+            both = {**own[one].values, **theirs[two].values}
             data.qpos[list(both)] = list(both.values())
             mujoco.mj_kinematics(model, data)
             mujoco.mj_collision(model, data)
