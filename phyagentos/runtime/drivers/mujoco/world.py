@@ -209,7 +209,9 @@ class MujocoDriver(TargetDriver):
             cameras=cameras,
             mode=self.world.mode,
             kinematics=read_kinematics(model, profile, prefix),
-            gripper_force_n=_find_grip(model, profile, prefix),
+            gripper_force_n=float(np.abs(model.actuator(prefix + GRIPPER_ACTUATOR).forcerange).max())
+            if profile.gripper.joints
+            else 0.0,
             joints=profile.arm.joints,
             depth_cameras=present.rig.names if present else (),
             version=wire.WIRE_VERSION,
@@ -344,10 +346,3 @@ class MujocoDriver(TargetDriver):
         if self._present is None:
             raise ExecutionError("NO_SCENE", "no scene is loaded; send LoadScene first")
         return self._present
-
-
-def _find_grip(model: mujoco.MjModel, profile: TargetProfile, prefix: str) -> float:
-    """Greatest force of a finger in the model [N]; zero without a gripper."""
-    if not profile.gripper.joints:
-        return 0.0
-    return float(np.abs(model.actuator(prefix + GRIPPER_ACTUATOR).forcerange).max())
