@@ -76,7 +76,7 @@ def test_every_link_of_a_tree_is_where_the_model_has_it(claw):
     for q in np.random.default_rng(RNG_SEED).uniform(robot.q_min_rad, robot.q_max_rad, size=(20, 4)):
         data.qpos[:] = q
         mujoco.mj_kinematics(robot.model, data)
-        compute_links(q, chain.frames, chain.parents, links)
+        compute_links(q, chain.frames, chain.parents, chain.slides, links)
         assert links[1:, :, 3] == pytest.approx(data.xanchor, abs=1e-12)
         assert chain.compute_tcp(q)[:3, 3] == pytest.approx(data.site("tcp").xpos, abs=1e-12)
 
