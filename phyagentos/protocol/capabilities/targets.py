@@ -176,6 +176,7 @@ class Arm(Authored):
         torque_nm: Largest torque of the servo [N m].
         stiffness_nm_rad: Position gain of the servo [N m/rad].
         damping_nms_rad: Velocity gain of the servo [N m s/rad].
+        armature_kg_m2: Inertia of its motors behind their gears, where the model has none; light links need it.
         payload_kg: Heaviest load, the hand included [kg]; an arm without this value carries nothing.
         position_noise_rad: Standard deviation of measured joint positions [rad].
         velocity_noise_rad_s: Standard deviation of measured joint velocities [rad/s].
@@ -191,6 +192,7 @@ class Arm(Authored):
     torque_nm: tuple[float, ...]
     stiffness_nm_rad: tuple[float, ...]
     damping_nms_rad: tuple[float, ...]
+    armature_kg_m2: float = pydantic.Field(default=0.0, ge=0.0)
     payload_kg: float = pydantic.Field(default=0.0, ge=0.0)
     position_noise_rad: float = pydantic.Field(default=0.0, ge=0.0)
     velocity_noise_rad_s: float = pydantic.Field(default=0.0, ge=0.0)

@@ -247,6 +247,8 @@ def _add_servos(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
         servo = spec.add_actuator(name=name_actuator(joint), target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         servo.set_to_position(kp=kp, kv=kv)
         servo.forcelimited, servo.forcerange = True, (-torque, torque)
+    for name in arm.joints[profile.servoed] if arm.armature_kg_m2 else ():
+        spec.joint(name).armature = arm.armature_kg_m2
     if not gripper.joints:
         return
     tendon = spec.add_tendon(name=GRIPPER_TENDON)

@@ -453,11 +453,9 @@ class Physics:
 def advance(robots: Collection[Physics], count: int) -> None:
     """Advance a scene by `count` physics steps, in which the bases of its robots stand or drive on."""
     scene, driven = next(iter(robots)).scene, [each for each in robots if each.base is not None]
-    if not driven:
-        if count > 0:
-            mujoco.mj_step(scene.model, scene.data, count)
-        return
-    for _ in range(count):
+    if not driven and count > 0:
+        mujoco.mj_step(scene.model, scene.data, count)
+    for _ in range(count if driven else 0):
         for each in driven:
             each.drive()
         mujoco.mj_step(scene.model, scene.data)
