@@ -21,7 +21,9 @@ GROUND = "floor"  # kind of the fixed things that a base stands on
 _SCENE_BIT, _ROBOT_BIT = 1, 2
 _OVERLAP = 1.05  # of neighbouring rollers, so that the rim is nearly round
 _RUBBER = (0.15, 0.15, 0.15, 1.0)
+_GRIP = (0.55, 0.005, 0.0001)  # of rubber on anything (`protocol.world.friction`); it decides, whatever the floor is
 _ROLLER = {"mass": 0.005, "condim": 3, "contype": 0, "conaffinity": _SCENE_BIT, "rgba": _RUBBER}
+_ROLLER |= {"priority": 1, "friction": _GRIP}
 _RUN = {"damping": 1e-6, "armature": 1e-6}  # of a roller on its axle
 
 

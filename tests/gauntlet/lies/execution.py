@@ -166,4 +166,22 @@ SABOTAGES = (
         ),
         tests=("tests/protocol/test_predicate_builtins.py::test_docked_in_a_region_means_within_it_and_headed_as_it",),
     ),
+    Sabotage(
+        name="ground_holds_feet",
+        lie="The ground holds a foot as well as it bears it: what would pull is counted on.",
+        edits=(Edit("phyagentos.runtime.drivers.mujoco.legs", "shares, _ = nnls(", "shares, *_ = np.linalg.lstsq("),),
+        tests=("tests/runtime/targets/test_legs.py::test_forces_of_the_ground_push_within_friction_and_add_up",),
+    ),
+    Sabotage(
+        name="lying_is_standing",
+        lie="A body that fell stands: only how high its trunk is counts.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.world.predicates.builtins",
+                "min(1.0 - tilt_rad / UPRIGHT_RAD, (height_m - least_m) / max(least_m, 1e-3))",
+                "(height_m - least_m) / max(least_m, 1e-3)",
+            ),
+        ),
+        tests=("tests/protocol/test_postures.py::test_a_body_stands_when_its_trunk_is_upright_and_high_enough",),
+    ),
 )

@@ -74,12 +74,12 @@ def scooter(tmp_path):
 
 def drive(physics, goal, steps=1500):
     """Lead all joints to a goal (4,) and let them settle; the largest error after the start."""
-    start, rows = physics.q_rad, np.linspace(0.0, 1.0, steps)
-    rate, worst = (goal - start) / (steps * physics.model.opt.timestep), 0.0
-    for row in rows:
-        physics.set_servos(start + row * (goal - start), rate, 0.0)
+    start, span_s, worst = physics.q_rad, steps * physics.model.opt.timestep, 0.0
+    for part in np.linspace(0.0, 1.0, steps):
+        wanted = start + part**2 * (3.0 - 2.0 * part) * (goal - start)  # it begins and ends at rest
+        physics.set_servos(wanted, 6.0 * part * (1.0 - part) / span_s * (goal - start), 0.0)
         physics.step()
-        worst = max(worst, float(np.abs(physics.q_rad - start - row * (goal - start)).max()))
+        worst = max(worst, float(np.abs(physics.q_rad - wanted).max()))
     for _ in range(500):
         physics.set_servos(goal, np.zeros(4), 0.0)
         physics.step()
