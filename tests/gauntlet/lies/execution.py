@@ -42,7 +42,7 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.models.scene",
-                'rng = np.random.default_rng(compute_seed(seed, "scene", spec.scene))',
+                "rng = np.random.default_rng(layout_seed)",
                 "rng = np.random.default_rng()",
             ),
         ),
