@@ -211,8 +211,18 @@ class Physics:
         An arm on a fixed mount is compensated without a reaction on it; on a base, its servos add what gravity asks.
         """
         if self._locomotion is not None:
-            self.data.qfrc_applied[self.v_address] = self.data.qfrc_bias[self.v_address]
+            self.data.qfrc_applied[self.v_address] = self._compute_bias()[self.v_address]
             self._locomotion.control(self.data, *self._goal)
+
+    def _compute_bias(self) -> Array:
+        """(nv,) forces of gravity and motion in the present state; those in the data are of a physics step before."""
+        now = self._considered
+        now.qpos[:], now.qvel[:] = self.data.qpos, self.data.qvel
+        mujoco.mj_kinematics(self.model, now)
+        mujoco.mj_comPos(self.model, now)
+        mujoco.mj_comVel(self.model, now)
+        mujoco.mj_rne(self.model, now, 0, now.qfrc_bias)
+        return np.array(now.qfrc_bias)
 
     def find_lag(self, q_rad: Array) -> float:
         """Largest distance of a measured joint from its set-point (n_joints,), of those that follow one."""
