@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import yaml
-from judge import is_held_up, is_in_tray, is_posed, is_standing
+from judge import is_held_up, is_in_tray, is_parked, is_posed, is_standing
 from rich.console import Console
 from rich.table import Table
 
@@ -109,12 +109,30 @@ def judge_stance(episode: Episode, profile: TargetProfile) -> list[bool]:
     ]
 
 
+def judge_dock(episode: Episode, profile: TargetProfile) -> list[bool]:
+    """Whether the base stands in the bay before the dock."""
+    folders, base = list_bundles(episode), profile.base
+    mount = profile.mount_quaternion_wxyz
+    return [bool(folders and base) and is_parked(folders[-1], base.body, mount, "dock", (-0.42, 0.0, 0.0))]
+
+
+def judge_fetched(episode: Episode, _profile: TargetProfile) -> list[bool]:
+    """Whether the cube lies in the tray at the end."""
+    folders = list_bundles(episode)
+    return [bool(folders) and is_in_tray(folders[-1], "cube", "tray")]
+
+
 TIDY = Task("tidy_table", "cubes in their tray", judge_cubes)
 POSES = Task("hand_poses", "postures held", judge_postures)
 LIFT = Task("hand_lift", "spools held up", judge_lift)
 WALK = Task("walk_and_turn", "walks of 2 m and a right angle", judge_walk)
 STANCE = Task("stand_and_reach", "postures kept for 10 s while pushed", judge_stance, faults="shove_{}")
+DOCK = Task("drive_and_dock", "drives to the dock", judge_dock)
+FETCH = Task("drive_and_pick", "cubes from the floor in the tray", judge_fetched)
+FETCH_HIGH = Task("drive_and_pick_high", "cubes from a table in the tray", judge_fetched)
 TASKS = {
+    "lekiwi": (DOCK, FETCH),
+    "xlerobot": (DOCK, FETCH_HIGH),
     "leap_hand": (POSES, LIFT),
     "allegro_hand": (POSES, LIFT),
     "go2": (WALK,),

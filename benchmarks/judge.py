@@ -88,6 +88,26 @@ def is_standing(folder: Path, body: str, least_m: float, place: str = "", ahead_
     return bool(stands and still and faces and abs(np.linalg.norm(to_place) - ahead_m) < 0.07)
 
 
+def is_parked(folder: Path, body: str, mount_wxyz: Sequence[float], place: str, at_m: Sequence[float]) -> bool:
+    """Whether a base is at rest within 5 cm and 6 degrees of a point (3,) of a body's frame, headed as that frame is.
+
+    `mount_wxyz` is how the base's own frame stands in the world where it is headed along x.
+    """
+    if not (folder / "terminal.npz").exists():
+        return False
+    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
+    data = mujoco.MjData(model)
+    with np.load(folder / "terminal.npz") as terminal:
+        data.qpos[:], data.qvel[:] = terminal["qpos"], terminal["qvel"]
+    mujoco.mj_kinematics(model, data)
+    own, there, mount = data.body(body), data.body(place), np.zeros(9)
+    mujoco.mju_quat2Mat(mount, np.array(mount_wxyz, dtype=float))
+    turned = there.xmat.reshape(3, 3).T @ own.xmat.reshape(3, 3) @ mount.reshape(3, 3).T
+    away = there.xmat.reshape(3, 3).T @ (own.xpos - there.xpos) - at_m
+    still = float(np.linalg.norm(data.qvel[model.body_dofadr[model.body(body).id] :][:3])) < REST_SPEED_M_S
+    return bool(still and np.linalg.norm(away[:2]) < 0.05 and turned[0, 0] > np.cos(np.radians(6)))
+
+
 def is_held_up(folder: Path, thing: str, supports: Sequence[str]) -> bool:
     """Whether a free body is at rest, on none of its supports, and touched by two fingers or more.
 
