@@ -322,7 +322,8 @@ class Judge:
 
     def _read_cameras(self) -> dict[str, dict[str, object]]:
         sensors = yaml.safe_load(SENSORS.read_text())["sensors"]
-        return {name: sensor["camera"] for name, sensor in sensors.items() if sensor["modality"] == "rgbd"}
+        rgbd = {name: sensor["camera"] for name, sensor in sensors.items() if sensor["modality"] == "rgbd"}
+        return {name: camera for name, camera in rgbd.items() if "scene_camera" not in camera}  # rooms have none
 
     def _see(self, thing: str, camera: dict[str, object], data: mujoco.MjData) -> float:
         """Share of points of a thing that a camera has in its picture with nothing before them."""
