@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import yaml
 
+from phyagentos.agent.goals.selector import ANY
 from phyagentos.agent.judging.from_frames import judge_again
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.assembly.from_frames import perceive_again
@@ -53,7 +54,7 @@ GRAPHS = [path for path in SHIPPED if path.stem not in COVERED]
 
 @pytest.mark.parametrize("graph", GRAPHS, ids=lambda path: path.stem)
 def test_a_shipped_goal_graph_is_met_and_its_frames_give_the_same_verdicts(plane, graph, judge_from_frames):
-    for target in yaml.safe_load(graph.read_text())["targets"].values():
+    for target in set(yaml.safe_load(graph.read_text())["targets"].values()) - {ANY}:
         read_profile_here(target)
     report = plane.mission.run(graph, seed=2)
 
