@@ -9,8 +9,10 @@ from phyagentos.errors import DefinitionError
 from phyagentos.geometry import convert_euler
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.scenes import SceneSpec
-from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.encounters import CLEARANCE_M, Encounters
+from phyagentos.runtime.drivers.mujoco.physics import Physics, advance
 from phyagentos.runtime.models.robot import build_robot
+from phyagentos.runtime.models.world import compile_scene
 from phyagentos.runtime.motion.chain import build_chain
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.requests import World
@@ -52,6 +54,8 @@ GROUND = SceneSpec.model_validate(
     }
 )
 WHEELS = ("wheel0", "wheel1", "wheel2")
+BERTHS_M = {"left": 0.75, "right": -0.75}
+EMPTY = dict.fromkeys(BERTHS_M, ())
 
 
 @pytest.fixture
@@ -192,3 +196,62 @@ def test_a_profile_with_a_base_names_its_pose_first(scooter):
     hovering = profile.base.model_copy(update={"kind": "hover"})
     with pytest.raises(DefinitionError, match="UNKNOWN_NAME: found 'hover'"):
         Physics.alone(profile.model_copy(update={"base": hovering}), folder, GROUND, seed=3)
+
+
+@pytest.fixture
+def hall(scooter):
+    """Two scooters a metre and a half apart in one world: the physics of each by its name, and their encounters."""
+    profile, folder = scooter
+    arms = {name: profile.arm.model_copy(update={"home_rad": (0.0, y, 0.0, 0.0)}) for name, y in BERTHS_M.items()}
+    both = [(profile.model_copy(update={"target": name, "arm": arm}), folder) for name, arm in arms.items()]
+    scene = compile_scene(both, GROUND, 0)
+    robots = {each.target: Physics(each, scene, f"{each.target}/") for each, _ in both}
+    for each in robots.values():
+        each.place_at_home()
+    advance(robots.values(), 50)
+    return robots, Encounters(robots)
+
+
+def slide(robot, y_m, rows=400):
+    """Postures (rows, 4) from where a scooter stands to a place along y [m]."""
+    return np.linspace(robot.q_rad, (0.0, y_m, 0.0, 0.0), rows)
+
+
+@pytest.mark.sim
+def test_a_base_announces_its_way_and_keeps_its_distance_from_another_base(hall):
+    """A way through where the other stands, or through a way that it has announced, is not admitted; nothing moves."""
+    robots, encounters = hall
+    before = robots["left"].read_state()
+
+    assert encounters.admit("left", slide(robots["left"], -1.2), "", EMPTY) == "right"
+    assert encounters.admit("left", slide(robots["left"], -0.2), "", EMPTY) == ""
+    assert encounters.admit("right", slide(robots["right"], 0.0), "", EMPTY) == "left"
+    assert encounters.admit("right", slide(robots["right"], -1.2), "", EMPTY) == ""
+    assert encounters.find_announced("left")[-1] == pytest.approx((0.0, -0.2, 0.0, 0.0))
+    assert (robots["left"].read_state() == before).all()
+
+
+@pytest.mark.sim
+def test_no_two_compared_places_of_a_base_are_farther_apart_than_robots_keep_from_each_other(hall):
+    """A thin thing beside the way of a base is found wherever it stands."""
+    robots, encounters = hall
+    encounters.admit("left", slide(robots["left"], 2.0), "", EMPTY)
+
+    assert np.diff(encounters.find_announced("left")[:, 1]).max() < CLEARANCE_M
+
+
+@pytest.mark.sim
+def test_of_two_bases_each_drives_on_its_own_wheels_and_what_touches_is_noted(hall):
+    """One drives into the other, which stands by its own motors: both are told, once they touch."""
+    robots, encounters = hall
+    for q_rad in slide(robots["left"], -1.2)[::2]:
+        robots["left"].set_servos(q_rad, np.zeros(4), 0.0)
+        for _ in range(10):
+            advance(robots.values(), 1)
+            encounters.note()
+        if touched := encounters.take_touched("left"):
+            break
+
+    assert touched.keys() == {"right"} == encounters.take_touched("right").keys() ^ {"left", "right"}
+    assert -0.6 < robots["left"].q_rad[1] < -0.4
+    assert robots["right"].q_rad == pytest.approx((0.0, BERTHS_M["right"], 0.0, 0.0), abs=0.05)
