@@ -10,6 +10,7 @@ from phyagentos.geometry import convert_euler
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.encounters import CLEARANCE_M, Encounters
+from phyagentos.runtime.drivers.mujoco.local_limits import LocalLimits
 from phyagentos.runtime.drivers.mujoco.physics import Physics, advance
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.models.world import compile_scene
@@ -17,6 +18,8 @@ from phyagentos.runtime.motion.chain import build_chain
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.requests import World
 from phyagentos.runtime.motion.robot_model import build_robot_model
+from phyagentos.runtime.motion.timing import VELOCITY_SCALE
+from tests.models_here import read_profile_here
 
 WHEEL = """
       <body name="wheel{0}" pos="{1:.4f} {2:.4f} 0" euler="0 0 {3}">
@@ -104,6 +107,28 @@ def test_a_base_follows_its_set_points_on_its_wheels(scooter):
     assert np.allclose(physics.q_rad, goal, atol=2e-3)
     physics.look()
     assert np.allclose(physics.read_target({}).base, goal[:3], atol=2e-3)
+
+
+@pytest.mark.sim
+def test_a_base_that_drives_as_fast_as_is_planned_is_not_stopped_for_the_ripple_of_its_rollers():
+    """Askew, at the share of its limits at which motions are planned; what is a fifth too fast is stopped."""
+    profile, folder = read_profile_here("xlerobot")
+    stopped = {}
+    for share in (VELOCITY_SCALE, 1.2):
+        physics, q_rad = Physics.alone(profile, folder, GROUND, seed=3), np.array(profile.arm.home_rad)
+        q_rad[2] = 0.6
+        physics.place_at_home()
+        physics.write_posture(physics.data, q_rad)
+        physics.base.speed_max[:] = np.inf  # its drive bounds its speed by itself, too
+        limits, top = LocalLimits(profile, physics, 10), np.array(profile.arm.velocity_rad_s)
+        for step in range(1800):
+            rate = share * min(step / 500.0, 1.0) * top * (-0.5, 1.0, 0.25, 0.0, 0.0, 0.0, 0.0, 0.0)
+            q_rad = q_rad + rate * profile.physics_step_s
+            physics.set_servos(q_rad, rate, profile.gripper.max_width_m)
+            physics.step()
+            stopped[share] = stopped.get(share) or limits.find_excess()
+
+    assert stopped == {VELOCITY_SCALE: "", 1.2: "a joint is faster than its limit"}
 
 
 @pytest.mark.sim
