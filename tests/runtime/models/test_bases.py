@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import convert_euler
+from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.encounters import CLEARANCE_M, Encounters
@@ -15,8 +16,9 @@ from phyagentos.runtime.drivers.mujoco.physics import Physics, advance
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.models.world import compile_scene
 from phyagentos.runtime.motion.chain import build_chain
+from phyagentos.runtime.motion.neighbours import NeighbourModel
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
-from phyagentos.runtime.motion.requests import World
+from phyagentos.runtime.motion.requests import Neighbour, World
 from phyagentos.runtime.motion.robot_model import build_robot_model
 from phyagentos.runtime.motion.timing import VELOCITY_SCALE
 from tests.models_here import read_profile_here
@@ -280,3 +282,23 @@ def test_of_two_bases_each_drives_on_its_own_wheels_and_what_touches_is_noted(ha
     assert touched.keys() == {"right"} == encounters.take_touched("right").keys() ^ {"left", "right"}
     assert -0.6 < robots["left"].q_rad[1] < -0.4
     assert robots["right"].q_rad == pytest.approx((0.0, BERTHS_M["right"], 0.0, 0.0), abs=0.05)
+
+
+@pytest.mark.sim
+def test_what_planning_covers_of_a_base_that_is_a_neighbour_is_where_it_stands_and_will_pass():
+    """Solids of the simulated robot, rollers and hand included, are within its spheres in each of its postures."""
+    profile, folder = read_profile_here("xlerobot")
+    physics = Physics.alone(profile, folder, GROUND, seed=3)
+    physics.start(0.0)
+    model, data = physics.model, physics.data
+    home = np.array(profile.arm.home_rad)
+    postures = home + np.array(((0.0,) * 8, (1.2, -0.7, 1.0, 0.4, -0.6, -0.5, 0.2, 0.3)))
+    covered = NeighbourModel(Library.open().get_target("xlerobot"))
+    solid = [g for g in range(model.ngeom) if (model.geom_contype[g] or model.geom_conaffinity[g])]
+    for posture in postures:
+        spheres = np.vstack(covered.cover(Neighbour("xlerobot", posture[None]), ()))
+        physics.write_posture(data, posture)
+        mujoco.mj_kinematics(model, data)
+        for geom in (g for g in solid if model.body(model.geom_bodyid[g]).rootid[0] == physics.base.body):
+            apart = np.linalg.norm(spheres[:, :3] - data.geom_xpos[geom], axis=1) - spheres[:, 3]
+            assert apart.min() < 0.0, (posture, model.body(model.geom_bodyid[geom]).name)
