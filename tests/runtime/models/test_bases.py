@@ -7,14 +7,21 @@ from pydantic import ValidationError
 
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import convert_euler
+from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.scenes import SceneSpec
-from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.encounters import CLEARANCE_M, Encounters
+from phyagentos.runtime.drivers.mujoco.local_limits import LocalLimits
+from phyagentos.runtime.drivers.mujoco.physics import Physics, advance
 from phyagentos.runtime.models.robot import build_robot
+from phyagentos.runtime.models.world import compile_scene
 from phyagentos.runtime.motion.chain import build_chain
+from phyagentos.runtime.motion.neighbours import NeighbourModel
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
-from phyagentos.runtime.motion.requests import World
+from phyagentos.runtime.motion.requests import Neighbour, World
 from phyagentos.runtime.motion.robot_model import build_robot_model
+from phyagentos.runtime.motion.timing import VELOCITY_SCALE
+from tests.models_here import read_profile_here
 
 WHEEL = """
       <body name="wheel{0}" pos="{1:.4f} {2:.4f} 0" euler="0 0 {3}">
@@ -52,6 +59,8 @@ GROUND = SceneSpec.model_validate(
     }
 )
 WHEELS = ("wheel0", "wheel1", "wheel2")
+BERTHS_M = {"left": 0.75, "right": -0.75}
+EMPTY = dict.fromkeys(BERTHS_M, ())
 
 
 @pytest.fixture
@@ -100,6 +109,28 @@ def test_a_base_follows_its_set_points_on_its_wheels(scooter):
     assert np.allclose(physics.q_rad, goal, atol=2e-3)
     physics.look()
     assert np.allclose(physics.read_target({}).base, goal[:3], atol=2e-3)
+
+
+@pytest.mark.sim
+def test_a_base_that_drives_as_fast_as_is_planned_is_not_stopped_for_the_ripple_of_its_rollers():
+    """Askew, at the share of its limits at which motions are planned; what is a fifth too fast is stopped."""
+    profile, folder = read_profile_here("xlerobot")
+    stopped = {}
+    for share in (VELOCITY_SCALE, 1.2):
+        physics, q_rad = Physics.alone(profile, folder, GROUND, seed=3), np.array(profile.arm.home_rad)
+        q_rad[2] = 0.6
+        physics.place_at_home()
+        physics.write_posture(physics.data, q_rad)
+        physics.base.speed_max[:] = np.inf  # its drive bounds its speed by itself, too
+        limits, top = LocalLimits(profile, physics, 10), np.array(profile.arm.velocity_rad_s)
+        for step in range(1800):
+            rate = share * min(step / 500.0, 1.0) * top * (-0.5, 1.0, 0.25, 0.0, 0.0, 0.0, 0.0, 0.0)
+            q_rad = q_rad + rate * profile.physics_step_s
+            physics.set_servos(q_rad, rate, profile.gripper.max_width_m)
+            physics.step()
+            stopped[share] = stopped.get(share) or limits.find_excess()
+
+    assert stopped == {VELOCITY_SCALE: "", 1.2: "a joint is faster than its limit"}
 
 
 @pytest.mark.sim
@@ -192,3 +223,82 @@ def test_a_profile_with_a_base_names_its_pose_first(scooter):
     hovering = profile.base.model_copy(update={"kind": "hover"})
     with pytest.raises(DefinitionError, match="UNKNOWN_NAME: found 'hover'"):
         Physics.alone(profile.model_copy(update={"base": hovering}), folder, GROUND, seed=3)
+
+
+@pytest.fixture
+def hall(scooter):
+    """Two scooters a metre and a half apart in one world: the physics of each by its name, and their encounters."""
+    profile, folder = scooter
+    arms = {name: profile.arm.model_copy(update={"home_rad": (0.0, y, 0.0, 0.0)}) for name, y in BERTHS_M.items()}
+    both = [(profile.model_copy(update={"target": name, "arm": arm}), folder) for name, arm in arms.items()]
+    scene = compile_scene(both, GROUND, 0)
+    robots = {each.target: Physics(each, scene, f"{each.target}/") for each, _ in both}
+    for each in robots.values():
+        each.place_at_home()
+    advance(robots.values(), 50)
+    return robots, Encounters(robots)
+
+
+def slide(robot, y_m, rows=400):
+    """Postures (rows, 4) from where a scooter stands to a place along y [m]."""
+    return np.linspace(robot.q_rad, (0.0, y_m, 0.0, 0.0), rows)
+
+
+@pytest.mark.sim
+def test_a_base_announces_its_way_and_keeps_its_distance_from_another_base(hall):
+    """A way through where the other stands, or through a way that it has announced, is not admitted; nothing moves."""
+    robots, encounters = hall
+    before = robots["left"].read_state()
+
+    assert encounters.admit("left", slide(robots["left"], -1.2), "", EMPTY) == "right"
+    assert encounters.admit("left", slide(robots["left"], -0.2), "", EMPTY) == ""
+    assert encounters.admit("right", slide(robots["right"], 0.0), "", EMPTY) == "left"
+    assert encounters.admit("right", slide(robots["right"], -1.2), "", EMPTY) == ""
+    assert encounters.find_announced("left")[-1] == pytest.approx((0.0, -0.2, 0.0, 0.0))
+    assert (robots["left"].read_state() == before).all()
+
+
+@pytest.mark.sim
+def test_no_two_compared_places_of_a_base_are_farther_apart_than_robots_keep_from_each_other(hall):
+    """A thin thing beside the way of a base is found wherever it stands."""
+    robots, encounters = hall
+    encounters.admit("left", slide(robots["left"], 2.0), "", EMPTY)
+
+    assert np.diff(encounters.find_announced("left")[:, 1]).max() < CLEARANCE_M
+
+
+@pytest.mark.sim
+def test_of_two_bases_each_drives_on_its_own_wheels_and_what_touches_is_noted(hall):
+    """One drives into the other, which stands by its own motors: both are told, once they touch."""
+    robots, encounters = hall
+    for q_rad in slide(robots["left"], -1.2)[::2]:
+        robots["left"].set_servos(q_rad, np.zeros(4), 0.0)
+        for _ in range(10):
+            advance(robots.values(), 1)
+            encounters.note()
+        if touched := encounters.take_touched("left"):
+            break
+
+    assert touched.keys() == {"right"} == encounters.take_touched("right").keys() ^ {"left", "right"}
+    assert -0.6 < robots["left"].q_rad[1] < -0.4
+    assert robots["right"].q_rad == pytest.approx((0.0, BERTHS_M["right"], 0.0, 0.0), abs=0.05)
+
+
+@pytest.mark.sim
+def test_what_planning_covers_of_a_base_that_is_a_neighbour_is_where_it_stands_and_will_pass():
+    """Solids of the simulated robot, rollers and hand included, are within its spheres in each of its postures."""
+    profile, folder = read_profile_here("xlerobot")
+    physics = Physics.alone(profile, folder, GROUND, seed=3)
+    physics.start(0.0)
+    model, data = physics.model, physics.data
+    home = np.array(profile.arm.home_rad)
+    postures = home + np.array(((0.0,) * 8, (1.2, -0.7, 1.0, 0.4, -0.6, -0.5, 0.2, 0.3)))
+    covered = NeighbourModel(Library.open().get_target("xlerobot"))
+    solid = [g for g in range(model.ngeom) if (model.geom_contype[g] or model.geom_conaffinity[g])]
+    for posture in postures:
+        spheres = np.vstack(covered.cover(Neighbour("xlerobot", posture[None]), ()))
+        physics.write_posture(data, posture)
+        mujoco.mj_kinematics(model, data)
+        for geom in (g for g in solid if model.body(model.geom_bodyid[g]).rootid[0] == physics.base.body):
+            apart = np.linalg.norm(spheres[:, :3] - data.geom_xpos[geom], axis=1) - spheres[:, 3]
+            assert apart.min() < 0.0, (posture, model.body(model.geom_bodyid[geom]).name)

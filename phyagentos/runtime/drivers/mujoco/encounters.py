@@ -20,6 +20,7 @@ from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
 CLEARANCE_M = 0.03  # between two robots; postures are compared so densely that half of it lies between two of them
 BESIDE_M = 0.004  # where one comes near the other on purpose: as much as planning keeps from what stands fixed
 SAMPLE_RAD = 0.05  # largest turn of a joint between two postures that are compared
+SLID = 2.0  # radians that a metre of a base's way counts, since all of the robot goes it
 ARRIVAL_S = 0.1  # after the end of a motion, until the robot rests
 FREE = 6  # degrees of freedom of a thing that nothing but a hand holds
 NEARER_M = 0.001  # than at its beginning: a motion that begins too near another robot comes no nearer
@@ -89,16 +90,19 @@ class Encounters:
         passed = 0 if motion is None else int((robot.time_s - motion.began_s) / self._model.opt.timestep)
         if motion is None or passed > len(motion.q_rad) + ARRIVAL_S / self._model.opt.timestep:
             return np.empty((0, len(robot.q_range[0])))
-        return sample(motion.q_rad[min(passed, len(motion.q_rad) - 1) :])
+        return self._sample(name, motion.q_rad[min(passed, len(motion.q_rad) - 1) :])
+
+    def _sample(self, name: str, q_rad: Array) -> Array:
+        return sample(q_rad, slides=0 if self._robots[name].base is None else 2)
 
     def admit(self, name: str, q_rad: Array, beside: str, held: Mapping[str, Collection[str]]) -> str:
         """Admit a motion (n, n_joints) from now on; the robot that is in its way, empty when it is admitted.
 
         `beside` is a robot to which it comes near on purpose; `held` are the things that each robot holds.
         """
-        own = self._place(name, sample(q_rad), held[name])
+        own = self._place(name, self._sample(name, q_rad), held[name])
         for other in (each for each in self._names if each != name):
-            here, things = self._world.qpos[self._robots[other].q_address], () if other == beside else held[other]
+            here, things = self._robots[other].read_joints(self._world)[0], () if other == beside else held[other]
             theirs = self._place(other, np.vstack((here, self.find_announced(other))), things)
             apart_m = BESIDE_M if other == beside else CLEARANCE_M
             apart_m = min(apart_m, self._measure(own[:1], theirs[:1]) - NEARER_M)
@@ -119,10 +123,10 @@ class Encounters:
         is_solid = (model.geom_contype | model.geom_conaffinity) > 0
         is_of_side = (self._owner == self._names.index(name)) | np.isin(model.geom_bodyid, bodies)
         geoms = np.flatnonzero(is_solid & is_of_side)
-        joints, places = np.arange(model.nq)[robot.q_address].tolist(), []
+        address, places = robot.posture_address, []
         for q_rad in postures:
-            values = dict(zip(joints, q_rad.tolist(), strict=True))
-            data.qpos[robot.q_address] = q_rad
+            robot.write_posture(data, q_rad)
+            values = dict(zip(address.tolist(), data.qpos[address].tolist(), strict=True))
             mujoco.mj_kinematics(model, data)
             for at, T in in_hand.items():
                 pose = compute_pose(robot.place(data) @ T)
@@ -158,10 +162,14 @@ class Encounters:
         return float(least_m)
 
 
-def sample(q_rad: Array) -> Array:
-    """As few postures of a motion (n, n_joints) as turn no joint by more than `SAMPLE_RAD` in between; both ends."""
+def sample(q_rad: Array, slides: int = 0) -> Array:
+    """As few postures of a motion (n, n_joints) as turn no joint by more than `SAMPLE_RAD` in between; both ends.
+
+    So many of the first joints slide [m].
+    """
     kept, last = [0], len(q_rad) - 1
+    turned = q_rad * np.where(np.arange(q_rad.shape[1]) < slides, SLID, 1.0)
     for row in range(1, last + 1):
-        if row == last or np.abs(q_rad[row + 1] - q_rad[kept[-1]]).max() > SAMPLE_RAD:
+        if row == last or np.abs(turned[row + 1] - turned[kept[-1]]).max() > SAMPLE_RAD:
             kept.append(row)
     return q_rad[kept]

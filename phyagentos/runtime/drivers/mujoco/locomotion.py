@@ -49,7 +49,7 @@ class OmniDrive:
     spin w of the base, with z upwards and the radius r; its rollers pass whatever is along the axle.
     """
 
-    follows, sway = True, (0.0, 0.0, 0.0)
+    follows, sway = True, (0.03, 0.03, 0.1)  # measured: rollers ripple by 0.035 m/s and 0.12 rad/s about what is asked
 
     def __init__(self, model: mujoco.MjModel, planar: PlanarBase, base: Base) -> None:
         if base.wheels is None:

@@ -116,14 +116,20 @@ class Physics:
 
     def measure_joints(self) -> tuple[Array, Array]:
         """(n_joints,) positions [rad] and velocities [rad/s], as the encoders measure them."""
-        return self._sensors.measure(*self._read_joints(self.data), float(self.data.time))
+        return self._sensors.measure(*self.read_joints(self.data), float(self.data.time))
 
-    def _read_joints(self, data: mujoco.MjData) -> tuple[Array, Array]:
+    def read_joints(self, data: mujoco.MjData) -> tuple[Array, Array]:
         """(n_joints,) true positions and velocities, those of the base first."""
         q, qd = data.qpos[self.q_address], data.qvel[self.v_address]
         if self.base is None:
             return q, qd
         return np.concatenate((self.base.read_pose(data), q)), np.concatenate((self.base.read_rate(data), qd))
+
+    @property
+    def posture_address(self) -> NDArray[np.intp]:
+        """Where in qpos `write_posture` writes: the whole pose of a free base, then the arm's joints."""
+        joints = np.arange(self.model.nq, dtype=np.intp)[self.q_address]
+        return joints if self.base is None else np.r_[self.base.free_q : self.base.free_q + 7, joints]
 
     def write_posture(self, data: mujoco.MjData, q_rad: Array) -> None:
         """Put base and arm at joint positions (n_joints,) in a state."""
@@ -174,7 +180,7 @@ class Physics:
             raise ExecutionError("MALFORMED", f"a state of shape {state.shape}; expected ({size},), all finite")
         data = mujoco.MjData(self.model)
         mujoco.mj_setState(self.model, data, state, _STATE)
-        q, qd = self._read_joints(data)
+        q, qd = self.read_joints(data)
         low, high = self.q_range
         if (q < low - RANGE_TOLERANCE_RAD).any() or (q > high + RANGE_TOLERANCE_RAD).any():
             raise ExecutionError("TARGET_LIMIT", "the state has a joint outside its range")
@@ -266,7 +272,7 @@ class Physics:
             q_rad=tuple(q_rad.tolist()),
             qd_rad_s=tuple(qd_rad_s.tolist()),
             gripper_width_m=self.gripper_width_m,
-            tcp=self._compute_tool(q_rad - self._read_joints(self.data)[0]),
+            tcp=self._compute_tool(q_rad - self.read_joints(self.data)[0]),
             holding=tuple(n for n, pads in touching.items() if pads == len(self._pads) and n in self._movable),
             grip_force_n=self._measure_grip(),
             base=None if self.base is None else (float(q_rad[0]), float(q_rad[1]), float(q_rad[2])),
