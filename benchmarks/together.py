@@ -162,7 +162,7 @@ def run(graph: Path, project: Path, seeds: range, console: Console, robots: Mapp
                     "makespan_s": measure_makespan(folders),
                     "contacts_n": find_contacts(folders),
                     "nearest_m": measure_distance(folders, owners, robots),
-                    "replans": len(report.sessions) - len(report.nodes),
+                    "replans": len(report.sessions) - len({session.node for session in report.sessions}),
                     "conflicts": waits,
                     "wall_s": report.wall_s,
                     "bits": read_bits(folders),
