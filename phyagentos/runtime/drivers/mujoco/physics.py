@@ -29,7 +29,7 @@ RANGE_TOLERANCE_RAD = 1e-3  # what a contact may press a joint beyond its range
 RIGID = 0.9999  # constraint impedance of what must not give way
 _FREE = 6  # degrees of freedom of a body that nothing holds
 _ROBOT, _LOOSE, _FINGER = 1, 2, 4  # what a geom belongs to
-CLOSING_M_S = 0.02  # fingers that move faster press on nothing that stays
+CLOSING_M_S = 0.05  # fingers that move faster press on nothing that stays
 FORCE_UNIT_N = 1.0  # of the grip force that follows from the motor's current; its scale error is not simulated
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
