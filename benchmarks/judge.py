@@ -22,12 +22,7 @@ def is_in_tray(folder: Path, cube: str, tray: str) -> bool:
         cube: Body name of a free body.
         tray: Body name of a body made of boxes.
     """
-    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
-    data = mujoco.MjData(model)
-    with np.load(folder / "terminal.npz") as terminal:
-        data.qpos[:] = terminal["qpos"]
-        data.qvel[:] = terminal["qvel"]
-    mujoco.mj_kinematics(model, data)
+    model, data = _read_end(folder)
     cube_id, tray_id = model.body(cube).id, model.body(tray).id
     lower, upper = _compute_box(model, tray_id)
     rotation = data.xmat[tray_id].reshape(3, 3)
@@ -70,11 +65,7 @@ def is_standing(folder: Path, body: str, least_m: float, place: str = "", ahead_
     """
     if not (folder / "terminal.npz").exists():
         return False
-    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
-    data = mujoco.MjData(model)
-    with np.load(folder / "terminal.npz") as terminal:
-        data.qpos[:], data.qvel[:] = terminal["qpos"], terminal["qvel"]
-    mujoco.mj_forward(model, data)
+    model, data = _read_end(folder)
     own, R = data.body(body), data.body(body).xmat.reshape(3, 3)
     pairs = model.geom_bodyid[data.contact.geom[: data.ncon]]
     roots = {int(model.body_rootid[each]) for pair in pairs if model.body("floor").id in pair for each in pair}
@@ -95,11 +86,7 @@ def is_parked(folder: Path, body: str, mount_wxyz: Sequence[float], place: str, 
     """
     if not (folder / "terminal.npz").exists():
         return False
-    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
-    data = mujoco.MjData(model)
-    with np.load(folder / "terminal.npz") as terminal:
-        data.qpos[:], data.qvel[:] = terminal["qpos"], terminal["qvel"]
-    mujoco.mj_kinematics(model, data)
+    model, data = _read_end(folder)
     own, there, mount = data.body(body), data.body(place), np.zeros(9)
     mujoco.mju_quat2Mat(mount, np.array(mount_wxyz, dtype=float))
     turned = there.xmat.reshape(3, 3).T @ own.xmat.reshape(3, 3) @ mount.reshape(3, 3).T
@@ -115,11 +102,7 @@ def is_held_up(folder: Path, thing: str, supports: Sequence[str]) -> bool:
     """
     if not (folder / "terminal.npz").exists():
         return False
-    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
-    data = mujoco.MjData(model)
-    with np.load(folder / "terminal.npz") as terminal:
-        data.qpos[:], data.qvel[:] = terminal["qpos"], terminal["qvel"]
-    mujoco.mj_forward(model, data)
+    model, data = _read_end(folder)
     own = model.body(thing).id
     pairs = model.geom_bodyid[data.contact.geom[: data.ncon]]
     touching = {int(a if b == own else b) for a, b in pairs if own in (a, b)}
@@ -131,6 +114,16 @@ def is_held_up(folder: Path, thing: str, supports: Sequence[str]) -> bool:
     dof = model.body_dofadr[own]
     at_rest = float(np.linalg.norm(data.qvel[dof : dof + 3])) < REST_SPEED_M_S
     return at_rest and len(fingers) >= 2 and not touching & {model.body(name).id for name in supports}
+
+
+def _read_end(folder: Path) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The model of a bundle and its last state, with all that follows from it."""
+    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
+    data = mujoco.MjData(model)
+    with np.load(folder / "terminal.npz") as terminal:
+        data.qpos[:], data.qvel[:] = terminal["qpos"], terminal["qvel"]
+    mujoco.mj_forward(model, data)
+    return model, data
 
 
 def _compute_box(model: mujoco.MjModel, body: int) -> tuple[np.ndarray, np.ndarray]:
