@@ -18,10 +18,8 @@ STEP_S, LIFT_M = 0.18, 0.07  # of a step: its time, and how high the feet are li
 PRESS_M = 0.02  # so far below the ground is a foot led at last: it lands on what gives way, too
 SPEED_MAX = np.array([0.8, 0.5, 2.0])  # forwards and sideways [m/s], turning [rad/s]
 PULL_1_S = 8.0  # share of an error of the pose that is made good in a second
-RETURN_RAD_S, DAMPING = (
-    16.0,
-    0.7,
-)  # of height, tilt and velocity: three times what the body falls with; share of critical
+RETURN_RAD_S = 16.0  # of height, tilt and velocity: three times what the body falls with
+DAMPING = 0.7  # of them, as a share of the critical one
 FOOT_N_M, FOOT_NS_M = 1200.0, 45.0  # stiffness and damping of a foot in the air
 CATCH = 0.5  # share of the step that would stop a velocity that was not asked for
 DEAD_M, DEAD_RAD, STRAY_M = 0.01, 0.01, 0.04  # errors of the pose, and of a foot's place, that are not stepped for
