@@ -13,14 +13,19 @@ from tests.strangers import wait_in_the_backlog
 pytestmark = pytest.mark.journey
 
 
-def kill_worker_when(plane, phase: str, leaf: str = "") -> threading.Thread:
-    """Kill -9 the worker as soon as its heartbeat shows the phase, and the leaf."""
+def kill_worker_of(plane, goal: str, leaf: str = "") -> threading.Thread:
+    """Kill -9 the worker as soon as its heartbeat shows that it executes a session of the goal, and the leaf.
+
+    The last beat of a worker that another journey has killed lies there until its successor's first.
+    """
 
     def hunt() -> None:
         done = threading.Event()
         while not done.wait(0.01):
             beat = find_heartbeat(plane.workspace.heartbeats, "panda")
-            if beat is not None and beat.phase == phase and beat.tick > 30 and leaf in beat.leaf:
+            if beat is None or not beat.session.startswith(f"{goal}."):
+                continue
+            if beat.phase == "executing" and beat.tick > 30 and leaf in beat.leaf:
                 os.kill(beat.pid, signal.SIGKILL)
                 return
 
@@ -30,7 +35,7 @@ def kill_worker_when(plane, phase: str, leaf: str = "") -> threading.Thread:
 
 
 def test_a_killed_worker_is_replaced_and_its_session_judged_from_the_world(rough_plane):
-    hunter = kill_worker_when(rough_plane, "executing")
+    hunter = kill_worker_of(rough_plane, "killed-1")
 
     report = rough_plane.run("killed-1")
     hunter.join(1.0)
@@ -42,7 +47,7 @@ def test_a_killed_worker_is_replaced_and_its_session_judged_from_the_world(rough
 
 
 def test_what_the_hand_holds_when_its_worker_dies_is_carried_on_and_not_dropped(rough_plane):
-    hunter = kill_worker_when(rough_plane, "executing", "place/carry")
+    hunter = kill_worker_of(rough_plane, "killed-2", "place/carry")
 
     report = rough_plane.run("killed-2")
     hunter.join(1.0)
@@ -54,7 +59,7 @@ def test_what_the_hand_holds_when_its_worker_dies_is_carried_on_and_not_dropped(
 
 
 def test_who_waits_in_the_backlog_when_the_worker_is_killed_gets_nothing(rough_plane):
-    hunter = kill_worker_when(rough_plane, "executing")
+    hunter = kill_worker_of(rough_plane, "killed-3")
     with wait_in_the_backlog(make_socket_folder(rough_plane.workspace.root) / "panda.world", "killed-3.red") as told:
         report = rough_plane.run("killed-3")
 
