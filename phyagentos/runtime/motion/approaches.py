@@ -17,6 +17,7 @@ from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
 from phyagentos.runtime.motion.poses import move_pose
 from phyagentos.runtime.motion.requests import Approach, Array, GoalPosture
+from phyagentos.runtime.motion.tool_bounds import find_wall
 
 NEAR_HOME_SEEDS = 4
 NEAR_HOME_SPREAD_RAD = 0.5
@@ -127,6 +128,10 @@ def _find_hovers(
 ) -> list[_Hover]:
     """Postures above a way that are free and whose way down looks open at its end."""
     job.checkpoint()
+    bounds = scene.robot.bounds
+    if wall := find_wall(bounds, way.end[:3, 3]) or find_wall(bounds, way.start[:3, 3]):
+        job.rejected[name_pair((scene.robot.tool, wall))] += 1
+        return []
     hovers: list[_Hover] = []
     reached = False
     for index, start in enumerate(seeds):

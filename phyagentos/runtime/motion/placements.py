@@ -7,7 +7,7 @@ between the walls of a container, the entity is let go as little above its floor
 falls.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -111,13 +111,13 @@ class _Search:
         search = partial(
             find_approaches, q_rad=request.q_rad, seeds=seeds, kinematics=self.kinematics, scene=self.scene, job=job
         )
+        turned = {degrees: _turn(degrees, placing, self.tilt) for degrees in attitudes}
         found: list[Approach] = []
         for fall_m, sites, release_m in product(_list_falls(placing), groups, self.releases_m):
             for site in (each for each in sites if not (each.is_tight and fall_m)):
-                yaws = attitudes if site.yaws is None else site.yaws
                 ways = [
                     way
-                    for way in _ways_to(site, yaws, placing, self.tilt, release_m, fall_m)
+                    for way in _ways_to(site, turned, placing, release_m, fall_m)
                     if not {way.label, site.name} & set(request.avoid)
                 ]
                 for batch in ([way] for way in ways) if request.count == 1 else (ways,):
@@ -150,18 +150,25 @@ def _list_falls(placing: Placing) -> list[float]:
     return [0.0, *np.arange(FALL_STEP_M, highest_m, FALL_STEP_M).round(6).tolist(), highest_m]
 
 
+def _turn(degrees: int, placing: Placing, tilt: Array) -> tuple[Array, Array]:
+    """Of a yaw of the tool: attitude of the payload (4, 4), and where its frame is (3,) from the site below it [m]."""
+    tool = point_tool_down(placing.space.yaw_rad + np.radians(degrees), np.zeros(3))
+    tool[:3, :3] = tool[:3, :3] @ tilt
+    entity = tool @ compute_matrix(placing.request.payload.tcp_T_entity)
+    low_m = compute_extent(placing.held, tuple((-entity[2, :3]).tolist()))[1]
+    return entity, np.append(-(entity[:3, :3] @ placing.middle_m)[:2], low_m)
+
+
 def _ways_to(
-    site: Site, yaws: Iterable[int], placing: Placing, tilt: Array, release_m: float, fall_m: float
+    site: Site, turned: Mapping[int, tuple[Array, Array]], placing: Placing, release_m: float, fall_m: float
 ) -> Iterator[Way]:
-    request, space, held = placing.request, placing.space, placing.held
-    tcp_T_entity, center_m = compute_matrix(request.payload.tcp_T_entity), placing.middle_m
-    entity_T_tcp, tolerate = compute_inverse(tcp_T_entity), frozenset((PAYLOAD, name) for name in space.supports)
-    for degrees in yaws:
-        tool = point_tool_down(space.yaw_rad + np.radians(degrees), np.zeros(3))
-        tool[:3, :3] = tool[:3, :3] @ tilt
-        entity = tool @ tcp_T_entity
-        entity[:2, 3] = site.point_m[:2] - (entity[:3, :3] @ center_m)[:2]
-        entity[2, 3] = site.point_m[2] + compute_extent(held, tuple((-entity[2, :3]).tolist()))[1]
+    request = placing.request
+    entity_T_tcp = compute_inverse(compute_matrix(request.payload.tcp_T_entity))
+    tolerate = frozenset((PAYLOAD, name) for name in placing.space.supports)
+    for degrees in turned if site.yaws is None else site.yaws:
+        attitude, from_site_m = turned[degrees]
+        entity = attitude.copy()
+        entity[:3, 3] = site.point_m + from_site_m
         site_pose = compute_pose(entity)
         entity[2, 3] += DROP_M + fall_m
         end = entity @ entity_T_tcp

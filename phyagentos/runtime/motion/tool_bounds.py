@@ -38,6 +38,15 @@ def iter_walls(bounds: ToolBounds) -> Iterator[tuple[str, Array, Array]]:
             yield from ((name, axis * (corner + side), np.full(3, WALL_M)) for axis in np.eye(3))
 
 
+def find_wall(bounds: ToolBounds, point_m: Array) -> str:
+    """The limit that a point (3,) itself is beyond, whatever the arm's posture; empty where there is none."""
+    x, y, z = point_m.tolist()
+    for name, ((x0, y0, z0), (x1, y1, z1)) in bounds.items():
+        if (x0 < x < x1 and y0 < y < y1 and z0 < z < z1) is (name != WORKSPACE):
+            return name
+    return ""
+
+
 def is_wall(name: str) -> bool:
     """Whether a solid of a planning scene is one of these limits."""
     return name == WORKSPACE or name.startswith(KEEP_OUT)

@@ -6,8 +6,9 @@ import pytest
 
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.settings.safety import read_safety
+from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.planner import MotionPlanner
-from phyagentos.runtime.motion.requests import FindGrasps, FindLine, Motion, NoPlan, PlanMove
+from phyagentos.runtime.motion.requests import FindGrasps, FindLine, FindPlacements, Motion, NoPlan, Payload, PlanMove
 from phyagentos.runtime.motion.tool_bounds import read_tool_bounds
 
 pytestmark = pytest.mark.motion
@@ -77,3 +78,17 @@ def test_what_can_only_be_grasped_beyond_the_bounds_is_refused_for_that(profile_
 
     assert isinstance(answer, NoPlan)
     assert max(answer.rejected, key=lambda reason: answer.rejected[reason]) == "hand|workspace_box"
+
+
+def test_a_place_that_the_tool_is_to_keep_out_of_is_refused_without_any_inverse_kinematics(profile_file, build, home):
+    scene = build.scene(0)
+    x, y, z = build.entity(scene, "tray").pose.position_m
+    kept_out = {"keep_out.tray": ((x - 0.2, y - 0.25, z - 0.1), (x + 0.2, y + 0.25, z + 0.5))}
+    narrow = MotionPlanner.open(profile_file, bounds=kept_out)
+    held = Payload("cube0", Pose(), 0.04)
+
+    answer = narrow.answer(FindPlacements(world=scene, payload=held, destination="tray", q_rad=home, seed=0))
+
+    assert isinstance(answer, NoPlan)
+    assert set(answer.rejected) <= {"hand|keep_out.tray", "occupied"}
+    assert answer.stages.screening is None
