@@ -178,7 +178,7 @@ def test_a_light_carry_is_nearly_as_fast_as_toppra_alone(planner, limits, swing)
     assert scaling.duration_s <= scaling.unshaped_duration_s + 0.08
 
 
-def test_a_carry_around_a_corner_takes_little_longer_than_toppra_where_that_keeps_within_the_grip(planner, limits, home):
+def test_a_carry_around_a_corner_is_toppras_where_that_keeps_within_the_grip_and_is_much_shorter(planner, limits, home):
     """Between two knots the corner was turned too fast, and the whole motion stretched: 15.5 s in place of 5.5 s."""
     corners = (0.9, 0.3, 0.4, 0.3, 0.3, 0.2, 0.6), (0.9, -0.3, -0.4, 0.3, 0.3, 0.2, 0.6)
     rows = densify(np.vstack((home, *(home + each for each in corners))), 0.05)
@@ -187,7 +187,6 @@ def test_a_carry_around_a_corner_takes_little_longer_than_toppra_where_that_keep
         for mass_kg in (0.1, 2.1)
     )
 
-    assert light.trajectory.duration_s <= light.scaling.unshaped_duration_s + 2 * transport.RAMP_S
     assert np.array_equal(light.trajectory.q_rad, time_path(rows, limits).trajectory.q_rad)
     assert (light.scaling.solver, light.scaling.duration_s) == ("toppra", light.scaling.unshaped_duration_s)
     assert (slipping.scaling.solver, slipping.scaling.grip_share < 0.85) == ("casadi", True)
