@@ -3,10 +3,10 @@
     python benchmarks/together.py --seeds 50
     python benchmarks/together.py --seeds 6 --example fetch_and_sort
 
-Each seed runs three times: both robots at once, in turn, with an edge from each node to the next, and at once again (its
-bits are compared). A cube counts when `judge.is_in_tray` says so. Makespan is simulated time from the first snapshot to the
-last. Contacts between the robots are those that the world noted at every physics step; besides, the recorded joint
-positions of both are put into the recorded model, which tells how near they came.
+Each seed runs three times: both robots at once, in turn, with an edge from each node to the next, and at once again
+(its bits are compared). A cube counts when `judge.is_in_tray` says so. Makespan is simulated time from the first
+snapshot to the last. Contacts between the robots are those that the world noted at every physics step; besides, the
+recorded joint positions of both are put into the recorded model, which tells how near they came.
 """
 
 import argparse

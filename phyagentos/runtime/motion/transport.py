@@ -91,8 +91,8 @@ def time_carry(
 ) -> Timed:
     """The motion through rows (k, n_joints), from rest to rest, that respects what it carries.
 
-    Toppra's motion is returned if it does so already and either it `keeps_toppra` or the shaped one takes `LONGER`: joints
-    that turn a corner between two knots faster than they may stretch all of it.
+    Toppra's motion is returned if it does so already and either it `keeps_toppra` or the shaped one takes `LONGER`:
+    joints that turn a corner between two knots faster than they may stretch all of it.
     """
     rows = drop_duplicates(rows_rad, SPACING_RAD)
     timed = time_path(rows_rad, limits)
