@@ -44,6 +44,7 @@ GRIP_SHARE = 0.8  # of what the grip bears at the bad ends of all doubts
 REST_SHARE = 1.1  # of what gravity alone takes, where that is more
 PAD_RADIUS_M = 0.008  # lever of a pad's friction against turning: two thirds of its contact's radius
 RAMP_S, LEVEL_RAMP_S = 0.04, 0.1  # over which acceleration builds up; for an open vessel
+LONGER = 1.15  # times toppra's motion, where both keep within the bounds; ramps take about a tenth
 SLOWDOWN = 1.03
 SLOWEST = 40  # slowdowns, after which a carry is as slow as its path is long
 STRIDE = 2  # samples between those that are measured
@@ -90,7 +91,8 @@ def time_carry(
 ) -> Timed:
     """The motion through rows (k, n_joints), from rest to rest, that respects what it carries.
 
-    Where it `keeps_toppra`, that motion is returned if it does so already.
+    Toppra's motion is returned if it does so already and either it `keeps_toppra` or the shaped one takes `LONGER`:
+    joints that turn a corner between two knots faster than they may stretch all of it.
     """
     rows = drop_duplicates(rows_rad, SPACING_RAD)
     timed = time_path(rows_rad, limits)
@@ -99,12 +101,14 @@ def time_carry(
     felt = _note(share, tilt_rad, care)
     unshaped = {f"unshaped_{name}": value for name, value in felt.items()}
     scaling = msgspec.structs.replace(timed.scaling, unshaped_duration_s=timed.scaling.duration_s, **felt, **unshaped)
+    unshaped_motion = Timed(plain, scaling)
     if not is_shaped or len(rows) < 2 or (keeps_toppra and share <= GRIP_SHARE):
-        return Timed(plain, scaling)
+        return unshaped_motion
     path = _Path.describe(rows, chain, care)
     ramp_s = RAMP_S if care.tilt_max_rad is None else LEVEL_RAMP_S
     evaluate, duration_s, status, iterations = _optimise(path, limits, plain.duration_s, ramp_s)
     tilt_max_rad = np.inf if care.tilt_max_rad is None else care.tilt_max_rad
+    enough_s = LONGER * plain.duration_s if tilt_rad <= tilt_max_rad and share <= path.budget else np.inf
     for slowdowns in range(SLOWEST):
         factor = SLOWDOWN**slowdowns
 
@@ -113,6 +117,8 @@ def time_carry(
             return q, qd / factor
 
         trajectory = sample_within_limits(slowed, factor * duration_s, rows[0], rows[-1], limits)
+        if trajectory.duration_s > enough_s:
+            return unshaped_motion
         share, tilt_rad = measure_felt(trajectory, rows[0], chain, care)
         if tilt_rad <= tilt_max_rad and share <= path.budget:
             break

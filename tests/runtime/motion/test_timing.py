@@ -178,6 +178,21 @@ def test_a_light_carry_is_nearly_as_fast_as_toppra_alone(planner, limits, swing)
     assert scaling.duration_s <= scaling.unshaped_duration_s + 0.08
 
 
+def test_a_carry_around_a_corner_is_toppras_where_that_keeps_within_the_grip_and_is_much_shorter(planner, limits, home):
+    """Between two knots the corner was turned too fast, and the whole motion stretched: 15.5 s in place of 5.5 s."""
+    corners = (0.9, 0.3, 0.4, 0.3, 0.3, 0.2, 0.6), (0.9, -0.3, -0.4, 0.3, 0.3, 0.2, 0.6)
+    rows = densify(np.vstack((home, *(home + each for each in corners))), 0.05)
+    light, slipping = (
+        time_carry(rows, limits, planner._chain, Care(Load(mass_kg, (0, 0, 0), 0.02, 0.45, 36.0)))
+        for mass_kg in (0.1, 2.1)
+    )
+
+    assert np.array_equal(light.trajectory.q_rad, time_path(rows, limits).trajectory.q_rad)
+    assert (light.scaling.solver, light.scaling.duration_s) == ("toppra", light.scaling.unshaped_duration_s)
+    assert (slipping.scaling.solver, slipping.scaling.grip_share < 0.85) == ("casadi", True)
+    assert slipping.scaling.unshaped_grip_share > 0.8
+
+
 def test_a_line_is_shaped_only_for_a_load_that_needs_it(planner, swing):
     rows, heavy = swing
     light = msgspec.structs.replace(heavy, mass_kg=0.1)
