@@ -251,6 +251,8 @@ NO_PROGRESS             No control period passed for longer than allowed, or the
 OUT_OF_TIME             A timeout of the tree ran out, in simulated time.
 POLICY_FAULT            The policy server reported a fault, or its answer cannot be read.
 POLICY_LOST             The policy server has gone, or has sent nothing for longer than the contract allows.
+POLICY_STALLED          The policy server has given no sign of life for longer than its heartbeat allows.
+POLICY_UNDERRUN         The rows of a chunk ran out before the next one came, and the skill declares that it fails then.
 STALLED                 A motor does not follow its set-points.
 STILL_HELD              The fingers opened and still hold the object.
 TIMED_OUT               A time limit of the contract was reached.
