@@ -60,8 +60,8 @@ class PolicyExecution(Authored):
             its last row before the next one is asked for. `temporal_ensemble`: a new one is asked for at each horizon,
             and what is carried out is the weighted mean of all that speak of the same moment (Zhao et al. 2023,
             arXiv:2304.13705).
-        horizon: Rows of a chunk, at the policy's own rate, until the next one is to take over. Without it all but those
-            that the last four control periods need; one row in a `temporal_ensemble`. Of no effect in `open_loop`.
+        horizon: Rows of each chunk, at the policy's own rate, that are carried out until the next one is to take over.
+            Without it all but the last four control periods; one row in a `temporal_ensemble`. None in `open_loop`.
         ensemble_decay: m of the weights exp(-m i) of a `temporal_ensemble`, where i = 0 is the oldest chunk.
         expiry_s: Age, from its observation on, beyond which no row of a chunk is commanded any more, in the target's
             time [s]. Without it a chunk ends with its last row.

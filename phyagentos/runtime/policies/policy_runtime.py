@@ -286,10 +286,10 @@ class PolicySkillRuntime:
             return
         commands = self._context.commands
         periods = iter_periods(rows, self._before, self._velocity, n_steps=commands.n_steps, step_s=commands.step_s)
-        self._periods = deque(islice(periods, self._count_until_next(len(rows), late)))
+        self._periods = deque(islice(periods, self._count_until_next(len(rows))))
         self._beyond, self._shown_at_s = periods, self._asked_at_s
 
-    def _count_until_next(self, n_rows: int, late: int) -> int:
+    def _count_until_next(self, n_rows: int) -> int:
         """Control periods until the next chunk is to take over; all of them where none follows."""
         if self._is_last or self._mode == "open_loop":
             return n_rows
@@ -297,7 +297,7 @@ class PolicySkillRuntime:
         if not horizon:
             return max(1, n_rows - OVERLAP)
         chain = self._parts.chain
-        return max(1, min(n_rows, math.ceil(horizon * chain.target.rate_hz / chain.source.rate_hz) - late))
+        return max(1, min(n_rows, math.ceil(horizon * chain.target.rate_hz / chain.source.rate_hz)))
 
     def _fail(self, code: str, message: str) -> TickResult:
         self._drop()

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from urllib.parse import urlsplit
 
 from typing_extensions import override
 
@@ -19,7 +18,7 @@ from phyagentos.runtime.policies.transport import Transport, open_transport
 
 def open_service(endpoint: str, streams: Mapping[str, Stream]) -> PolicyService:
     """Connect to a policy that takes these streams; raises ExecutionError `POLICY_UNREACHABLE`."""
-    scheme = urlsplit(endpoint).scheme if not endpoint.startswith(MODEL_SCHEME) else MODEL_SCHEME
+    scheme = endpoint.partition(":")[0]
     if scheme in {"openpi", "openpis"}:
         from phyagentos.runtime.policies.openpi_client import OpenpiService  # a worker without such a policy needs none
 
