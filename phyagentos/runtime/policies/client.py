@@ -23,13 +23,13 @@ _UNLIMITED_S = 1e9
 Expected = TypeVar("Expected", wire.Introduction, wire.Started, wire.Chunk)
 
 
-def ask_policy(endpoint: str, streams: Mapping[str, Stream] | None = None) -> PolicyDescriptor | None:
+def ask_policy(endpoint: str) -> PolicyDescriptor | None:
     """The descriptor of the server at an endpoint, the handshake of preflight; None where it says nothing of itself.
 
     Raises:
         ExecutionError: `POLICY_UNREACHABLE`, `POLICY_LOST` or `POLICY_FAULT`.
     """
-    service = open_service(endpoint, streams or {})
+    service = open_service(endpoint, {})
     try:
         reply = _exchange(service, wire.Introduce(), wire.Introduction, ASK_S, _UNLIMITED_S)
         return describe(reply, endpoint)

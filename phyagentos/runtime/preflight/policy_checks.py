@@ -3,7 +3,7 @@
 Its action space is checked by compiling the bridges.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from urllib.parse import urlsplit
 
 from phyagentos.errors import ExecutionError, Problem, format_names
@@ -22,8 +22,8 @@ from phyagentos.runtime.preflight.findings import make_problem
 from phyagentos.runtime.preflight.sensing import RATE_TOLERANCE
 
 TIME_TOLERANCE_S = 1e-9
-# endpoint and streams -> descriptor of its server, None where it says nothing; raises ExecutionError without a server
-AskPolicy = Callable[[str, Mapping[str, Stream]], PolicyDescriptor | None]
+# endpoint -> descriptor of its server, None where it says nothing of itself; raises ExecutionError without a server
+AskPolicy = Callable[[str], PolicyDescriptor | None]
 
 
 def iter_policy_problems(
@@ -66,7 +66,7 @@ def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Proble
         return
     by = f"policy {policy.policy}"
     try:
-        served = ask(policy.endpoint, policy.observations)
+        served = ask(policy.endpoint)
     except ExecutionError as error:
         expected, fix = f"a policy server at {policy.endpoint}", "Start the server."
         yield make_problem("POLICY_UNREACHABLE", "skill.policy.endpoint", str(error), expected, by, fix)

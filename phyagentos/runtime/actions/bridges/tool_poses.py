@@ -41,7 +41,8 @@ class ArmKinematics:
         kinematics = description.kinematics
         if kinematics is None:
             raise ValueError(f"target {description.target!r} does not describe its kinematics")
-        self._axes, self._anchors = np.array(kinematics.axes), np.array(kinematics.anchors_m)
+        self._axes = np.array(kinematics.axes, dtype=np.float64)
+        self._anchors = np.array(kinematics.anchors_m, dtype=np.float64)
         self._slides = kinematics.slides or (False,) * len(self._axes)
         self._tcp, self._tool = np.array(kinematics.tcp_m), np.eye(3)
         self._low, self._high = np.array(description.q_min_rad), np.array(description.q_max_rad)
