@@ -4,6 +4,7 @@ On connect the server sends its metadata. Each observation is one binary frame, 
 an error in words. The protocol has no numbers: an answer that nobody asked for is found before the next request.
 """
 
+import contextlib
 import socket
 import struct
 import time
@@ -35,8 +36,10 @@ class OpenpiService(PolicyService):
         self._streams, self._start = streams, wire.Start("", "", {}, 0)
         limits: Any = {"max_size": REPLY_MAX_BYTES, "open_timeout": CONNECT_S, "close_timeout": _CLOSE_S}
         url = endpoint.replace("openpi", "ws", 1)
+        self._opened = contextlib.ExitStack()
         try:
-            self._connection = connect(url, compression=None, ping_interval=None, proxy=None, **limits)
+            connecting = connect(url, compression=None, ping_interval=None, proxy=None, **limits)
+            self._connection = self._opened.enter_context(connecting)
         except (OSError, EOFError, InvalidHandshake, InvalidURI, ValueError) as error:
             raise ExecutionError("POLICY_UNREACHABLE", f"{endpoint}: {type(error).__name__} {error}") from error
         try:
@@ -74,7 +77,7 @@ class OpenpiService(PolicyService):
 
     @override
     def close(self) -> None:
-        self._connection.close()
+        self._opened.close()
 
     def _send(self, data: bytes, timeout_s: float) -> None:
         """Send one frame; a server that does not read holds nobody for longer than `timeout_s` [s]."""

@@ -10,6 +10,7 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.registries import locate_models, read_skill_registry
 from phyagentos.protocol.documents.schema import parse_yaml, read_text
 from phyagentos.protocol.sessions.evidence import CONTRACT
+from phyagentos.protocol.sessions.session import SessionId
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient
@@ -70,7 +71,7 @@ def replay_exchanges(root: Path, session: str, endpoint: str = "", timeout_s: fl
         DefinitionError: The skill of the session is no policy any more.
     """
     workspace = Workspace.open(root)
-    folder = workspace.evidence_of(session)
+    folder = workspace.evidence_of(SessionId(session))
     exchanges = read_exchanges(folder)
     contract = parse_yaml(read_text(folder / CONTRACT), str(folder / CONTRACT)).data["session"]
     skills = locate_models(read_skill_registry(workspace.skill_registry), workspace.library())

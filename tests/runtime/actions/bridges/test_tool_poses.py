@@ -101,12 +101,17 @@ def test_a_policy_of_small_changes_of_the_tool_moves_the_arm_along(profile):
     assert bridged.rows[-1, 7] == pytest.approx(0.08)
 
 
-@pytest.mark.parametrize(("place", "where"), [((3.0, 0.0, 0.5), "position"), ((0.4, 0.0, 0.5), "rotation")])
-def test_a_pose_out_of_reach_is_refused_with_its_row(profile, place, where):
+@pytest.mark.parametrize(
+    ("place", "is_turned", "code"),
+    [
+        ((3.0, 0.0, 0.5), False, ViolationCode.TOOL_POSE_UNREACHABLE),
+        ((0.4, 0.0, 0.5), True, ViolationCode.DISCONTINUOUS),  # reached by another posture, too far for one row
+    ],
+)
+def test_a_pose_that_no_posture_nearby_reaches_is_refused_with_its_row(profile, place, is_turned, code):
     arm = make_arm()
     source = ActionSpace(representation="tool_pose", rate_hz=50, chunk_length=8, gripper={"closed": 0, "open": 0.08})
     chain = compile_chain(source, describe_target_space(profile), {}, arm)
-    turned = compute_quaternion(arm.place(HOME)[1]) if where == "position" else (1.0, 0.0, 0.0, 0.0)
+    turned = (1.0, 0.0, 0.0, 0.0) if is_turned else compute_quaternion(arm.place(HOME)[1])
     refused = chain.apply(np.array([[*place, *turned, 0.08]]), np.append(HOME, 0.08))
-    assert refused.code is ViolationCode.TOOL_POSE_UNREACHABLE
-    assert (refused.where, refused.row) in {(where, 0), ("position", 0)}
+    assert (refused.code, refused.row) == (code, 0)
