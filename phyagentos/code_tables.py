@@ -312,6 +312,7 @@ JOINT_POSITION      A joint set-point is outside its range.
 JOINT_VELOCITY      A joint set-point, or the difference of two rows, is too fast.
 KEEP_OUT            The tool centre point would enter a keep-out volume.
 NOT_FINITE          A set-point is NaN or infinite.
+POSE_UNREACHABLE    No posture near the one before reaches a pose of the tool that a policy commands.
 PROTECTIVE_STOP     The target stopped itself: a joint or the tool was outside of its limits.
 RATE                Commands come faster than allowed.
 RESET_NEEDED        The robot was stopped by its own means; a person has to reset it before a session may begin.

@@ -13,7 +13,7 @@ class ViolationCode(StrEnum):
     """A set-point is NaN or infinite."""
     ROTATION_INVALID = "ROTATION_INVALID"
     """Columns that should be a rotation are none."""
-    TOOL_POSE_UNREACHABLE = "TOOL_POSE_UNREACHABLE"
+    POSE_UNREACHABLE = "POSE_UNREACHABLE"
     """No posture near the one before reaches a pose of the tool."""
     DISCONTINUOUS = "DISCONTINUOUS"
     """A chunk jumps further than the target's velocity permits."""

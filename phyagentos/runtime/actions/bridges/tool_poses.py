@@ -110,7 +110,7 @@ class ToolPoseBridge(ActionBridge):
                 ("rotation", error[3:], FAR_RAD, "rad"),
             ):
                 if (found := float(np.linalg.norm(missed))) > limit:
-                    code = ViolationCode.TOOL_POSE_UNREACHABLE
+                    code = ViolationCode.POSE_UNREACHABLE
                     raise Unconvertible(Violation(code, where, found, limit, unit, index))
             yield np.concatenate((q, row[self.source.arm_width :]))
 

@@ -104,7 +104,7 @@ def test_a_policy_of_small_changes_of_the_tool_moves_the_arm_along(profile):
 @pytest.mark.parametrize(
     ("place", "is_turned", "code"),
     [
-        ((3.0, 0.0, 0.5), False, ViolationCode.TOOL_POSE_UNREACHABLE),
+        ((3.0, 0.0, 0.5), False, ViolationCode.POSE_UNREACHABLE),
         ((0.4, 0.0, 0.5), True, ViolationCode.DISCONTINUOUS),  # reached by another posture, too far for one row
     ],
 )
