@@ -19,10 +19,6 @@ class Deadline:
             raise TimeoutError
         return left_s
 
-    def renew(self) -> None:
-        """Begin anew: something was heard."""
-        self._end_s = time.perf_counter() + self._timeout_s
-
     def describe_silence(self, received: int) -> str:
         """What a server has done that has sent so many bytes by now."""
         got = f"only {received} bytes of an answer within" if received else "nothing for"

@@ -85,6 +85,7 @@ class PolicySkillRuntime:
         self._shown_at_s = 0.0  # of the present chunk
         self._chunks = self._commands = self._empty = 0
         self._is_last = False
+        self._is_outdated = False  # what was asked for before a pause
         self._keeps_past = any(stream.history > 1 for stream in parts.descriptor.observations.values())
 
     def tick(self) -> TickResult:
@@ -154,7 +155,7 @@ class PolicySkillRuntime:
             client.watch()
         if client.is_waiting:
             if (chunk := client.poll()) is not None:
-                self._ready, self._chunks = chunk, self._chunks + 1
+                self._ready, self._chunks = None if self._is_outdated else chunk, self._chunks + 1
                 if self._parts.log is not None:
                     self._parts.log.answer(chunk)
         elif self._ready is None and not self._is_last and not is_pausing:
@@ -176,6 +177,7 @@ class PolicySkillRuntime:
             return self._brake()
         if self._parts.is_pausing() and (how.interruption == "row" or not self._periods):
             self._drop()
+            self._is_outdated = self._parts.client.is_waiting
             return self._brake()
         if how.expiry_s is not None and self._context.time_s - self._shown_at_s > how.expiry_s + TIME_TOLERANCE_S:
             if self._periods:
@@ -221,7 +223,7 @@ class PolicySkillRuntime:
     def _ask(self) -> None:
         session = self._context.session
         self._asked_at_s, observations = self._parts.observer.observe()
-        self._asked_after, self._asked_before = self._commands, self._before
+        self._asked_after, self._asked_before, self._is_outdated = self._commands, self._before, False
         request = wire.Infer(
             session=session.id,
             sequence=self._chunks,

@@ -174,3 +174,19 @@ def test_a_row_lasts_a_period_of_the_policys_own_rate(profile, rate_hz):
     assert stand.run() is SkillStatus.SUCCEEDED
     assert len(stand.joint) == ROWS * 50 / rate_hz
     assert stand.joint[-1] - profile.arm.home_rad[0] == pytest.approx(WAY * ROWS)
+
+
+def test_an_answer_to_what_was_shown_before_a_pause_is_not_carried_out_after_it(profile):
+    stand = Stand(profile, walk(profile), delay_s=0.2, execution={"interruption": "row"})
+    stand.run(turns=23)  # the second request is out
+    done = len(stand.joint)
+    stand.pauses = True
+    stand.run(turns=2)
+    stand.pauses = False
+    stand.run(turns=12)
+    assert stand.speed[-1] == 0.0
+    assert len(stand.joint) == done + 1, "one to brake, and nothing of the chunk that came meanwhile"
+    stand.run(turns=12)
+    assert [request.sequence for request in stand.asked] == [0, 1, 2]
+    assert stand.asked[2].rows_done == done + 1
+    assert len(stand.joint) > done + 1
