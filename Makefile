@@ -12,7 +12,7 @@ DEMO_SPACE  := workspaces/demo
 
 FAST  := fast
 BOTH  := -n 2 --dist worksteal
-OTHERS := peers gymnasium kit
+OTHERS := peers gymnasium kit openpi
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
 DRIVERS := build/drivers
 
@@ -53,11 +53,12 @@ test: setup  ## every test, journeys last
 test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed  ## tests beside systems of others, which it installs in build/
 	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS),--$(each)-python=build/$(each)/bin/python)
 	@$(DRIVERS)/bin/pytest -q -m device
+	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py
 
 $(DRIVERS)/.installed: pyproject.toml
 	@test -x $(DRIVERS)/bin/python || $(PYTHON) -m venv $(DRIVERS)
 	@echo "test-extras: installing phyagentos and the drivers of real robots into $(DRIVERS) (a few minutes)"
-	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101,piper,go2]'
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101,piper,go2,onnx]' onnx
 	@touch $@
 
 build/%/.installed: pyproject.toml | $(STAMP)

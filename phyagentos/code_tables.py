@@ -251,6 +251,8 @@ NO_PROGRESS             No control period passed for longer than allowed, or the
 OUT_OF_TIME             A timeout of the tree ran out, in simulated time.
 POLICY_FAULT            The policy server reported a fault, or its answer cannot be read.
 POLICY_LOST             The policy server has gone, or has sent nothing for longer than the contract allows.
+POLICY_STALLED          The policy server has given no sign of life for longer than its heartbeat allows.
+POLICY_UNDERRUN         The rows of a chunk ran out before the next one came, and the skill declares that it fails then.
 STALLED                 A motor does not follow its set-points.
 STILL_HELD              The fingers opened and still hold the object.
 TIMED_OUT               A time limit of the contract was reached.
@@ -310,6 +312,7 @@ JOINT_POSITION      A joint set-point is outside its range.
 JOINT_VELOCITY      A joint set-point, or the difference of two rows, is too fast.
 KEEP_OUT            The tool centre point would enter a keep-out volume.
 NOT_FINITE          A set-point is NaN or infinite.
+POSE_UNREACHABLE    No posture near the one before reaches a pose of the tool that a policy commands.
 PROTECTIVE_STOP     The target stopped itself: a joint or the tool was outside of its limits.
 RATE                Commands come faster than allowed.
 RESET_NEEDED        The robot was stopped by its own means; a person has to reset it before a session may begin.

@@ -15,7 +15,7 @@ from phyagentos.assembly.drivers import build_driver_registry, choose_driver, ch
 from phyagentos.assembly.process_tuning import ask_for_precedence, collect_rarely
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
+from phyagentos.protocol.capabilities.registries import locate_models, read_skill_registry, read_target_registry
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.estop import is_latched
 from phyagentos.protocol.settings.cameras import WORLD
@@ -182,7 +182,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     try:
         targets = read_target_registry(workspace.target_registry)
         profile, spec = targets[target], choose_driver(targets, target)
-        skills = read_skill_registry(workspace.skill_registry)
+        skills = locate_models(read_skill_registry(workspace.skill_registry), library)
         settings = read_settings(workspace, target)
         registry = build_registry(library)
         local = None

@@ -115,6 +115,7 @@ GROUPS: dict[str, tuple[str, dict[str, str]]] = {
             "new": "robots:new",
         },
     ),
+    "policy": ("Policies that carry out skills.", {"serve": "policies:serve", "replay": "policies:replay"}),
     "memory": ("What verdicts taught.", {"show": "memory:show", "why": "memory:why", "forget": "memory:forget"}),
 }
 

@@ -95,7 +95,7 @@ def apply_retention(
 
 def find_kind(name: str) -> str | None:
     """What a file of a bundle is for the policy; None for what always stays."""
-    return LOOK_KIND if name.startswith(PREFIX) else _KINDS.get(name)
+    return LOOK_KIND if name.startswith((PREFIX, evidence.POLICY_PREFIX)) else _KINDS.get(name)
 
 
 @dataclass(slots=True)

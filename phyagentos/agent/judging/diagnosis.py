@@ -75,6 +75,7 @@ _OF_ADAPTERS = frozenset(
         "NOT_FINITE",
         "DISCONTINUOUS",
         "ROTATION_INVALID",
+        "POSE_UNREACHABLE",
         "SET_POINTS_DISAGREE",
         "CHUNK_LENGTH",
         "RATE",

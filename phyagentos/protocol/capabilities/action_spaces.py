@@ -57,6 +57,8 @@ class ActionSpace(Authored):
         euler_order: Axes in order; lower case about fixed axes (`xyz`), upper case about moving ones (`ZYX`).
         angle_unit: Of joint positions, axis-angle and Euler rotations.
         length_unit: Of positions.
+        scale: What 1 in each column of the arm means, where rows are normalised (`[0.05, 0.05, 0.05, 0.5, 0.5, 0.5]`);
+            empty where they are not.
         rate_hz: Rows per second.
         chunk_length: Most rows of one chunk.
         gripper: None without a gripper.
@@ -76,6 +78,7 @@ class ActionSpace(Authored):
     euler_order: EulerOrder | Literal[""] = ""
     angle_unit: Literal["rad", "deg"] = "rad"
     length_unit: Literal["m", "cm", "mm"] = "m"
+    scale: tuple[float, ...] = ()
     rate_hz: float = pydantic.Field(gt=0)
     chunk_length: int = pydantic.Field(default=1, ge=1)
     gripper: GripperRange | None = None

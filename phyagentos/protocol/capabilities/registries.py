@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.policy_descriptors import MODEL_SCHEME
 from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME, SkillRuntime, read_skill
 from phyagentos.protocol.capabilities.targets import TARGETS, RegisteredTarget, TargetHealth, TargetProfile
 from phyagentos.protocol.documents.document import DocumentFormat, Front, read_document
@@ -49,6 +50,17 @@ _NOTHING = "The registry has not run yet.\n"
 def render_skill_registry(library: Library) -> str:
     """SKILLRUNTIME.md of a library; raises DefinitionError with every problem of every SKILL.md."""
     return render_skills(_read_all(library.names_of_skills(), lambda name: read_skill(library.get_skill(name))[0]))
+
+
+def locate_models(skills: Mapping[str, SkillRuntime], library: Library) -> dict[str, SkillRuntime]:
+    """The skills, with the whole path of each model that stands beside its SKILL.md."""
+    prefix, located = f"{MODEL_SCHEME}:", dict(skills)
+    for name, skill in skills.items():
+        if skill.policy is not None and skill.policy.endpoint.startswith(prefix):
+            path = library.get_skill(name).parent / skill.policy.endpoint.removeprefix(prefix)
+            policy = skill.policy.model_copy(update={"endpoint": f"{prefix}{path}"})
+            located[name] = skill.model_copy(update={"policy": policy})
+    return located
 
 
 def render_skills(skills: Sequence[SkillRuntime]) -> str:

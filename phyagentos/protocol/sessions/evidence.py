@@ -32,6 +32,8 @@ FINGERPRINT = "fingerprint.json"  # versions, CPU; the seeds stand in the contra
 EXECUTION = "execution.json"  # Execution
 PICTURE_BEFORE = "before.png"
 PICTURE_AFTER = "after.png"
+POLICY = "policy.jsonl"  # of a policy: one line for each chunk, runtime.policies.exchanges
+POLICY_PREFIX = "policy-"  # of the files that these lines name: what was shown and answered
 _READ_BYTES = 1 << 16  # most files are read at once
 
 

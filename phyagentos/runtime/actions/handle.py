@@ -65,6 +65,7 @@ class TargetSessionHandle:
 
     Attributes:
         is_ending: Whether the session is to end; called while a motion waits for other targets of a shared world.
+        is_pausing: Whether the session is to rest; for skills without an end of a motion to rest at.
         token: Of the epoch that begins next.
 
     Raises:
@@ -81,6 +82,7 @@ class TargetSessionHandle:
         sees_truth: bool = False,
     ) -> None:
         self.is_ending: Callable[[], bool] = lambda: False
+        self.is_pausing: Callable[[], bool] = lambda: False
         self.token = b""
         self._is_stopped, self._collision, self._sees_truth = is_stopped, collision, sees_truth
         self._interventions: list[Intervention] = []

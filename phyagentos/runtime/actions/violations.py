@@ -13,6 +13,8 @@ class ViolationCode(StrEnum):
     """A set-point is NaN or infinite."""
     ROTATION_INVALID = "ROTATION_INVALID"
     """Columns that should be a rotation are none."""
+    POSE_UNREACHABLE = "POSE_UNREACHABLE"
+    """No posture near the one before reaches a pose of the tool."""
     DISCONTINUOUS = "DISCONTINUOUS"
     """A chunk jumps further than the target's velocity permits."""
     EXPIRED = "EXPIRED"

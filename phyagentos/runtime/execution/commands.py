@@ -76,7 +76,8 @@ class CommandBuffer:
         self.goes_on, self._ends = not (self._ends or is_braking or is_unset), False
         if is_unset and not is_braking:
             return None
-        q, qd = self._arm or (self._compute_brake() if is_braking else self._rest())
+        brake = (self._q, self._qd, self._acceleration, self.n_steps, self.step_s)
+        q, qd = self._arm or (compute_brake(*brake) if is_braking else self._rest())
         width = self._gripper if self._gripper is not None else np.full(self.n_steps, self._width_m)
         self._arm, self._gripper = None, None
         self._q, self._qd, self._width_m = q[-1].copy(), qd[-1].copy(), float(width[-1])
@@ -86,13 +87,20 @@ class CommandBuffer:
         """Rows at the present arm set-point."""
         return np.tile(self._q, (self.n_steps, 1)), np.zeros((self.n_steps, self._q.size))
 
-    def _compute_brake(self) -> tuple[Array, Array]:
-        """Rows that ramp the velocity down to zero: qd(t) = qd0 (1 - t / T), each joint within its limit."""
-        duration_s = float(np.max(np.abs(self._qd) / (BRAKE_FRACTION * self._acceleration)))
-        t = np.minimum(np.arange(1, self.n_steps + 1) * self.step_s, duration_s)[:, None]  # (n_steps, 1)
-        q = self._q + self._qd * (t - t * t / (2.0 * duration_s))
-        qd = self._qd * (1.0 - t / duration_s)
-        return q, qd
+
+def compute_brake(q: Array, qd: Array, acceleration: Array, n_steps: int, step_s: float) -> tuple[Array, Array]:
+    """Rows that ramp the velocity down to zero: qd(t) = qd0 (1 - t / T), each joint within its limit.
+
+    Args:
+        q: (n_joints,) set-point before them [rad].
+        qd: (n_joints,) its velocity, of which some is not zero [rad/s].
+        acceleration: (n_joints,) limits [rad/s^2].
+        n_steps: Rows of one control period.
+        step_s: Time between rows [s].
+    """
+    duration_s = float(np.max(np.abs(qd) / (BRAKE_FRACTION * acceleration)))
+    t = np.minimum(np.arange(1, n_steps + 1) * step_s, duration_s)[:, None]  # (n_steps, 1)
+    return q + qd * (t - t * t / (2.0 * duration_s)), qd * (1.0 - t / duration_s)
 
 
 def check_rows(name: str, rows: Array, shape: tuple[int, ...]) -> Array:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -46,6 +47,7 @@ class SkillContext:
         initial: The world before the first command.
         lag: Of the arm behind its set-points.
         cell: The other robots of its world.
+        evidence: Folder of the session's bundle; None where none is kept.
         events: Events beside the tree so far.
     """
 
@@ -57,6 +59,7 @@ class SkillContext:
     initial: Environment
     lag: Lag
     cell: Cell = Cell()
+    evidence: Path | None = None
     events: list[Event] = field(default_factory=list)
     _uses: dict[str, int] = field(default_factory=dict)
 
@@ -100,6 +103,7 @@ def open_context(
     initial: Environment,
     world: WorldModel,
     cell: Cell = Cell(),
+    evidence: Path | None = None,
 ) -> SkillContext:
     """The services of a session that has authority; its set-points begin where the target rests.
 
@@ -123,4 +127,5 @@ def open_context(
         initial=initial,
         lag=Lag(float(np.asarray(limits.tracking_error_max.value))),
         cell=cell,
+        evidence=evidence,
     )

@@ -1,52 +1,70 @@
-"""Requests of one session to its policy server, in a thread, since the session's loop must never block."""
+"""Requests of one session to its policy, in a thread, since the session's loop must never block."""
 
 import threading
+import time
+from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import wait as wait_for
 from typing import TypeVar
 
+import msgspec
 import pydantic
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
+from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor, Stream
 from phyagentos.runtime.policies import wire
-from phyagentos.runtime.policies.transport import Transport, open_transport
+from phyagentos.runtime.policies.policy_service import PolicyService
+from phyagentos.runtime.policies.services import describe, open_service
 
 ASK_S = 3.0  # a server that needs longer for its descriptor will not keep a control rate
+BEATS = 4  # signs of life within the longest silence
+_UNLIMITED_S = 1e9
 
 Expected = TypeVar("Expected", wire.Introduction, wire.Started, wire.Chunk)
 
 
-def ask_policy(endpoint: str) -> PolicyDescriptor:
-    """The descriptor of the server at an endpoint; the handshake of preflight.
+def ask_policy(endpoint: str) -> PolicyDescriptor | None:
+    """The descriptor of the server at an endpoint, the handshake of preflight; None where it says nothing of itself.
 
     Raises:
         ExecutionError: `POLICY_UNREACHABLE`, `POLICY_LOST` or `POLICY_FAULT`.
     """
-    transport = open_transport(endpoint)
+    service = open_service(endpoint, {})
     try:
-        reply = _exchange(transport, wire.Introduce(), wire.Introduction, ASK_S)
-    finally:
-        transport.close()
-    try:
-        return PolicyDescriptor.model_validate({**reply.descriptor, "endpoint": endpoint})
+        reply = _exchange(service, wire.Introduce(), wire.Introduction, ASK_S, _UNLIMITED_S)
+        return describe(reply, endpoint)
     except pydantic.ValidationError as error:
         raise ExecutionError("POLICY_FAULT", f"{endpoint} describes no policy: {error}") from error
+    finally:
+        service.close()
 
 
 class PolicyClient:
-    """Requests chunks, one at a time.
+    """Requests chunks, one at a time, and watches the server in between.
 
     Args:
-        endpoint: Of the server; connected to with the first request.
+        endpoint: Of the policy; connected to with the first request.
         timeout_s: Longest wait for one reply, by the wall [s].
+        streams: What it is shown.
+        heartbeat_s: Longest silence of the server, by the wall [s]; None watches it only while it is asked.
+        inference_s: How much longer it may be silent in the midst of a request [s].
     """
 
-    def __init__(self, endpoint: str, timeout_s: float) -> None:
-        self._endpoint, self._timeout_s = endpoint, timeout_s
+    def __init__(
+        self,
+        endpoint: str,
+        timeout_s: float,
+        streams: Mapping[str, Stream] | None = None,
+        heartbeat_s: float | None = None,
+        inference_s: float = 0.0,
+    ) -> None:
+        self._endpoint, self._timeout_s, self._streams = endpoint, timeout_s, streams or {}
+        self._heartbeat_s, self._inference_s = heartbeat_s, inference_s
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="policy")
-        self._transport: Transport | None = None
+        self._service: PolicyService | None = None
         self._pending: Future[wire.Chunk] | None = None
+        self._probe: Future[None] | None = None
+        self._heard_s = time.perf_counter()
         self._closed = threading.Event()
 
     @property
@@ -56,18 +74,33 @@ class PolicyClient:
 
     def ask(self, request: wire.Infer, start: wire.Start | None = None) -> None:
         """Send a request; `start` goes before the first one of a session."""
+        if start is not None and self._heartbeat_s is not None:
+            start = msgspec.structs.replace(start, beat_s=self._heartbeat_s / BEATS)
         self._pending = self._thread.submit(self._ask, request, start)
 
     def poll(self) -> wire.Chunk | None:
         """The reply, once; None while it is outstanding.
 
         Raises:
-            ExecutionError: `POLICY_UNREACHABLE`, `POLICY_LOST` or `POLICY_FAULT`.
+            ExecutionError: `POLICY_UNREACHABLE`, `POLICY_LOST`, `POLICY_STALLED` or `POLICY_FAULT`.
         """
         if self._pending is None or not self._pending.done():
             return None
         done, self._pending = self._pending, None
+        self._heard_s = time.perf_counter()
         return done.result()
+
+    def watch(self) -> None:
+        """Probe the server when it has been silent for a while; raises as `poll`."""
+        if self._heartbeat_s is None or self._service is None:
+            return
+        if self._probe is not None:
+            if self._probe.done():
+                done, self._probe = self._probe, None
+                self._heard_s = time.perf_counter()
+                done.result()
+        elif self._pending is None and time.perf_counter() - self._heard_s > self._heartbeat_s / 2:
+            self._probe = self._thread.submit(self._watch, self._service, self._heartbeat_s / 2)
 
     def wait(self, timeout_s: float) -> None:
         """Sleep until the reply is here, at most `timeout_s` [s]."""
@@ -79,25 +112,46 @@ class PolicyClient:
         self._closed.set()
         self._pending = None
         self._thread.shutdown(wait=False, cancel_futures=True)
-        if self._transport is not None:
-            self._transport.close()
+        if self._service is not None:
+            self._service.close()
 
     def _ask(self, request: wire.Infer, start: wire.Start | None) -> wire.Chunk:
-        if self._transport is None:
-            self._transport = open_transport(self._endpoint)
+        if self._service is None:
+            self._service = open_service(self._endpoint, self._streams)
         if self._closed.is_set():
-            self._transport.close()
-        if start is not None:
-            _exchange(self._transport, start, wire.Started, self._timeout_s)
-        chunk = _exchange(self._transport, request, wire.Chunk, self._timeout_s)
+            self._service.close()
+        silence_s = _UNLIMITED_S if self._heartbeat_s is None else self._heartbeat_s + self._inference_s
+        try:
+            if start is not None:
+                _exchange(self._service, start, wire.Started, self._timeout_s, silence_s)
+            chunk = _exchange(self._service, request, wire.Chunk, self._timeout_s, silence_s)
+        except ExecutionError as error:
+            raise self._name_stall(error, silence_s) from error
         if chunk.sequence != request.sequence:
             message = f"chunk {chunk.sequence} came where {request.sequence} was asked for"
             raise ExecutionError("POLICY_FAULT", message)
         return chunk
 
+    def _watch(self, service: PolicyService, silence_s: float) -> None:
+        try:
+            service.probe(silence_s)
+        except ExecutionError as error:
+            raise self._name_stall(error, silence_s) from error
 
-def _exchange(transport: Transport, request: wire.Request, kind: type[Expected], timeout_s: float) -> Expected:
-    reply = wire.decode_reply(transport.exchange(wire.encode(request), timeout_s))
+    def _name_stall(self, error: ExecutionError, silence_s: float) -> ExecutionError:
+        """A silence within the heartbeat's limit is that of a server that stalls."""
+        if error.code != "POLICY_LOST" or not isinstance(error.__cause__, TimeoutError) or silence_s > self._timeout_s:
+            return error
+        message = f"{self._endpoint}: {str(error).removeprefix('POLICY_LOST: ')}; heartbeat_s: {self._heartbeat_s:g}"
+        return ExecutionError("POLICY_STALLED", message)
+
+
+def _exchange(
+    service: PolicyService, request: wire.Request, kind: type[Expected], timeout_s: float, silence_s: float
+) -> Expected:
+    reply = service.exchange(request, timeout_s, silence_s)
+    if isinstance(reply, wire.Fault):
+        raise ExecutionError("POLICY_FAULT", reply.message[: wire.FAULT_MAX])
     if not isinstance(reply, kind):
         raise ExecutionError("POLICY_FAULT", f"{type(request).__name__} was answered by {type(reply).__name__}")
     return reply

@@ -3,8 +3,9 @@
 Simulator truth is no stream, and a camera that does not show the present, as `sensor_health` judges it, is refused.
 """
 
+from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.perception.sensor_health import assess
 from phyagentos.runtime.targets.wire import Frame, Frames
 
+TIME_TOLERANCE_S = 1e-6  # sums of control periods are not exact
 _OF_STATE: Mapping[str, Callable[[TargetState], Any]] = {
     "joint_state": lambda state: state.q_rad,
     "joint_velocity": lambda state: state.qd_rad_s,
@@ -39,23 +41,52 @@ class Observer:
     handle: TargetSessionHandle
     late_max_s: float
     health: Mapping[str, SensorHealth]
+    _past: dict[str, deque[tuple[float, np.ndarray]]] = field(default_factory=dict, init=False)
 
     def observe(self) -> tuple[float, dict[str, np.ndarray]]:
-        """Time of the target [s], and every stream as an array of its declared type.
+        """Time of the target [s], and every stream as an array of its declared type, after its history if it has one.
 
         Raises:
             ExecutionError: `OBSERVATION_UNAVAILABLE` when a frame is missing, old, dark, dated ahead, repeated or of
                 another size; when a value of the target is not finite, or nothing measures a stream.
         """
+        now_s, shown = self._look(self.streams)
+        return now_s, {name: self._recall(name, now_s, each) for name, each in shown.items()}
+
+    def sample(self, now_s: float) -> None:
+        """Keep what a history needs of this moment of the target's time; raises as `observe`."""
+        due = {
+            name: each
+            for name, each in self.streams.items()
+            if each.history > 1
+            and (name not in self._past or now_s - self._past[name][-1][0] >= 1.0 / each.rate_hz - TIME_TOLERANCE_S)
+        }
+        if due:
+            at_s, seen = self._look(due)
+            for name, value in seen.items():
+                kept = self._past.setdefault(name, deque(maxlen=self.streams[name].history))
+                kept.append((at_s, value))
+
+    def _recall(self, name: str, now_s: float, value: np.ndarray) -> np.ndarray:
+        """(history, ...) samples, periods of the stream apart, the oldest first; the value alone without one."""
+        stream = self.streams[name]
+        if stream.history == 1:
+            return value
+        known = [*self._past.get(name, ()), (now_s, value)]
+        moments_s = [now_s - index / stream.rate_hz for index in reversed(range(1, stream.history))]
+        past = ([each for at_s, each in known if at_s <= moment_s + TIME_TOLERANCE_S] for moment_s in moments_s)
+        return np.stack([*(each[-1] if each else known[0][1] for each in past), value])
+
+    def _look(self, streams: Mapping[str, Stream]) -> tuple[float, dict[str, np.ndarray]]:
         cameras = {
             name: self._find_camera(name, each)
-            for name, each in self.streams.items()
+            for name, each in streams.items()
             if each.modality != "proprioception" or name not in _OF_STATE  # the target measures those itself
         }
         frames = self.handle.capture(tuple(dict.fromkeys(cameras.values()))) if cameras else Frames(())
         now = self.handle.observe()  # after the frames: where time goes on by itself, they were taken before it
         shown: dict[str, np.ndarray] = {}
-        for name, stream in self.streams.items():
+        for name, stream in streams.items():
             if name in cameras:
                 frame = self._believe(cameras[name], frames, now.time_s, self.late_max_s + 1.0 / stream.rate_hz)
                 shown[name] = _hold_to_form(name, frame.depth_m if stream.modality == "depth" else frame.rgb, stream)

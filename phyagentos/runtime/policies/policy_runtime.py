@@ -2,11 +2,12 @@
 
 While the server infers there is no command, and in lockstep simulated time stands: a slow server gives the same
 trajectory as a fast one. Where time goes on by itself the next chunk is requested ahead, and rows that are too old by
-the time it comes are left out.
+the time it comes are left out. `PolicyExecution` declares what follows what.
 """
 
+import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
@@ -24,20 +25,25 @@ from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.actions.bridges.tool_poses import describe_frames, read_arm
 from phyagentos.runtime.actions.chunks import iter_periods
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.actions.set_points import Array, SetPoints
 from phyagentos.runtime.actions.violations import Violation
+from phyagentos.runtime.execution.commands import compute_brake
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf import FailureCode
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient
+from phyagentos.runtime.policies.ensemble import TemporalEnsemble
+from phyagentos.runtime.policies.exchanges import ExchangeLog
 from phyagentos.runtime.policies.observations import Observer
 
 LEAF = "policy"
 OVERLAP = 4  # rows that only shape the end of a spline: so far before it an error of its end velocity is 0.27^4
 EMPTY_MAX = 20  # chunks in a row without a row that could be carried out
+TIME_TOLERANCE_S = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +53,8 @@ class PolicyParts:
     Attributes:
         chain: From the policy's action space to the target's; one row per control period comes out.
         is_realtime: Whether time goes on while the server infers.
+        is_pausing: Whether the session is to rest.
+        log: Keeps what was shown and answered.
     """
 
     descriptor: PolicyDescriptor
@@ -54,37 +62,47 @@ class PolicyParts:
     observer: Observer
     client: PolicyClient
     is_realtime: bool = False
+    is_pausing: Callable[[], bool] = lambda: False
+    log: ExchangeLog | None = None
 
 
 class PolicySkillRuntime:
     """A `SkillRuntime` over a policy server; it plans nothing and sets no channels of its context."""
 
     def __init__(self, parts: PolicyParts, context: SkillContext) -> None:
-        self._parts = parts
+        self._parts, self._how = parts, parts.descriptor.execution
         self._context = context
         self._periods: deque[SetPoints] = deque()
+        self._beyond: Iterator[SetPoints] = iter(())  # of the present chunk, after the next one should have come
+        self._ready: wire.Chunk | None = None  # waits for the horizon of the one before
+        self._ensemble = TemporalEnsemble(self._how.ensemble_decay) if self._mode == "temporal_ensemble" else None
         self._events: list[TraceEvent] = []
         self._failure: Failure | None = None
         self._before = np.append(context.commands.q_rad, context.commands.gripper_width_m)
         self._velocity = np.zeros(len(self._before) - 1)
         context.lag.begin()
         self._asked_at_s, self._asked_after, self._asked_before = 0.0, 0, self._before
+        self._shown_at_s = 0.0  # of the present chunk
         self._chunks = self._commands = self._empty = 0
         self._is_last = False
+        self._is_outdated = False  # what was asked for before a pause
+        self._keeps_past = any(stream.history > 1 for stream in parts.descriptor.observations.values())
 
     def tick(self) -> TickResult:
         """The next control period; none while the server infers."""
         try:
+            if self._keeps_past:
+                self._parts.observer.sample(self._context.time_s)
             self._converse()
         except ExecutionError as error:
             return self._fail(error.code, str(error))
+        points = self._choose() if self._failure is None else None
         if self._failure is not None:
             return TickResult(SkillStatus.FAILED, None, LEAF)
-        if self._periods:
+        if points is not None:
             if self._context.lag.is_stalled:
                 error_rad = self._context.step.tracking_error_rad
                 return self._fail(FailureCode.STALLED, f"the arm is {error_rad:.3f} rad behind its set-points")
-            points = self._periods.popleft()
             self._before = np.append(points.q_rad[-1], points.gripper_width_m[-1])
             self._velocity = points.qd_rad_s[-1]
             self._commands += 1
@@ -101,7 +119,7 @@ class PolicySkillRuntime:
 
     def halt(self) -> None:
         """Drop the remaining rows and close the connection."""
-        self._periods.clear()
+        self._drop()
         self._parts.client.close()
 
     def read_outputs(self) -> dict[str, Any]:
@@ -117,24 +135,95 @@ class PolicySkillRuntime:
         return tuple(self._events)
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the connection, and finish the files of what was exchanged."""
         self._parts.client.close()
+        if self._parts.log is not None:
+            self._parts.log.close()
+
+    @property
+    def _mode(self) -> str:
+        return self._parts.descriptor.execution.mode
+
+    @property
+    def _period_s(self) -> float:
+        return self._context.profile.control_period_s
 
     def _converse(self) -> None:
         """Take an answer that has come; ask when the rows run out."""
-        client = self._parts.client
+        client, is_pausing = self._parts.client, self._parts.is_pausing()
+        if self._parts.descriptor.heartbeat_s is not None:
+            client.watch()
         if client.is_waiting:
             if (chunk := client.poll()) is not None:
-                self._take(chunk)
-        elif not self._is_last and self._failure is None:
-            inference_s = self._parts.descriptor.inference_s if self._parts.is_realtime else 0.0
-            if len(self._periods) <= np.ceil(inference_s / self._context.profile.control_period_s):
+                self._ready, self._chunks = None if self._is_outdated else chunk, self._chunks + 1
+                if self._parts.log is not None:
+                    self._parts.log.answer(chunk)
+        elif self._ready is None and not self._is_last and not is_pausing:
+            is_ahead = self._parts.is_realtime and self._mode != "open_loop"
+            ahead_s = self._parts.descriptor.inference_s if is_ahead else 0.0
+            if len(self._periods) <= np.ceil(ahead_s / self._period_s):
                 self._ask()
+        may_switch = self._mode != "receding_horizon" or not self._periods
+        if self._ready is not None and may_switch and not is_pausing:
+            chunk, self._ready = self._ready, None
+            self._take(chunk)
+
+    def _choose(self) -> SetPoints | None:
+        """The next control period: of the present chunk, or one that brakes."""
+        how = self._how
+        if how.duration_s is not None and self._commands * self._period_s >= how.duration_s - TIME_TOLERANCE_S:
+            self._drop()
+            self._is_last = True
+            return self._brake()
+        if self._parts.is_pausing() and (how.interruption == "row" or not self._periods):
+            self._drop()
+            self._is_outdated = self._parts.client.is_waiting
+            return self._brake()
+        if how.expiry_s is not None and self._context.time_s - self._shown_at_s > how.expiry_s + TIME_TOLERANCE_S:
+            if self._periods:
+                self._note(Status.RUNNING.value, message="the chunk has expired", rows=len(self._periods))
+                self._is_last = False
+            self._drop_rows()
+        if self._periods:
+            return self._periods.popleft()
+        return self._bridge_gap() if self._parts.is_realtime and self._commands else None
+
+    def _bridge_gap(self) -> SetPoints | None:
+        """What is commanded while the next chunk is late."""
+        how = self._how.underrun
+        if not self._parts.client.is_waiting:
+            return None
+        goes_on = how == "continue" or self._ensemble is not None
+        if goes_on and (points := next(self._beyond, None)) is not None:
+            return points
+        if how == "fail":
+            self._fail("POLICY_UNDERRUN", f"no rows were left before chunk {self._chunks} came")
+        return self._brake() if how in {"brake", "continue"} else None
+
+    def _brake(self) -> SetPoints | None:
+        """A control period towards rest; None at rest."""
+        if not self._velocity.any():
+            return None
+        commands = self._context.commands
+        limits = np.asarray(self._context.profile.arm.acceleration_rad_s2)
+        q_rad, qd_rad_s = compute_brake(self._before[:-1], self._velocity, limits, commands.n_steps, commands.step_s)
+        return SetPoints(q_rad, qd_rad_s, np.full(commands.n_steps, self._before[-1]))
+
+    def _drop(self) -> None:
+        """Forget every chunk; the policy is shown the present before it goes on."""
+        self._drop_rows()
+        self._ready = None
+        if self._ensemble is not None:
+            self._ensemble.clear()
+
+    def _drop_rows(self) -> None:
+        self._periods.clear()
+        self._beyond = iter(())
 
     def _ask(self) -> None:
         session = self._context.session
         self._asked_at_s, observations = self._parts.observer.observe()
-        self._asked_after, self._asked_before = self._commands, self._before
+        self._asked_after, self._asked_before, self._is_outdated = self._commands, self._before, False
         request = wire.Infer(
             session=session.id,
             sequence=self._chunks,
@@ -144,10 +233,11 @@ class PolicySkillRuntime:
         )
         start = wire.Start(session.id, session.objective, session.parameters, session.seed)
         self._parts.client.ask(request, None if self._chunks else start)
+        if self._parts.log is not None:
+            self._parts.log.show(request)
 
     def _take(self, chunk: wire.Chunk) -> None:
         """Convert a chunk; rows that are too old are left out, be it all of them."""
-        self._chunks += 1
         self._is_last = chunk.done
         if not (chunk.done and not chunk.rows.size):
             rows = self._convert(chunk.rows)
@@ -156,18 +246,20 @@ class PolicySkillRuntime:
             late = self._commands - self._asked_after
             if self._is_past(len(rows)):
                 late, self._is_last = len(rows), False
-            self._queue(self._leave_out(rows, late), late, 0 if chunk.done else OVERLAP)
+            elif self._ensemble is not None:
+                rows = self._ensemble.blend(self._asked_after, rows)
+            self._queue(self._leave_out(rows, late), late)
         self._empty = self._empty + 1 if not self._periods else 0
         if self._empty > EMPTY_MAX and not self._is_last:
             self._fail("POLICY_LOST", f"{self._empty} chunks in a row had nothing that could still be carried out")
 
     def _is_past(self, n_rows: int) -> bool:
-        """Whether the world has waited for a chunk for longer than its limit, and than the chunk lasts."""
-        if self._periods:
+        """Whether a chunk is too old: the world has waited for longer than its limit, and than the chunk lasts."""
+        if self._how.expiry_s is None and self._periods:
             return False  # there was something to do meanwhile
-        lasts_s = n_rows * self._context.profile.control_period_s
         waited_s = self._parts.observer.read_time() - self._asked_at_s
-        return waited_s > max(lasts_s, self._parts.descriptor.inference_s)
+        limit_s = self._how.expiry_s or max(n_rows * self._period_s, self._parts.descriptor.inference_s)
+        return waited_s > limit_s
 
     def _convert(self, rows: Array) -> Array | None:
         """Rows of the target, from the set-point at their request; None when they are refused."""
@@ -189,17 +281,28 @@ class PolicySkillRuntime:
             left[:, :-1] += self._before[:-1] - rows[late - 1, :-1]
         return left
 
-    def _queue(self, rows: Array, late: int, overlap: int) -> None:
+    def _queue(self, rows: Array, late: int) -> None:
         """Replace the chunk before, up to the rows that the next one will repeat."""
         self._note(Status.RUNNING.value, rows=len(rows), late=late, sequence=self._chunks - 1)
         if not len(rows):
             return
         commands = self._context.commands
         periods = iter_periods(rows, self._before, self._velocity, n_steps=commands.n_steps, step_s=commands.step_s)
-        self._periods = deque(islice(periods, max(1, len(rows) - overlap)))
+        self._periods = deque(islice(periods, self._count_until_next(len(rows))))
+        self._beyond, self._shown_at_s = periods, self._asked_at_s
+
+    def _count_until_next(self, n_rows: int) -> int:
+        """Control periods until the next chunk is to take over; all of them where none follows."""
+        if self._is_last or self._mode == "open_loop":
+            return n_rows
+        horizon = self._how.horizon or (1 if self._ensemble is not None else 0)
+        if not horizon:
+            return max(1, n_rows - OVERLAP)
+        chain = self._parts.chain
+        return max(1, min(n_rows, math.ceil(horizon * chain.target.rate_hz / chain.source.rate_hz)))
 
     def _fail(self, code: str, message: str) -> TickResult:
-        self._periods.clear()
+        self._drop()
         self._failure = Failure(LEAF, code, message)
         self._note(Status.FAILURE.value, code=code, message=message)
         return TickResult(SkillStatus.FAILED, None, LEAF)
@@ -244,22 +347,26 @@ class Policies:
             DefinitionError: When the documents have changed since, so that there is no such policy any more.
         """
         skill = self.skills[session.skill]
-        target = describe_target_space(self.profile)
-        chain = compile_chain(skill.action_space or target, target)
+        target, arm = describe_target_space(self.profile), read_arm(self.handle.describe(), context.step.target)
+        chain = compile_chain(skill.action_space or target, target, describe_frames(self.profile), arm)
         if not isinstance(chain, BridgeChain):
             raise DefinitionError(chain)
-        assert skill.policy is not None, "preflight refuses a policy skill without a policy"
+        policy = skill.policy
+        assert policy is not None, "preflight refuses a policy skill without a policy"
+        heartbeat = (policy.heartbeat_s, policy.inference_s)
         parts = PolicyParts(
-            descriptor=skill.policy,
+            descriptor=policy,
             chain=chain,
             observer=Observer(
-                streams=skill.policy.observations,
+                streams=policy.observations,
                 sensors=self.sensors,
                 handle=self.handle,
                 late_max_s=self.late_max_s,
                 health=context.initial.sensors,
             ),
-            client=PolicyClient(skill.policy.endpoint, session.limits.policy_s),
+            client=PolicyClient(policy.endpoint, session.limits.policy_s, policy.observations, *heartbeat),
             is_realtime=self.is_realtime,
+            is_pausing=self.handle.is_pausing,
+            log=ExchangeLog(context.evidence) if context.evidence is not None else None,
         )
         return PolicySkillRuntime(parts, context)

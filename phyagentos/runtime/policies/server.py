@@ -2,6 +2,7 @@
 
 import contextlib
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from multiprocessing.connection import Connection, Listener
 from typing import Protocol, cast
 from urllib.parse import urlsplit
@@ -13,6 +14,7 @@ from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import wire
 
 GONE = (EOFError, OSError)
+BEAT_MIN_S = 0.01  # no client gets more beats than it can read
 
 
 class Policy(Protocol):
@@ -34,19 +36,20 @@ def serve_policy(policy: Policy, descriptor: PolicyDescriptor, on_ready: Callabl
         on_ready: Called with the endpoint once clients can connect.
     """
     parts = urlsplit(descriptor.endpoint)
+    model = ThreadPoolExecutor(max_workers=1, thread_name_prefix="model")
     with Listener((parts.hostname or "127.0.0.1", parts.port or 0)) as listener:
         host, port = cast(tuple[str, int], listener.address)
         on_ready(f"tcp://{host}:{port}")
         while True:
             with contextlib.suppress(*GONE), listener.accept() as connection:
-                _converse(connection, policy, descriptor)
+                _converse(connection, policy, descriptor, model)
 
 
-def answer(request: wire.Request, policy: Policy, descriptor: PolicyDescriptor) -> wire.Reply:
+def answer(request: wire.Request, policy: Policy, descriptor: PolicyDescriptor | None = None) -> wire.Reply:
     """The reply to one request; an error of the model, and an invalid chunk, becomes a `Fault`."""
     try:
         if isinstance(request, wire.Introduce):
-            return wire.Introduction(descriptor=descriptor.model_dump(mode="json"))
+            return wire.Introduction(descriptor={} if descriptor is None else descriptor.model_dump(mode="json"))
         if isinstance(request, wire.Start):
             policy.start(request)
             return wire.Started()
@@ -56,10 +59,23 @@ def answer(request: wire.Request, policy: Policy, descriptor: PolicyDescriptor) 
         return wire.Fault(message=f"{type(error).__name__}: {error}")
 
 
-def _converse(connection: Connection, policy: Policy, descriptor: PolicyDescriptor) -> None:
+def _converse(connection: Connection, policy: Policy, descriptor: PolicyDescriptor, model: ThreadPoolExecutor) -> None:
+    beat_s = None
     while True:
         try:
-            reply = answer(wire.decode_request(connection.recv_bytes()), policy, descriptor)
+            request = wire.decode_request(connection.recv_bytes())
+            if isinstance(request, wire.Start) and request.beat_s > 0.0:
+                beat_s = max(request.beat_s, BEAT_MIN_S)
+            reply = _await(model.submit(answer, request, policy, descriptor), connection, beat_s)
         except ExecutionError as error:
             reply = wire.Fault(message=str(error))
         connection.send_bytes(wire.encode(reply))
+
+
+def _await(reply: "Future[wire.Reply]", connection: Connection, beat_s: float | None) -> wire.Reply:
+    """The reply; until it is there, a beat every `beat_s` [s]."""
+    while True:
+        try:
+            return reply.result(beat_s)
+        except TimeoutError:
+            connection.send_bytes(wire.encode(wire.Beat()))

@@ -1,4 +1,4 @@
-"""Transports to a policy server: `tcp://host:port`, `http://...` or `https://...`.
+"""Transports of the project's own wire: `tcp://host:port`, `http://...` or `https://...`.
 
 Over tcp a message is its length (4 bytes, big-endian) and then its bytes; over HTTP it is the body of a POST, and the
 reply is the body of the answer.
@@ -29,6 +29,9 @@ class Transport(Protocol):
             ExecutionError: `POLICY_LOST`; `POLICY_FAULT` for a reply longer than any chunk.
         """
 
+    def await_more(self, timeout_s: float) -> bytes:
+        """Wait for one more reply to the same message; raises as `exchange`."""
+
     def close(self) -> None:
         """Close the connection."""
 
@@ -51,10 +54,16 @@ class _Tcp:
         self._socket = connect(host, port, Deadline(CONNECT_S))
 
     def exchange(self, message: bytes, timeout_s: float) -> bytes:
+        return self._converse(_LENGTH.pack(len(message)) + message, timeout_s)
+
+    def await_more(self, timeout_s: float) -> bytes:
+        return self._converse(b"", timeout_s)
+
+    def _converse(self, sent: bytes, timeout_s: float) -> bytes:
         deadline, received = Deadline(timeout_s), bytearray()
         try:
             self._socket.settimeout(timeout_s)
-            self._socket.sendall(_LENGTH.pack(len(message)) + message)
+            self._socket.sendall(sent)
             self._receive(received, _LENGTH.size, deadline)
             (length,) = _LENGTH.unpack(received)
             if length > REPLY_MAX_BYTES:
@@ -92,6 +101,9 @@ class _Http:
 
     def exchange(self, message: bytes, timeout_s: float) -> bytes:
         return self._client.post(message, timeout_s=timeout_s, max_bytes=REPLY_MAX_BYTES)
+
+    def await_more(self, timeout_s: float) -> bytes:
+        raise ExecutionError("POLICY_FAULT", "an answer over HTTP that promises another one")
 
     def close(self) -> None:
         self._client.close()

@@ -31,12 +31,14 @@ class Start(msgspec.Struct, frozen=True, tag=True):
         instruction: The session's objective, in words.
         parameters: The skill's arguments.
         seed: Root of every random choice of this session.
+        beat_s: How often the client wants a `Beat` while it waits for a reply [s]; 0 for never.
     """
 
     session: str
     instruction: str
     parameters: dict[str, Any]
     seed: int
+    beat_s: float = 0.0
 
 
 class Infer(msgspec.Struct, frozen=True, tag=True):
@@ -57,7 +59,7 @@ class Infer(msgspec.Struct, frozen=True, tag=True):
 
 
 class Introduction(msgspec.Struct, frozen=True, tag=True):
-    """The descriptor: the fields of a `PolicyDescriptor`."""
+    """The descriptor: the fields of a `PolicyDescriptor`; empty from a server that says nothing of itself."""
 
     descriptor: dict[str, Any]
 
@@ -80,6 +82,10 @@ class Chunk(msgspec.Struct, frozen=True, tag=True):
     done: bool = False
 
 
+class Beat(msgspec.Struct, frozen=True, tag=True):
+    """The server is at work; the reply follows. Only where the session's `Start` asks for it, over tcp."""
+
+
 class Fault(msgspec.Struct, frozen=True, tag=True):
     """The policy cannot answer."""
 
@@ -87,7 +93,7 @@ class Fault(msgspec.Struct, frozen=True, tag=True):
 
 
 Request = Introduce | Start | Infer
-Reply = Introduction | Started | Chunk | Fault
+Reply = Introduction | Started | Chunk | Beat | Fault
 
 REQUESTS = Codec[Request](Request, "request")
 _REPLIES = Codec[Reply](Reply, "reply")

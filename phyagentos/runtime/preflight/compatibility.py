@@ -12,6 +12,7 @@ from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.actions.bridges.tool_poses import describe_frames
 from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, make_tools
 from phyagentos.runtime.preflight.arguments import (
     iter_ambiguity_problems,
@@ -190,8 +191,8 @@ class Preflight:
     def _compile_bridges(self, skill: SkillRuntime) -> BridgeChain | tuple[Problem, ...]:
         """From the skill's action space to the target's; compiled once, since neither changes."""
         if skill.skill not in self._chains:
-            target = describe_target_space(self.profile)
-            self._chains[skill.skill] = compile_chain(skill.action_space or target, target)
+            target, frames = describe_target_space(self.profile), describe_frames(self.profile)
+            self._chains[skill.skill] = compile_chain(skill.action_space or target, target, frames)
         return self._chains[skill.skill]
 
 

@@ -7,7 +7,14 @@ from collections.abc import Callable, Iterator
 from urllib.parse import urlsplit
 
 from phyagentos.errors import ExecutionError, Problem, format_names
-from phyagentos.protocol.capabilities.policy_descriptors import POLICY_PROTOCOL, SCHEMES, PolicyDescriptor, Stream
+from phyagentos.protocol.capabilities.policy_descriptors import (
+    CLIENT_SIDE,
+    MODEL_SCHEME,
+    POLICY_PROTOCOL,
+    SCHEMES,
+    PolicyDescriptor,
+    Stream,
+)
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.settings.sensors import Length, Sensor, Sensors, Signal, find_source
@@ -15,7 +22,8 @@ from phyagentos.runtime.preflight.findings import make_problem
 from phyagentos.runtime.preflight.sensing import RATE_TOLERANCE
 
 TIME_TOLERANCE_S = 1e-9
-AskPolicy = Callable[[str], PolicyDescriptor]  # endpoint -> descriptor of its server; raises ExecutionError without one
+# endpoint -> descriptor of its server, None where it says nothing of itself; raises ExecutionError without a server
+AskPolicy = Callable[[str], PolicyDescriptor | None]
 
 
 def iter_policy_problems(
@@ -40,6 +48,10 @@ def iter_policy_problems(
         yield from _iter_stream_problems(name, stream, profile, sensors, by)
         yield from _iter_lateness_problems(name, stream, sensors, late_max_s, by)
     chunk_s = skill.action_space.chunk_length / skill.action_space.rate_hz
+    horizon, longest = policy.execution.horizon or 1, skill.action_space.chunk_length
+    if horizon > longest:
+        address, fix = "skill.policy.execution.horizon", "The next chunk must come before this one ends."
+        yield make_problem("CHUNK_LENGTH", address, f"{horizon} rows", f"1 to {longest} rows", by, fix)
     if policy.inference_s > chunk_s:
         address, found = "skill.policy.inference_s", f"{policy.inference_s:g} s"
         expected, by = f"at most {chunk_s:g} s, which one chunk lasts", f"{by}: chunk_length / rate_hz"
@@ -59,14 +71,16 @@ def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Proble
         expected, fix = f"a policy server at {policy.endpoint}", "Start the server."
         yield make_problem("POLICY_UNREACHABLE", "skill.policy.endpoint", str(error), expected, by, fix)
         return
-    for name in PolicyDescriptor.model_fields:
+    for name in PolicyDescriptor.model_fields if served is not None else ():
         declared, found = getattr(policy, name), getattr(served, name)
-        if name != "endpoint" and declared != found:
+        if name not in CLIENT_SIDE and declared != found:
             fix = "The server at this endpoint is not the one that SKILL.md describes."
             yield make_problem("POLICY_MISMATCH", f"skill.policy.{name}", str(found), str(declared), by, fix)
 
 
 def _is_endpoint(text: str) -> bool:
+    if text.startswith(f"{MODEL_SCHEME}:"):
+        return len(text) > len(MODEL_SCHEME) + 1
     try:
         parts = urlsplit(text)
         host, has_port = parts.hostname or "", parts.port is not None or parts.scheme in {"http", "https"}

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from phyagentos.protocol.capabilities.library import Library
@@ -51,7 +52,9 @@ class SkillLoader:
     registry: LeafRegistry
     policies: Policies | None = None
 
-    def open_context(self, session: Session, target: Embodiment, initial: Environment) -> SkillContext:
+    def open_context(
+        self, session: Session, target: Embodiment, initial: Environment, evidence: Path | None = None
+    ) -> SkillContext:
         """Services for the skill of a session, from the snapshot at its start."""
         return open_context(
             session,
@@ -62,6 +65,7 @@ class SkillLoader:
             initial=initial,
             world=target.world,
             cell=Cell(read_neighbours=target.handle.read_neighbours, announce=target.handle.announce),
+            evidence=evidence,
         )
 
     def open(self, session: Session, plan: Mapping[str, Any], context: SkillContext) -> SkillRuntime:

@@ -182,7 +182,7 @@ class SessionRunner:
         recorder.write_initial(observation, initial)
         self._write_looks(recorder, LookRole.START, initial)
         self._take_picture(recorder, files.PICTURE_BEFORE)
-        context = self._skills.open_context(session, self._target, initial)
+        context = self._skills.open_context(session, self._target, initial, recorder.folder)
         skill = self._skills.open(session, plan, context)
         holds = HoldMonitor(session.hold, initial, session.target, self._sample_every, session.interchangeable)
         heartbeat = _HeartbeatObserver(session=session, epoch=epoch, beat=beat)

@@ -1,105 +1,10 @@
 """Where time goes on while a policy infers, its late chunks lead where it said, and never by a jump."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange, describe_target_space
-from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
-from phyagentos.runtime.actions.bridges.compilation import compile_chain
-from phyagentos.runtime.execution.lag import Lag
 from phyagentos.runtime.execution.skill_runtime import SkillStatus
-from phyagentos.runtime.policies import wire
-from phyagentos.runtime.policies.policy_runtime import PolicyParts, PolicySkillRuntime
-from tests.clocks import ManualClock
-
-PERIOD_S = 0.02
-INFERENCE_S = 0.1
-OPEN_M, CLOSED_M = 0.08, 0.0
-ROWS = 20  # of a chunk
-
-
-class Client:
-    """A server that answers `delay_s` after it was asked."""
-
-    def __init__(self, clock, infer, delay_s):
-        self.clock, self.infer, self.delay_s = clock, infer, delay_s
-        self.asked = None
-
-    @property
-    def is_waiting(self):
-        return self.asked is not None
-
-    def ask(self, request, start=None):
-        self.asked, self.due_s = request, self.clock.now_s() + self.delay_s
-
-    def poll(self):
-        if self.clock.now_s() < self.due_s - 1e-9:
-            return None
-        request, self.asked = self.asked, None
-        rows, done = self.infer(request)
-        return wire.Chunk(sequence=request.sequence, rows=rows, done=done)
-
-
-class Stand:
-    """A runtime in real time on a perfect arm; remembers the set-point at the end of every control period."""
-
-    def __init__(self, profile, infer, *, delay_s, delta=False, rate_hz=50.0):
-        clock = ManualClock()
-        self.q = np.array(profile.arm.home_rad)
-        self.width_m = OPEN_M if profile.end_effector == "opening" else 0.0
-        shown = lambda: {"joint_state": self.q.copy()}  # noqa: E731
-        observer = SimpleNamespace(observe=lambda: (clock.now_s(), shown()), read_time=clock.now_s)
-        space = ActionSpace(
-            representation="joint_position",
-            delta=delta,
-            joints=profile.arm.joints,
-            rate_hz=rate_hz,
-            chunk_length=ROWS,
-            gripper=GripperRange(closed=0.0, open=1.0) if profile.end_effector == "opening" else None,
-        )
-        stream = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
-        descriptor = PolicyDescriptor.model_validate(
-            {
-                "policy": "line/1",
-                "endpoint": "tcp://127.0.0.1:1",
-                "observations": {"joint_state": stream},
-                "inference_s": INFERENCE_S,
-            }
-        )
-        commands = SimpleNamespace(q_rad=self.q, gripper_width_m=self.width_m, n_steps=10, step_s=0.002)
-        session = SimpleNamespace(id="s", objective="", parameters={}, seed=1)
-        context = SimpleNamespace(
-            session=session,
-            profile=profile,
-            commands=commands,
-            lag=Lag(0.1),
-            step=SimpleNamespace(tracking_error_rad=0.0),
-            time_s=0.0,
-            note=lambda *_, **__: None,
-        )
-        parts = PolicyParts(
-            descriptor=descriptor,
-            chain=compile_chain(space, describe_target_space(profile)),
-            observer=observer,
-            client=Client(clock, infer, delay_s),
-            is_realtime=True,
-        )
-        self.runtime, self.clock = PolicySkillRuntime(parts, context), clock
-        self.joint, self.widths = [], []
-
-    def run(self, turns=400):
-        for _ in range(turns):
-            result = self.runtime.tick()
-            if result.status is not SkillStatus.RUNNING:
-                return result.status
-            if result.set_points is not None:
-                self.q, self.width_m = result.set_points.q_rad[-1], float(result.set_points.gripper_width_m[-1])
-                self.joint.append(self.q[0])
-                self.widths.append(self.width_m)
-            self.clock.advance(PERIOD_S)
-        return SkillStatus.RUNNING
+from tests.runtime.policies.stand import CLOSED_M, OPEN_M, PERIOD_S, ROWS, Stand
 
 
 def tell(positions, gripper, *, delta):

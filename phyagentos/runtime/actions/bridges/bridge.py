@@ -15,10 +15,18 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
-from phyagentos.runtime.actions.violations import Intervention
+from phyagentos.runtime.actions.violations import Intervention, Violation
 
 Array = NDArray[np.float64]
 Frames = Mapping[str, Array]  # world_T_frame (4, 4) by name
+
+
+class Unconvertible(Exception):
+    """A row that a bridge cannot convert; the chain refuses its chunk."""
+
+    def __init__(self, violation: Violation) -> None:
+        self.violation = violation
+        super().__init__(str(violation))
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +48,7 @@ class ActionBridge(ABC):
 
     @abstractmethod
     def apply(self, rows: Array, before: Array) -> Array:
-        """Convert a chunk."""
+        """Convert a chunk; raises `Unconvertible`."""
 
     @abstractmethod
     def invert(self, rows: Array, before: Array) -> Array:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, ActionSpace
-from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, name_columns
+from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Unconvertible, name_columns
 from phyagentos.runtime.actions.bridges.rotations import decode_rotation, find_bad_rotation
 from phyagentos.runtime.actions.violations import Intervention, Violation, ViolationCode
 
@@ -48,7 +48,10 @@ class BridgeChain:
         anchors.reverse()
         interventions: list[Intervention] = []
         for link, anchor in zip(self.links, anchors[1:], strict=True):
-            converted = link.apply(rows, anchor)
+            try:
+                converted = link.apply(rows, anchor)
+            except Unconvertible as refused:
+                return refused.violation
             interventions += link.find_interventions(rows, converted)
             rows = converted
             if not len(rows):

@@ -1,9 +1,11 @@
 """Chooses the bridges from one action space to another: every problem at once, or a chain."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, ActionSpace
+from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, UNIT_ROTATIONS, ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Frames
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.bridges.clamping import ClampBridge
@@ -13,6 +15,7 @@ from phyagentos.runtime.actions.bridges.gripper import GripperBridge
 from phyagentos.runtime.actions.bridges.joints import JointOrderBridge, ProjectionBridge
 from phyagentos.runtime.actions.bridges.resampling import ResampleBridge
 from phyagentos.runtime.actions.bridges.rotations import RotationBridge
+from phyagentos.runtime.actions.bridges.tool_poses import ArmKinematics, ToolPoseBridge
 from phyagentos.runtime.actions.bridges.units import UnitBridge
 
 # In the order of a chain: changes are summed before anything that is not linear, and taken again at the very end. A
@@ -22,6 +25,7 @@ BRIDGES: tuple[type[ActionBridge], ...] = (
     RotationBridge,
     ToAbsoluteBridge,
     FrameBridge,
+    ToolPoseBridge,
     ProjectionBridge,
     JointOrderBridge,
     GripperBridge,
@@ -32,7 +36,7 @@ BRIDGES: tuple[type[ActionBridge], ...] = (
 
 
 def compile_chain(
-    source: ActionSpace, target: ActionSpace, frames: Frames | None = None
+    source: ActionSpace, target: ActionSpace, frames: Frames | None = None, arm: ArmKinematics | None = None
 ) -> BridgeChain | tuple[Problem, ...]:
     """Choose the bridges from one action space to another.
 
@@ -40,13 +44,14 @@ def compile_chain(
         source: What a skill or policy speaks.
         target: What the target takes.
         frames: world_T_frame (4, 4) of the frames that are known, besides `world`.
+        arm: Of the target; without it a chain from poses to joints can be printed, not applied.
 
     Returns:
         The chain, or every problem at once; a problem's address is the field of the action space.
     """
     problems = [*_check_space(source, "source"), *_check_space(target, "target")]
-    if source.representation != target.representation:
-        found, hint = source.representation, "Poses become joint angles by planning, not by a bridge."
+    if source.representation == "joint_position" and target.representation == "tool_pose":
+        found, hint = source.representation, "Let the policy command poses of the tool."
         problems.append(
             Problem("REPRESENTATION_UNBRIDGED", "source.representation", found, target.representation, hint)
         )
@@ -60,7 +65,7 @@ def compile_chain(
             if isinstance(planned, Problem):
                 problems.append(planned)
                 break
-            links.append(planned)
+            links.append(replace(planned, arm=arm) if isinstance(planned, ToolPoseBridge) else planned)
             now = planned.target
     if problems:
         return tuple(problems)
@@ -87,9 +92,12 @@ def _check_space(space: ActionSpace, side: str) -> list[Problem]:
         problems.append(problem("gripper", "closed equals open", "two values"))
     columns = len(space.joints) if space.representation == "joint_position" else POSITION_WIDTH
     lengths = {"minimum": columns, "maximum": columns}
+    lengths["scale"] = space.arm_width
     lengths["velocity_max"] = columns if space.representation == "joint_position" else 2
     for field, expected in lengths.items():
         found = len(getattr(space, field))
         if found not in (0, expected):
             problems.append(problem(field, f"{found} values", f"{expected}, or none"))
+    if space.scale and space.representation == "tool_pose" and space.rotation not in UNIT_ROTATIONS:
+        problems.append(problem("scale", f"a scaled {space.rotation}", " or ".join(UNIT_ROTATIONS)))
     return problems

@@ -1,4 +1,4 @@
-"""Units of length and angle: a factor for each column."""
+"""Units of length and angle, and the scale of normalised rows: a factor for each column."""
 
 from dataclasses import dataclass
 
@@ -25,7 +25,7 @@ class UnitBridge(ActionBridge):
         joints = source.representation == "joint_position"
         lengths = not joints and source.length_unit != target.length_unit
         angles = source.angle_unit != target.angle_unit and (joints or source.rotation in UNIT_ROTATIONS)
-        if not lengths and not angles:
+        if not lengths and not angles and not source.scale:
             return None
         angle = RADIANS[source.angle_unit] / RADIANS[target.angle_unit]
         length = METRES[source.length_unit] / METRES[target.length_unit]
@@ -36,8 +36,11 @@ class UnitBridge(ActionBridge):
             factors[:POSITION_WIDTH] = length
             if source.rotation in UNIT_ROTATIONS:
                 factors[POSITION_WIDTH : source.arm_width] = angle
+        if source.scale:
+            factors[: source.arm_width] *= source.scale
         converted = replace_space(
             source,
+            scale=(),
             angle_unit=target.angle_unit,
             length_unit=target.length_unit,
             fixed={joint: value * angle for joint, value in source.fixed.items()},
@@ -59,4 +62,6 @@ class UnitBridge(ActionBridge):
             pairs.append(f"{self.source.length_unit}->{self.target.length_unit}")
         if self.source.angle_unit != self.target.angle_unit:
             pairs.append(f"{self.source.angle_unit}->{self.target.angle_unit}")
-        return f"units {', '.join(pairs)}"
+        return " . ".join(
+            [*(["scale"] if self.source.scale else []), *([f"units {', '.join(pairs)}"] if pairs else [])]
+        )

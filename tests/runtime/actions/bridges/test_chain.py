@@ -79,7 +79,6 @@ def test_joint_angles_arrive_in_radians_in_the_targets_order(target):
 @pytest.mark.parametrize(
     ("changes", "code", "address", "word"),
     [
-        ({"representation": "tool_pose"}, "REPRESENTATION_UNBRIDGED", "source.representation", "planning"),
         ({"joints": (*JOINTS[:6], "joint_7")}, "JOINT_UNKNOWN", "joints", "Did you mean 'joint7'?"),
         ({"joints": JOINTS[:6]}, "JOINT_MISSING", "joints", "Give the position of joint7"),
         ({"joints": ("joint1",) * 7}, "ACTION_SPACE_INVALID", "source.joints", ""),
@@ -97,6 +96,24 @@ def test_what_cannot_be_bridged_is_told_in_preflight(target, changes, code, addr
     (problem,) = compile_chain(build_source(**changes), target)
     assert (problem.code, problem.address) == (code, address)
     assert word in problem.hint
+
+
+def test_joints_lead_to_no_pose_and_are_told_so(target):
+    (problem,) = compile_chain(target, ActionSpace(**POSE))
+    assert (problem.code, problem.address) == ("REPRESENTATION_UNBRIDGED", "source.representation")
+    assert "poses of the tool" in problem.hint
+
+
+def test_a_scale_is_a_factor_of_each_column_and_needs_one_for_each(target):
+    scaled = ActionSpace(**POSE, delta=True, rotation="axis_angle", scale=(0.05,) * 3 + (0.5,) * 3)
+    goal = ActionSpace(**POSE, delta=True, rotation="axis_angle")
+    chain = compile_chain(scaled, goal)
+    assert str(chain) == "scale"
+    bridged = chain.apply(np.array([[1.0, 0.0, -1.0, 0.0, 1.0, 0.0]]), np.zeros(6))
+    assert bridged.rows == pytest.approx(np.array([[0.05, 0.0, -0.05, 0.0, 0.5, 0.0]]))
+    for wrong in ({"scale": (0.05,)}, {"scale": (0.05,) * 7, "rotation": "quaternion_wxyz"}):
+        (problem,) = compile_chain(scaled.model_copy(update=wrong), goal)
+        assert (problem.code, problem.address) == ("ACTION_SPACE_INVALID", "source.scale")
 
 
 @pytest.mark.parametrize(
