@@ -67,10 +67,11 @@ def read_look(path: Path, sha256: str) -> Look:
 def encode_pictures(look: Look) -> dict[str, bytes]:
     """The whole pictures of a look as PNG, by camera."""
     whole = (frame for asked, given in look.captures if not asked.crops for frame in given.frames)
-    return {frame.camera: _encode_picture(frame.rgb) for frame in whole}
+    return {frame.camera: encode_picture(frame.rgb) for frame in whole}
 
 
-def _encode_picture(rgb: NDArray[Any]) -> bytes:
+def encode_picture(rgb: NDArray[Any]) -> bytes:
+    """A picture (height, width, 3) as PNG."""
     return cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]))[1].tobytes()
 
 
@@ -81,7 +82,7 @@ def _encode(look: Look) -> bytes:
         def keep(array: NDArray[Any]) -> str:
             name = f"{len(file.namelist()):02d}"
             if array.dtype == np.uint8:
-                file.writestr(zipfile.ZipInfo(f"{name}.png"), _encode_picture(array))
+                file.writestr(zipfile.ZipInfo(f"{name}.png"), encode_picture(array))
                 return f"{name}.png"
             data = io.BytesIO()
             np.save(data, array)
