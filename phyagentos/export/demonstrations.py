@@ -1,7 +1,7 @@
 """Verified sessions as demonstrations: what was observed and commanded, on a grid of equal steps of time.
 
-Upstream: journal and evidence bundles. Downstream: `export.lerobot`. Left out are sessions whose verdict is not success,
-or does not rest on evidence.
+Upstream: journal and evidence bundles. Downstream: `export.lerobot`. Sessions whose verdict is not success, or does
+not rest on evidence, are left out.
 """
 
 import io

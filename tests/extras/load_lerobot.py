@@ -28,7 +28,7 @@ data = LeRobotDataset("paos/verified", root=given, delta_timestamps={"action": [
 frame, last = data[0], data[len(data) - 1]
 forms = {name: list(value.shape) for name, value in frame.items() if hasattr(value, "shape")}
 pictures = {key: [float(each[key].mean()) for each in (frame, last)] for key in data.meta.video_keys}
-print(
+sys.stdout.write(
     json.dumps(
         {
             "episodes": data.num_episodes,
