@@ -91,7 +91,11 @@ YAML_SYNTAX          The text is not YAML, holds a value that does not fit its f
 """
 
 OPERATION = """
+EXTRA_MISSING     A command needs packages of an extra that is not installed.
 GOAL_DIFFERS      A goal of this name was begun with another graph.
+INVALID_RATE      A rate is not the control rate divided by a whole number.
+MIXED_TARGETS     Sessions of different targets would be exported into one data set.
+NOTHING_TO_EXPORT No session was verified as a success, or the choice leaves none.
 NOT_A_WORKSPACE   The folder is no workspace.
 NOT_BY_HAND       An edit by hand may not change this field.
 NOT_EXECUTED      The session never ran, so it cannot be run again.

@@ -221,6 +221,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         bundles=Bundles(workspace.root, settings=in_force, pictures=pictures),
         clock=clock,
         sampling_hz=settings.contract.sampling_hz,
+        record=settings.contract.record,
     )
     forecasts = RehearsalProcess([sys.executable, *make_command("rehearsal", workspace.root, target)])
     gate = LookaheadGate(forecasts=forecasts, world=world, evidence=workspace.evidence)

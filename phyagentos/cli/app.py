@@ -101,6 +101,7 @@ COMMANDS: dict[str, tuple[str, str]] = {  # name -> module and function, and the
 GROUPS: dict[str, tuple[str, dict[str, str]]] = {
     "tree": ("Behaviour trees.", {"show": "showing:show_tree"}),
     "evidence": ("Evidence bundles.", {"verify": "evidence:verify", "prune": "evidence:prune"}),
+    "export": ("Verified sessions as data sets of others.", {"lerobot": "exporting:export_lerobot"}),
     "store": (
         "The journal of a workspace.",
         {"check": "store:check", "repair": "store:repair", "compact": "store:compact", "stats": "store:stats"},

@@ -16,6 +16,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions import evidence, evidence_manifest
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
 from phyagentos.protocol.sessions.looks import PREFIX
+from phyagentos.protocol.sessions.recording import RECORDING
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.settings.runtime_contract import EvidenceRetention, read_runtime_contract
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -30,6 +31,7 @@ _KINDS = {
     evidence.SCENE_XML: "model",
     evidence.TRACE: "trace",
     evidence.TRAJECTORY: "trajectory",
+    RECORDING: "recording",
     evidence.PICTURE_BEFORE: "pictures",
     evidence.PICTURE_AFTER: "pictures",
 }

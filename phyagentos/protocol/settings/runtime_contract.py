@@ -35,13 +35,26 @@ class EvidenceRetention(Authored):
 
     keep_last: int = pydantic.Field(default=200, ge=0)
     keep_days: float = pydantic.Field(default=30.0, ge=0)
-    drop: tuple[Literal["looks", "model", "pictures", "trace", "trajectory"], ...] = (
+    drop: tuple[Literal["looks", "model", "pictures", "recording", "trace", "trajectory"], ...] = (
         "looks",
         "pictures",
+        "recording",
         "trace",
         "trajectory",
     )
     max_bytes: int | None = pydantic.Field(default=None, gt=0)
+
+
+class CameraRecording(Authored):
+    """Pictures that every session keeps on its way, for those who learn from it; no judge reads them.
+
+    Attributes:
+        cameras: Names of sensors.yaml.
+        rate_hz: In simulated time; the control rate divided by a whole number [Hz].
+    """
+
+    cameras: tuple[str, ...] = pydantic.Field(min_length=1)
+    rate_hz: float = pydantic.Field(gt=0)
 
 
 class RuntimeContract(Authored):
@@ -62,6 +75,7 @@ class RuntimeContract(Authored):
             slow disk keeps a watchdog busy, shorter than a person takes to wonder.
         evidence: How long evidence is kept.
         verification: Who judges sessions, and what a judgement is for.
+        record: Cameras that are recorded all through; none without it.
     """
 
     version: Literal[1] = 1
@@ -76,6 +90,15 @@ class RuntimeContract(Authored):
     lease_s: float = pydantic.Field(default=15.0, ge=1.0)
     evidence: EvidenceRetention = EvidenceRetention()
     verification: Verification = Verification()
+    record: CameraRecording | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _check_record(self) -> "RuntimeContract":
+        if self.record is not None:
+            periods = 1.0 / (self.record.rate_hz * self.control_period_s)
+            if periods < 0.999 or abs(periods - round(periods)) > 1e-6 * periods:
+                raise ValueError(f"record.rate_hz must be {1 / self.control_period_s:g} Hz divided by a whole number")
+        return self
 
 
 def declare_world_mode(path: Path, mode: WorldMode) -> None:

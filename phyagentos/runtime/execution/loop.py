@@ -11,6 +11,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandle
 from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.execution.camera_recorder import CameraRecorder
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import FailureCode, LeafError
@@ -68,6 +69,7 @@ class _Unreported:
     leaf: str
     number: int
     glance: Glance | None
+    is_recorded: bool
 
 
 @dataclass(slots=True, kw_only=True)
@@ -80,6 +82,7 @@ class SessionLoop:
         cancel: Polled every turn; a request ends the execution.
         clock: Bounds planning by the wall.
         observers: Called at every turn and every step.
+        cameras: Keeps pictures on the way, where that is asked for.
         ticks: Control periods commanded.
         ms: Wall time so far by part [ms].
     """
@@ -91,6 +94,7 @@ class SessionLoop:
     cancel: Cancel
     clock: Clock
     observers: Sequence[SessionObserver] = ()
+    cameras: CameraRecorder | None = None
     ticks: int = field(default=0, init=False)
     _unreported: deque[_Unreported] = field(default_factory=deque, init=False)
     _owes_sample: bool = field(default=False, init=False)  # a glance left doubt: the world is to stand
@@ -151,7 +155,10 @@ class SessionLoop:
         is_sampled = self.ticks % self.holds.every == 0
         may_run_ahead = self._may_run_ahead(result, deadline_s)
         glance = self._request_glance() if may_run_ahead and is_sampled else None
-        self._unreported.append(_Unreported(points, result.active, self.ticks, glance))
+        recorder = self.cameras if self.cameras is not None and self.cameras.is_due(self.ticks) else None
+        if recorder is not None:
+            self.handle.request_frames(recorder.request)
+        self._unreported.append(_Unreported(points, result.active, self.ticks, glance, recorder is not None))
         self.ms["apply"] += 1e3 * (now_s() - began_s)
         ahead = PERIODS_AHEAD if may_run_ahead and (glance is not None or not is_sampled) else 0
         while len(self._unreported) > (0 if self._owes_sample else ahead):
@@ -182,6 +189,8 @@ class SessionLoop:
         began_s = now_s()
         step, sent = self.handle.collect(), self._unreported.popleft()
         frames = [self.handle.collect_frames() for _ in sent.glance.captures] if sent.glance is not None else []
+        if sent.is_recorded and self.cameras is not None:
+            self.cameras.keep(step.time_s, self.handle.collect_frames())
         applied_s = now_s()
         context.lag.note(step)
         context.world.advance(step, stands=not self._unreported)

@@ -14,11 +14,14 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions import evidence as files
 from phyagentos.protocol.sessions.looks import LookRole
+from phyagentos.protocol.sessions.recording import RECORDING
 from phyagentos.protocol.sessions.session import ALREADY_MET, Ended, Execution, Session
+from phyagentos.protocol.settings.runtime_contract import CameraRecording
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.execution.already_met import weigh_before
+from phyagentos.runtime.execution.camera_recorder import CameraRecorder
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import FailureCode, LeafError
@@ -69,6 +72,7 @@ class _Run:
     loop: SessionLoop
     recorder: Recorder
     heartbeat: _HeartbeatObserver
+    cameras: CameraRecorder | None
 
 
 class SessionRunner:
@@ -77,14 +81,23 @@ class SessionRunner:
     Args:
         clock: Bounds thinking.
         sampling_hz: Sampling of conditions that must hold all through, in simulated time [Hz].
+        record: Cameras whose pictures are kept on the way.
     """
 
     def __init__(
-        self, *, target: Embodiment, skills: SkillLoader, bundles: Bundles, clock: Clock, sampling_hz: float = 10.0
+        self,
+        *,
+        target: Embodiment,
+        skills: SkillLoader,
+        bundles: Bundles,
+        clock: Clock,
+        sampling_hz: float = 10.0,
+        record: CameraRecording | None = None,
     ) -> None:
         self._target, self._handle, self._world = target, target.handle, target.world
         self._skills, self.bundles, self._clock = skills, bundles, clock
         self._sample_every = max(1, round(1.0 / (sampling_hz * target.profile.control_period_s)))
+        self._record = record
         self._model_of: tuple[str, Path] | None = None  # episode and the folder that holds its model
         self._open_criteria: tuple[str, ...] = ()
 
@@ -186,6 +199,7 @@ class SessionRunner:
         skill = self._skills.open(session, plan, context)
         holds = HoldMonitor(session.hold, initial, session.target, self._sample_every, session.interchangeable)
         heartbeat = _HeartbeatObserver(session=session, epoch=epoch, beat=beat)
+        cameras = self._open_cameras()
         loop = SessionLoop(
             handle=handle,
             context=context,
@@ -194,8 +208,24 @@ class SessionRunner:
             cancel=cancel,
             clock=self._clock,
             observers=(recorder, heartbeat),
+            cameras=cameras,
         )
-        return _Run(context=context, skill=skill, holds=holds, loop=loop, recorder=recorder, heartbeat=heartbeat)
+        return _Run(
+            context=context,
+            skill=skill,
+            holds=holds,
+            loop=loop,
+            recorder=recorder,
+            heartbeat=heartbeat,
+            cameras=cameras,
+        )
+
+    def _open_cameras(self) -> CameraRecorder | None:
+        """Of what is to be recorded, the cameras that this target has."""
+        if self._record is None:
+            return None
+        names = tuple(name for name in self._record.cameras if name in self._handle.describe().depth_cameras)
+        return CameraRecorder(names, self._record.rate_hz, self._target.profile.control_period_s) if names else None
 
     def _look_whether_met(self, run: _Run, plan: Mapping[str, Any]) -> Outcome | None:
         """An outcome where nothing is to be done, or where preflight granted no more than this look."""
@@ -298,6 +328,7 @@ class SessionRunner:
             faults=faults,
             n_joints=len(self._target.profile.arm.joints),
         )
+        run.recorder.write_file(RECORDING, run.cameras.encode() if run.cameras is not None else b"")
 
     def _provide_model(self, session: Session, recorder: Recorder) -> None:
         """The scene model, where the target has one: written once an episode, shared by its later sessions."""

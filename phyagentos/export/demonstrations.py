@@ -1,0 +1,249 @@
+"""Verified sessions as demonstrations: what was observed and commanded, on a grid of equal steps of time.
+
+Upstream: journal and evidence bundles. Downstream: `export.lerobot`. Sessions whose verdict is not success, or does
+not rest on evidence, are left out.
+"""
+
+import io
+import zipfile
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.protocol.capabilities.registries import get_registered_target
+from phyagentos.protocol.sessions.evidence import BEFORE, TRAJECTORY
+from phyagentos.protocol.sessions.evidence_manifest import check_bundle
+from phyagentos.protocol.sessions.lifecycle import SessionState
+from phyagentos.protocol.sessions.recording import RECORDING, RecordedPicture, read_recording
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.store.history import fold_partition
+from phyagentos.store.journal import choose_partition
+
+Array = NDArray[np.float32]
+POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+_TOLERANCE_S = 1e-6  # sums of control periods are not exact
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """What of the verified sessions is wanted.
+
+    Attributes:
+        skills: Only sessions of these skills; of any, without.
+        target: Only sessions of this target; empty for the one that there is.
+        cameras: Whose recorded pictures are wanted.
+        entities: Whose pose, as believed before the first command, is wanted.
+        fps: Steps a second; 0 for the control rate.
+    """
+
+    skills: tuple[str, ...] = ()
+    target: str = ""
+    cameras: tuple[str, ...] = ()
+    entities: tuple[str, ...] = ()
+    fps: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Demonstration:
+    """One session with verdict success.
+
+    Attributes:
+        task: Its objective, in words.
+        verdict: The judgement that decided.
+        state: (n, d) measured joint positions [rad] and, where the target has one, opening of its gripper [m].
+        action: (n, d) set-points in force one step later, alike.
+        world: (k,) poses of the wanted entities before the first command: position [m] and quaternion, world frame.
+        pictures: By camera, n pictures: the latest that it showed at each step.
+    """
+
+    session: str
+    bundle: Path
+    skill: str
+    task: str
+    seed: int
+    verdict: Attempt
+    state: Array
+    action: Array
+    world: Array
+    pictures: dict[str, tuple[RecordedPicture, ...]]
+
+    def iter_pictures(self, camera: str) -> Iterator[NDArray[np.uint8]]:
+        """The pictures (height, width, 3) of a camera, one for each step."""
+        name, rgb = "", np.zeros(0, np.uint8)
+        with zipfile.ZipFile(self.bundle / RECORDING) as file:
+            for picture in self.pictures[camera]:
+                if picture.rgb != name:
+                    name, rgb = picture.rgb, np.asarray(Image.open(io.BytesIO(file.read(picture.rgb))).convert("RGB"))
+                yield rgb
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Demonstrations:
+    """Demonstrations of one target.
+
+    Attributes:
+        names: Of the numbers of a state and of an action.
+        left_out: Why verified sessions are not among them: a reason, and how many.
+    """
+
+    target: str
+    names: tuple[str, ...]
+    fps: int
+    episodes: tuple[Demonstration, ...]
+    left_out: dict[str, int]
+
+
+def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstrations:
+    """The verified sessions of workspaces, in the order of their submission.
+
+    Raises:
+        DefinitionError: `NOTHING_TO_EXPORT`, `MIXED_TARGETS`, `UNKNOWN_CAMERA`, `UNKNOWN_ENTITY`, `INVALID_RATE`; what
+            `check_bundle` finds of a bundle that is not as it was recorded.
+        ExecutionError: `JOURNAL_DAMAGED`, `EVIDENCE_UNREADABLE`.
+    """
+    left_out: Counter[str] = Counter()
+    found: list[tuple[Workspace, SessionStatus]] = []
+    for workspace in map(Workspace.open, workspaces):
+        for status in fold_partition(workspace.sessions / choose_partition(workspace.sessions)).sessions.values():
+            if status.state != SessionState.SUCCEEDED:
+                continue
+            contract, reason = status.contract, _find_doubt(workspace, status)
+            if choice.skills and contract.skill not in choice.skills:
+                reason = "another skill"
+            elif choice.target and contract.target != choice.target:
+                reason = "another target"
+            if reason:
+                left_out[reason] += 1
+            else:
+                found.append((workspace, status))
+    if not found:
+        why = "; ".join(f"{count} with {reason}" for reason, count in left_out.items()) or "no session succeeded"
+        where = ", ".join(map(str, workspaces))
+        raise DefinitionError.of("NOTHING_TO_EXPORT", where, why, "sessions whose verdict is success")
+    names = _name_numbers(found)
+    problems = [problem for each in found for problem in check_bundle(_get_bundle(*each))]
+    if problems:
+        raise DefinitionError(problems)
+    fps = _choose_rate(_get_bundle(*found[0]), choice.fps)
+    read: list[Demonstration] = []
+    for workspace, status in found:
+        try:
+            read.append(_read(_get_bundle(workspace, status), status, choice, fps, len(names)))
+        except DefinitionError as error:
+            problems += error.problems
+    if problems:
+        raise DefinitionError(problems)
+    target = found[0][1].contract.target
+    return Demonstrations(target=target, names=names, fps=fps, episodes=tuple(read), left_out=dict(left_out))
+
+
+def _find_doubt(workspace: Workspace, status: SessionStatus) -> str:
+    """Why a session that succeeded shows nothing; empty where it does."""
+    decided = status.decision
+    if decided is None or decided.verdict is not Verdict.SUCCESS or decided.found not in {None, Verdict.SUCCESS}:
+        return "no verdict on evidence"
+    if any(each.is_review and each.verdict is not Verdict.SUCCESS for each in status.attempts):
+        return "a later judgement against it"
+    path = _get_bundle(workspace, status) / TRAJECTORY
+    if not path.is_file():
+        return "no trajectory: thinned, or gone"
+    with np.load(path) as recorded:
+        return "" if len(recorded["time_s"]) > 1 else "nothing commanded"
+
+
+def _get_bundle(workspace: Workspace, status: SessionStatus) -> Path:
+    return workspace.evidence_of(status.contract.id)
+
+
+def _name_numbers(found: Sequence[tuple[Workspace, SessionStatus]]) -> tuple[str, ...]:
+    """The joints of the one target, and its gripper; another one with the same joints may not be mixed in either."""
+    firsts = {(workspace.target_registry, status.contract.target): status.contract.id for workspace, status in found}
+    forms: dict[tuple[str, tuple[str, ...]], str] = {}
+    for (registry, target), session in firsts.items():
+        profile = get_registered_target(registry, target)
+        names = (*profile.arm.joints, *(("gripper",) if profile.gripper.max_width_m else ()))
+        forms.setdefault((target, names), f"{session} on {target} ({len(names)} numbers)")
+    if len(forms) > 1:
+        hint = "Choose one with --target, or name workspaces of one."
+        raise DefinitionError.of("MIXED_TARGETS", "--target", "; ".join(forms.values()), "sessions of one target", hint)
+    return next(iter(forms))[1]
+
+
+def _choose_rate(bundle: Path, fps: int) -> int:
+    """The rate [Hz] at which set-points are due on the grid of the control periods."""
+    with np.load(bundle / TRAJECTORY) as recorded:
+        control_hz = 1.0 / float(np.median(np.diff(recorded["time_s"])))
+    periods = control_hz / (fps or round(control_hz))
+    if periods < 1.0 - _TOLERANCE_S or abs(periods - round(periods)) > 1e-3:
+        expected = f"{control_hz:g} divided by a whole number, as a whole number"
+        raise DefinitionError.of("INVALID_RATE", "--fps", str(fps or f"{control_hz:g}"), expected)
+    return round(control_hz / round(periods))
+
+
+def _read(bundle: Path, status: SessionStatus, choice: Choice, fps: int, width: int) -> Demonstration:
+    """One session on the grid; where time went by without a command the set-point before it stood."""
+    with np.load(bundle / TRAJECTORY) as recorded:
+        time_s = recorded["time_s"]
+        measured = np.column_stack((recorded["q_measured"], recorded["gripper_measured_m"]))
+        commanded = np.column_stack((recorded["q_commanded"], recorded["gripper_commanded_m"]))
+    n_steps = max(1, int((time_s[-1] - time_s[0]) * fps + _TOLERANCE_S))
+    grid_s = time_s[0] + np.arange(n_steps + 1) / fps
+    rows = np.searchsorted(time_s, grid_s + _TOLERANCE_S, side="right") - 1
+    decided = status.decision
+    assert decided is not None, "a session without a judgement is left out"
+    return Demonstration(
+        session=status.contract.id,
+        bundle=bundle,
+        skill=status.contract.skill,
+        task=status.contract.objective,
+        seed=status.contract.scene.seed,
+        verdict=decided,
+        state=measured[rows[:-1], :width].astype(np.float32),
+        action=commanded[rows[1:], :width].astype(np.float32),
+        world=_read_world(bundle, choice.entities),
+        pictures=_read_pictures(bundle, choice.cameras, grid_s[:-1]),
+    )
+
+
+def _read_world(bundle: Path, entities: Collection[str]) -> Array:
+    if not entities:
+        return np.zeros(0, np.float32)
+    known = msgspec.json.decode((bundle / BEFORE).read_bytes(), type=Environment).entities
+    if unknown := [name for name in entities if name not in known]:
+        raise DefinitionError(
+            [Problem.unknown("UNKNOWN_ENTITY", str(bundle / BEFORE), name, known) for name in unknown]
+        )
+    poses = [known[name].pose for name in entities]
+    return np.array([(*pose.position_m, *pose.quaternion_wxyz) for pose in poses], np.float32).ravel()
+
+
+def _read_pictures(
+    bundle: Path, cameras: Collection[str], grid_s: NDArray[np.float64]
+) -> dict[str, tuple[RecordedPicture, ...]]:
+    """For each camera the latest picture at each step; one that was late for the first step shows it as well."""
+    if not cameras:
+        return {}
+    recording = read_recording(bundle)
+    found: dict[str, list[RecordedPicture]] = {}
+    for picture in recording.pictures if recording is not None else ():
+        found.setdefault(picture.camera, []).append(picture)
+    if unknown := [name for name in cameras if name not in found]:
+        expected = f"a camera that was recorded: {format_names(found)}"
+        hint = "`record:` of runtime_contract.yaml says which cameras sessions record."
+        raise DefinitionError(
+            [Problem("UNKNOWN_CAMERA", str(bundle / RECORDING), name, expected, hint) for name in unknown]
+        )
+    shown = {
+        name: np.searchsorted([p.shown_s for p in found[name]], grid_s + _TOLERANCE_S, side="right") for name in cameras
+    }
+    return {name: tuple(found[name][max(0, after - 1)] for after in shown[name]) for name in cameras}
