@@ -1,10 +1,10 @@
 """A suite as a person writes it: tasks x initial states x seeds x policies x settings x verification modes, in passes.
 
-Each value of an axis is a `Variant`: how its episodes differ from an ordinary `paos run`. `matrix` compiles a suite into
-episodes, `availability` says which of them cannot run here.
+Each value of an axis is a `Variant`: how its episodes differ from an ordinary `paos run`. `matrix` compiles a suite
+into episodes, `availability` says which of them cannot run here.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -135,8 +135,8 @@ class Figure(StrEnum):
     """Episodes with another verdict whose goal is met, as the scorer says."""
     MEMORY_CHANGED = "memory_changed"
     """Episodes of frozen passes after which memory holds something else."""
-    WORSE_P = "worse_p"
-    """Two-sided exact McNemar test against `than`: the p value of the difference."""
+    P_VALUE = "p_value"
+    """Two-sided exact McNemar test of the pairs with `than`: how likely such a difference is by chance."""
 
 
 class Asked(Authored):
@@ -146,7 +146,8 @@ class Asked(Authored):
         figure: Which.
         where: Axis (`task`, `state`, `policy`, `setting`, `verification`, `pass`) -> value: of these episodes only.
         part: Of this part only.
-        than: The same of other episodes, which is subtracted (`worse_p` compares with it).
+        than: The same of other episodes, which is subtracted; `p_value` is of the pairs with them.
+        of: What the pairs of `p_value` compare: `final`, `first`, `parts` or `first_parts`.
         at_least: The least value.
         at_most: The greatest one.
     """
@@ -155,6 +156,7 @@ class Asked(Authored):
     where: dict[str, str] = {}
     part: str = ""
     than: dict[str, str] | None = None
+    of: Figure = Figure.FINAL
     at_least: float | None = None
     at_most: float | None = None
 
@@ -202,22 +204,14 @@ def list_seeds(seeds: SeedList) -> tuple[int, ...]:
     return tuple(range(seeds.first, seeds.first + seeds.count) if isinstance(seeds, Seeds) else dict.fromkeys(seeds))
 
 
-def merge(variants: Mapping[str, Variant]) -> Variant:
+def merge(variants: Iterable[Variant]) -> Variant:
     """What several axes say together: mappings are joined, and of two values of a key the later one is heard."""
-    merged: dict[str, Any] = {}
-    for variant in variants.values():
-        for key in Variant.model_fields:
-            value = getattr(variant, key)
-            match key:
-                case "set":
-                    merged[key] = merged.get(key, {}) | value
-                case "files":
-                    known = merged.setdefault(key, {})
-                    merged[key] = known | {name: known.get(name, {}) | each for name, each in value.items()}
-                case "needs":
-                    merged[key] = (*merged.get(key, ()), *value)
-                case _:
-                    merged[key] = merged.get(key) if value is None else value
+    merged: dict[str, Any] = {"set": {}, "files": {}, "needs": ()}
+    for variant in variants:
+        said = {key: getattr(variant, key) for key in Variant.model_fields if getattr(variant, key) is not None}
+        files = merged["files"] | {name: merged["files"].get(name, {}) | each for name, each in variant.files.items()}
+        joined = {"set": merged["set"] | variant.set, "files": files, "needs": (*merged["needs"], *variant.needs)}
+        merged |= said | joined
     return Variant(**merged)
 
 

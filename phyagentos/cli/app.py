@@ -115,6 +115,16 @@ GROUPS: dict[str, tuple[str, dict[str, str]]] = {
             "new": "robots:new",
         },
     ),
+    "bench": (
+        "Suites of many episodes on the ordinary path.",
+        {
+            "run": "bench:run",
+            "resume": "bench:resume",
+            "report": "bench:report",
+            "compare": "bench:compare",
+            "setup": "bench:setup",
+        },
+    ),
     "memory": ("What verdicts taught.", {"show": "memory:show", "why": "memory:why", "forget": "memory:forget"}),
 }
 
