@@ -17,7 +17,7 @@ import sys
 import traceback
 from collections.abc import Callable, Mapping
 from datetime import datetime
-from importlib.metadata import EntryPoint, entry_points, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -25,19 +25,17 @@ import msgspec
 import yaml
 
 from phyagentos.agent.mission.report import MissionReport
-from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.assembly import agent_plane
 from phyagentos.assembly.agent_plane import Agent
 from phyagentos.assembly.paths import find_project, open_project
 from phyagentos.assembly.planes import STOP_S
 from phyagentos.assembly.process_tuning import end_with
+from phyagentos.bench.plug_ins import load_repair, load_scorer
 from phyagentos.bench.records import AXES, EpisodeRecord, Order, SessionRecord
-from phyagentos.bench.scorers.registry import build_scorer_registry
 from phyagentos.bench.suite import open_bench
 from phyagentos.bench.suite_file import MemoryUse, Variant
 from phyagentos.bench.taxonomy import Taxon, classify
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.registries import read_skill_registry
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.markdown import publish
@@ -53,7 +51,6 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
 
 ORDER, RECORD, LOG, WORKSPACE = "order.json", "record.json", "episode.log", "workspace"
-REPAIR_POLICIES = "phyagentos.repair_policies"  # entry point group
 POLL_S = 0.5  # a run that ends is noticed within this
 START_S = 120.0  # beside the episode's own wall time: a cold machine compiles once
 _USES = {
@@ -188,26 +185,6 @@ def change(data: Any, changes: Mapping[str, Any]) -> Any:
     return data
 
 
-def load_repair(name: str | None, address: str = "repair") -> RepairPolicy | None:
-    """A repair policy: `repair`, the name of one that is announced, or `module:class`; None for the default.
-
-    Raises:
-        DefinitionError: `UNKNOWN_REPAIR`.
-    """
-    if name is None or name == GraphRepair.name:
-        return None
-    announced = {point.name: point for point in entry_points(group=REPAIR_POLICIES)}
-    point = EntryPoint(name, name, REPAIR_POLICIES) if ":" in name else announced.get(name)
-    if point is None:
-        raise DefinitionError.unknown("UNKNOWN_REPAIR", address, name, (GraphRepair.name, *announced))
-    try:
-        made: RepairPolicy = point.load()()
-    except (ImportError, AttributeError) as error:
-        expected = "a class of repair policies that can be imported from here"
-        raise DefinitionError.of("UNKNOWN_REPAIR", address, f"{name!r}: {error}", expected) from error
-    return made
-
-
 def hash_settings(workspace: Workspace, order: Order, variant: Variant) -> str:
     """Hash of everything but memory and seed that decides what an episode does: settings, registries, goal, faults."""
     paths = [workspace.root / name for name in SETTINGS_FILES]
@@ -221,7 +198,7 @@ def hash_settings(workspace: Workspace, order: Order, variant: Variant) -> str:
 
 def score(order: Order, workspace: Workspace, report: MissionReport) -> tuple[dict[str, bool] | None, dict[str, bool]]:
     """Which parts are there in the end, and after the first session of their node; asked of the suite's scorer."""
-    scorer = build_scorer_registry()[order.scorer]
+    scorer = load_scorer(order.scorer)
     first: dict[str, bool] = {}
     for session in report.sessions:
         if session.node in order.score and not session.attempt and session.node not in first:

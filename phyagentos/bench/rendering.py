@@ -68,11 +68,10 @@ def render_html(summary: Summary, folder: Path) -> str:
     ids = {record.id for record in pictured}
     parts = [f"<h1>{escape(summary.suite)}</h1><p>{escape(summary.objective)}</p>"]
     parts.append(f"<p>Begun {escape(summary.at)}; {escape(_tell_counts(summary))}.</p>")
-    for title, head, rows in _iter_tables(summary):
+    for name, columns, rows in _iter_tables(summary):
         if rows:
-            parts.append(
-                f"<h2>{escape(title)}</h2>{_render_html_table(head, rows, summary if title == 'Success' else None)}"
-            )
+            bars = [row.final for row in summary.rows] if name == "Success" else []
+            parts.append(f"<h2>{escape(name)}</h2>{_render_html_table(columns, rows, bars)}")
     parts.append("<h2>Episodes</h2>")
     parts += [_render_episode(record, folder, with_pictures=record.id in ids) for record in summary.episodes]
     title = escape(f"{summary.suite}: report")
@@ -178,16 +177,15 @@ def _tell(record: EpisodeRecord) -> tuple[str, ...]:
     return (record.id, record.verdict or record.ended, scored, record.taxon, *place, why.replace("\n", " "))
 
 
-def _render_html_table(head: Sequence[str], rows: Sequence[Sequence[str]], summary: Summary | None) -> str:
-    """A table; that of success has a bar for the final rate: its interval, and the share."""
+def _render_html_table(head: Sequence[str], rows: Sequence[Sequence[str]], bars: Sequence[Rate]) -> str:
+    """A table; with `bars` the column `final` shows each row's share and its interval."""
     lines = ["<table><tr>" + "".join(f"<th>{escape(cell)}</th>" for cell in head) + "</tr>"]
     for index, row in enumerate(rows):
         cells = [f"<td class=why>{escape(cell)}</td>" if len(cell) > 80 else f"<td>{escape(cell)}</td>" for cell in row]
-        if summary is not None:
+        if bars:
             place = head.index("final")
-            cells[place] = cells[place].replace("</td>", f"{_render_bar(summary.rows[index].final)}</td>")
-        is_all = summary is not None and not summary.rows[index].task
-        lines.append(f"<tr{' class=all' if is_all else ''}>{''.join(cells)}</tr>")
+            cells[place] = cells[place].replace("</td>", f"{_render_bar(bars[index])}</td>")
+        lines.append(f"<tr{' class=all' if 'all' in row else ''}>{''.join(cells)}</tr>")
     return "".join([*lines, "</table>"])
 
 

@@ -1,6 +1,7 @@
 """What is wrong in a suite and in what it names, each at its place; nothing has run."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,8 @@ from typing import Any
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.assembly.paths import find_project
-from phyagentos.bench.episode import change, load_repair, make_overrides
-from phyagentos.bench.scorers.registry import build_scorer_registry
-from phyagentos.bench.scorers.scorer import Scorer
+from phyagentos.bench.episode import change, make_overrides
+from phyagentos.bench.plug_ins import load_repair, load_scorer
 from phyagentos.bench.suite_file import Suite, Task, Variant, merge
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
@@ -32,15 +32,14 @@ class SuiteChecks:
         self._suite, self._located = suite, located
         self._graphs: dict[tuple[Path, str], tuple[tuple[TargetProfile, Path], ...]] = {}
         self._read_catalogue = cache(_read_catalogue)
-        scorers = build_scorer_registry()
-        self._scorer: Scorer | None = scorers.get(suite.scorer)
-        if self._scorer is None:
-            self._miss("UNKNOWN_SCORER", ("scorer",), suite.scorer, scorers)
+        with self._noting():
+            scorer = load_scorer(suite.scorer, located.address_of(("scorer",)))
+            for name, task in suite.tasks.items():
+                for part, condition in task.score.items():
+                    self.problems += scorer.check(located, ("tasks", name, "score", part), condition)
 
     def resolve(self, task: Task, name: str, layers: Mapping[Address, Variant]) -> tuple[Path, Variant]:
         """The goal graph of a cell, and what its layers say together, with paths for names."""
-        for part, condition in task.score.items() if self._scorer is not None else ():
-            self.problems += self._scorer.check(self._located, ("tasks", name, "score", part), condition)  # type: ignore[union-attr]
         for place, variant in layers.items():
             self._check_layer(place, variant)
         merged = merge(layers.values())
@@ -48,10 +47,8 @@ class SuiteChecks:
             place = [place for place, variant in layers.items() if variant.faults is not None][-1]
             path = self._find(merged.faults, (*place, "faults"), "faults")
             if path.is_file():
-                try:
+                with self._noting():
                     read_faults(path)
-                except DefinitionError as error:
-                    self.problems += error.problems
             merged = merged.model_copy(update={"faults": str(path)})
         return self._find(task.graph, ("tasks", name, "graph"), "goal_graphs"), merged
 
@@ -65,13 +62,11 @@ class SuiteChecks:
         self._check_files(library, layers)
         key = (graph, repr(sorted(variant.set.items())))
         if key not in self._graphs:
-            try:
-                choices = tuple(read_goal_graph(graph, catalogue, make_overrides(variant)).choices.values())
-            except DefinitionError as error:
-                self.problems += error.problems
-                choices = ()
-            names = dict.fromkeys(choice.target for choice in choices)
-            self._graphs[key] = tuple((catalogue.targets[name], library.get_target(name)) for name in names)
+            self._graphs[key] = ()
+            with self._noting():
+                choices = read_goal_graph(graph, catalogue, make_overrides(variant)).choices.values()
+                names = dict.fromkeys(choice.target for choice in choices)
+                self._graphs[key] = tuple((catalogue.targets[name], library.get_target(name)) for name in names)
         return self._graphs[key]
 
     def check_asked(self) -> None:
@@ -102,10 +97,8 @@ class SuiteChecks:
 
     def _check_layer(self, place: Address, variant: Variant) -> None:
         if variant.repair is not None:
-            try:
+            with self._noting():
                 load_repair(variant.repair, self._located.address_of((*place, "repair")))
-            except DefinitionError as error:
-                self.problems += error.problems
         for name in variant.files.keys() - SETTINGS_FILES.keys():
             self._miss("UNKNOWN_NAME", (*place, "files", name), name, SETTINGS_FILES)
         if variant.environment is not None and variant.environment not in self._suite.environments:
@@ -123,10 +116,8 @@ class SuiteChecks:
                     origins[tuple(key.split("."))] = (self._located, (*place, "files", name, key))
             pristine = next((p for root in library.roots if (p := root / "protocol" / name).is_file()), None)
             if changes and pristine is not None:
-                try:
+                with self._noting():
                     validate(model, Located(change(read_yaml(pristine).data, changes), str(pristine), {}, origins))
-                except DefinitionError as error:
-                    self.problems += error.problems
 
     def _find(self, name: str, place: Address, folder: str) -> Path:
         """A file that the suite names: beside it, else in the library; the path beside it where there is none."""
@@ -137,6 +128,14 @@ class SuiteChecks:
         if found is None:
             self._miss("UNKNOWN_FILE", place, name, {p.stem for root in roots for p in (root / folder).glob("*.yaml")})
         return (found or beside).resolve()
+
+    @contextmanager
+    def _noting(self) -> Iterator[None]:
+        """Keep the problems of what the block reads."""
+        try:
+            yield
+        except DefinitionError as error:
+            self.problems += error.problems
 
     def _miss(self, code: str, place: Address, name: str, possible: Iterable[str]) -> None:
         self.problems.append(self._located.unknown(code, place, name, possible))
