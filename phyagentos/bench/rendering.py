@@ -83,6 +83,7 @@ def render_html(summary: Summary, folder: Path) -> str:
 
 def _iter_tables(summary: Summary) -> Iterator[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
     axes = tuple(axis for axis in _AXES if any(row.axes[axis] for row in summary.rows))
+    is_single = all(row.task for row in summary.rows)
 
     def name(row: Row) -> tuple[str, ...]:
         return (*(row.axes[axis] for axis in axes), row.task or "all")
@@ -129,7 +130,7 @@ def _iter_tables(summary: Summary) -> Iterator[tuple[str, tuple[str, ...], list[
         [
             (*name(row), stage, str(spread.count), f"{spread.median:.1f}", f"{spread.p95:.1f}")
             for row in summary.rows
-            if not row.task or len(summary.rows) == 1
+            if not row.task or is_single
             for stage, spread in row.stages_ms.items()
         ],
     )
