@@ -1,6 +1,7 @@
 """A sweep on two Ray nodes of one host, one of which is killed while it works: needs the extra `ray` in this Python."""
 
 import os
+import threading
 
 import pytest
 
@@ -49,14 +50,18 @@ def test_a_node_that_is_killed_in_mid_sweep_loses_and_repeats_no_episode(tmp_pat
     second = cluster.add_node(num_cpus=1)
     monkeypatch.setenv("RAY_ADDRESS", cluster.address)
     try:
-        killed = []
+        killed, ended = [], []
 
-        def kill_node(_record):
-            if not killed:
-                killed.append(second.unique_id)
-                cluster.remove_node(second, allow_graceful=False)
+        def kill_node():
+            killed.append(second.unique_id)
+            cluster.remove_node(second, allow_graceful=False)
 
-        far = sweep("far", open_engine(EngineName.RAY, 2), kill_node)
+        def count(record):
+            ended.append(record)
+            if len(ended) == 3:
+                threading.Timer(0.7, kill_node).start()  # both nodes are at work by then
+
+        far = sweep("far", open_engine(EngineName.RAY, 2), count)
     finally:
         ray.shutdown()
         cluster.shutdown()
