@@ -112,7 +112,7 @@ def _open_ray(jobs: int) -> Engine:
         hint = "pip install 'phyagentos[ray]', here and on every node."
         raise DefinitionError.of("RAY_MISSING", "--engine ray", str(error), "the package ray", hint) from error
     if not ray.is_initialized():
-        ray.init(address=os.environ.get("RAY_ADDRESS"), log_to_driver=False, logging_level="ERROR")
+        ray.init(address=os.environ.get("RAY_ADDRESS"), log_to_driver=False)
     return RayEngine(ray, jobs)
 
 

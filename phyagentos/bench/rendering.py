@@ -224,7 +224,7 @@ def _iter_pictures(record: EpisodeRecord, folder: Path) -> Iterator[str]:
         if path.is_file():
             with Image.open(path) as picture:
                 picture.thumbnail((WIDTH_PX, WIDTH_PX))
-                picture.convert("RGB").save(data := io.BytesIO(), "JPEG", quality=70)
+                picture.convert("RGB").save(data := io.BytesIO(), "jpeg", quality=70)
             source = base64.b64encode(data.getvalue()).decode()
             yield f"<img alt='{escape(path.parent.name)} {path.stem}' src='data:image/jpeg;base64,{source}'>"
 
