@@ -32,11 +32,11 @@ from pathlib import Path
 
 import numpy as np
 from chaos_planes import Planes, allow_writes, fill, prepare, refuse_writes, small_disk
-from judge import is_in_tray
 from rich.console import Console
 from rich.table import Table
 
 from phyagentos.bench.report import Ask, format_outcome
+from phyagentos.bench.scorers.simulator_state import is_in_tray
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.codes import CODES
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState

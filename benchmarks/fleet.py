@@ -19,12 +19,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import yaml
-from judge import is_held_up, is_in_tray, is_parked, is_posed, is_standing
 from rich.console import Console
 from rich.table import Table
 
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Rate, format_outcome
+from phyagentos.bench.scorers.simulator_state import is_held_up, is_in_tray, is_parked, is_posed, is_standing
 from phyagentos.bench.suite import Episode, open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError

@@ -21,7 +21,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import yaml
-from judge import is_in_tray
 from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
@@ -29,6 +28,7 @@ from tabletop import ROOT
 
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
+from phyagentos.bench.scorers.simulator_state import is_in_tray
 from phyagentos.bench.suite import Episode, open_bench, run_suite
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lookahead import LookaheadResult, read_lookahead

@@ -21,7 +21,6 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest, wilcoxon
 
-from benchmarks.judge import is_in_tray
 from benchmarks.recovery_parts.baselines import BlindRetry, FullRestart, NoRetry, recovering_by
 from benchmarks.recovery_parts.eye import is_in_box, is_on
 from benchmarks.recovery_parts.trials import Trial, draw_trials, judge_last_by
@@ -29,6 +28,7 @@ from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
+from phyagentos.bench.scorers.simulator_state import is_in_tray
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId

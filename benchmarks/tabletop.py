@@ -20,12 +20,12 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from judge import is_in_tray
 from rich.console import Console
 from rich.table import Table
 
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
+from phyagentos.bench.scorers.simulator_state import is_in_tray
 from phyagentos.bench.suite import Episode, open_bench, run_suite
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side

@@ -23,13 +23,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import yaml
-from judge import is_in_tray
 from rich.console import Console
 
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Rate, format_outcome
+from phyagentos.bench.scorers.simulator_state import is_in_tray
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.targets import BASE_JOINTS

@@ -63,8 +63,10 @@ UNKNOWN_PARAMETER    The skill has no parameter of this name.
 UNKNOWN_PORT         The leaf or subtree has no port of this name.
 UNKNOWN_POSTURE      The target's profile names no posture so.
 UNKNOWN_PREDICATE    No predicate of this name.
+UNKNOWN_REPAIR       No repair policy of this name.
 UNKNOWN_REFERENCE    A `$reference` that nothing defines.
 UNKNOWN_SCENE        No scene of this name.
+UNKNOWN_SCORER       No scorer of this name.
 UNKNOWN_SENSOR       No sensor of this name in sensors.yaml.
 UNKNOWN_SKILL        No skill of this name.
 UNKNOWN_TARGET       No target of this name.
@@ -91,18 +93,28 @@ YAML_SYNTAX          The text is not YAML, holds a value that does not fit its f
 """
 
 OPERATION = """
+ENVIRONMENT_MISSING A Python environment that a suite declares is not there, or lacks a package.
 EXTRA_MISSING     A command needs packages of an extra that is not installed.
 GOAL_DIFFERS      A goal of this name was begun with another graph.
 INVALID_RATE      A rate is not the control rate divided by a whole number.
 MIXED_TARGETS     Sessions of different targets would be exported into one data set.
+MODULE_MISSING    A suite needs a Python module that is not installed.
 NOTHING_TO_EXPORT No session was verified as a success, or the choice leaves none.
+NOT_A_RUN         The folder is no run of a suite.
 NOT_A_WORKSPACE   The folder is no workspace.
 NOT_BY_HAND       An edit by hand may not change this field.
 NOT_EXECUTED      The session never ran, so it cannot be run again.
+NOT_PAIRED        Two runs have no episode in common that could be compared.
 NOT_LATCHED       There is no latched emergency stop to reset.
 NO_JOURNAL        The workspace has no such partition of the journal.
 NO_SNAPSHOT       The session left no state of its start, so it cannot be run again.
+POLICY_MISSING    A policy server of a suite cannot be started, or does not listen.
+RAY_MISSING       The package ray is not installed.
 REASON_MISSING    A reset of the emergency stop needs a reason.
+RUN_BUSY          Another process works on the run.
+RUN_DAMAGED       A record of a run cannot be read.
+RUN_DIFFERS       The suite of a run, or a file that it names, has changed since the run began.
+SETUP_FAILED      An environment could not be made.
 SOCKETS_UNSAFE    The folder of the sockets can be used by others.
 UNKNOWN_CODE      No error code of this name.
 UNKNOWN_ENTRY     Memory holds no lesson or fact of this name.

@@ -14,6 +14,7 @@ from phyagentos.assembly.agent_plane import Agent, MemoryUse, open_agent
 from phyagentos.assembly.planes import start_watch
 from phyagentos.clock import Clock
 from phyagentos.protocol.settings.perception import Sensing
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 
 
@@ -34,6 +35,8 @@ def open_bench(
     faults: Path | None = None,
     pictures: bool = False,
     sense: Sensing | None = None,
+    verify: VerificationMode | None = None,
+    memory: Path | None = None,
     memory_use: MemoryUse = MemoryUse.LEARN,
     policy: RepairPolicy | None = None,
 ) -> Iterator[Agent]:
@@ -41,7 +44,14 @@ def open_bench(
     with (
         start_watch(workspace, faults=faults, pictures=pictures, sense=sense).running(clock) as plane,
         open_agent(
-            workspace, clock, by="bench", memory_use=memory_use, policy=policy, is_runtime_alive=plane.is_alive
+            workspace,
+            clock,
+            by="bench",
+            verify=verify,
+            memory=memory,
+            memory_use=memory_use,
+            policy=policy,
+            is_runtime_alive=plane.is_alive,
         ) as agent,
     ):
         yield agent

@@ -117,6 +117,16 @@ GROUPS: dict[str, tuple[str, dict[str, str]]] = {
         },
     ),
     "policy": ("Policies that carry out skills.", {"serve": "policies:serve", "replay": "policies:replay"}),
+    "bench": (
+        "Suites of many episodes on the ordinary path.",
+        {
+            "run": "bench:run",
+            "resume": "bench:resume",
+            "report": "bench:report",
+            "compare": "bench:compare",
+            "setup": "bench:setup",
+        },
+    ),
     "memory": ("What verdicts taught.", {"show": "memory:show", "why": "memory:why", "forget": "memory:forget"}),
 }
 

@@ -28,6 +28,7 @@ class FileKind(StrEnum):
     SCENE = "scene"
     TARGET = "target"
     FAULTS = "faults"
+    SUITE = "suite"
     SETTINGS = "settings"
     DOCUMENT = "protocol document"
 
@@ -39,6 +40,7 @@ _KEYS = {
     "target": FileKind.TARGET,
     "faults": FileKind.FAULTS,
     "draw": FileKind.FAULTS,
+    "suite": FileKind.SUITE,
 }
 _FOLDERS = {
     "goal_graphs": FileKind.GOAL_GRAPH,
@@ -186,5 +188,9 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             from phyagentos.protocol.world.faults import read_faults
 
             read_faults(path)
+        case FileKind.SUITE:
+            from phyagentos.bench.matrix import compile_suite
+
+            compile_suite(path)
     if problems:
         raise DefinitionError(problems)

@@ -1,15 +1,11 @@
 """Commands that move things: `run` (both planes and a live view), `agent` and `watch` (one plane by hand)."""
 
-import contextlib
-import ctypes
-import os
-import signal
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from phyagentos.assembly.process_tuning import end_with
 from phyagentos.cli.arguments import Overrides, TrustPython, get_file, open_library, parse_overrides
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 from phyagentos.errors import DefinitionError
@@ -31,8 +27,6 @@ Verify = Annotated[VerificationMode | None, typer.Option(help="What judgements a
 _FOLDER_HELP = "Folder of the run; a new one under workspaces/ by default."
 _MEMORY_HELP = "Folder of a memory that outlives the workspace, instead of its own."
 SharedMemory = Annotated[Path | None, typer.Option("--memory", help=_MEMORY_HELP, file_okay=False)]
-
-PR_SET_PDEATHSIG = 1  # Linux: the signal that a process gets when its parent ends
 
 
 def run(
@@ -136,8 +130,5 @@ def _prepare(parent: int | None, about: str) -> None:
     """When asked, end with the parent; without one, say what begins."""
     if parent is None:
         print_note(about)
-    if parent is not None and sys.platform == "linux":
-        with contextlib.suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != parent:
-            raise Exit(ExitCode.INTERRUPTED)
+    if parent is not None and not end_with(parent):
+        raise Exit(ExitCode.INTERRUPTED)

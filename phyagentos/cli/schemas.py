@@ -55,6 +55,7 @@ def _write(folder: Path, texts: Mapping[str, str]) -> list[Path]:
 
 def _builders() -> dict[str, Callable[[], dict[str, Any]]]:
     from phyagentos.agent.goals.spec import GoalFile
+    from phyagentos.bench.suite_file import Suite
     from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
     from phyagentos.protocol.capabilities.targets import TargetProfile
     from phyagentos.protocol.capabilities.trees import TreeHeader
@@ -69,6 +70,7 @@ def _builders() -> dict[str, Callable[[], dict[str, Any]]]:
         "goal_graph": GoalFile,
         "scene": SceneSpec,
         "skill": SkillRuntime,
+        "suite": Suite,
         "target": TargetProfile,
         "tree": TreeHeader,
         **{Path(name).stem: model for name, model in SETTINGS_FILES.items()},

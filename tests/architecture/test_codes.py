@@ -21,8 +21,10 @@ OTHER_NAMES = {
     "MENAGERIE_ROOT",
     "MUJOCO_GL",
     "PAOS_DEBUG",
+    "PHYAGENTOS_ENVIRONMENTS",
     "PHYAGENTOS_MODELS",
     "PYTHONPATH",
+    "RAY_ADDRESS",
     "ROLE",
     "VISUAL",
 }  # the system's, and attributes of classes

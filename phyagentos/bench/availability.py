@@ -1,0 +1,77 @@
+"""The gate before a run: what this machine lacks for an episode. Such episodes are *missing*, and say why.
+
+Looked for: Python environments, modules, models of robots, drivers, and policy servers.
+"""
+
+import importlib.util
+import shutil
+import socket
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from phyagentos.assembly.drivers import choose_driver
+from phyagentos.bench.environments import find_lacks
+from phyagentos.bench.suite_file import Policy, Variant
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.environments import EnvironmentSpec
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.models.sources import find_model
+
+CONNECT_S = 1.0
+
+
+class Gate:
+    """Finds what is lacking; each thing is looked for once."""
+
+    def __init__(self, environments: Mapping[str, EnvironmentSpec]) -> None:
+        self._environments = environments
+        self._known: dict[str, tuple[Problem, ...]] = {}
+
+    def find_lacks(
+        self, variant: Variant, policy: Policy, targets: Sequence[tuple[TargetProfile, Path]]
+    ) -> tuple[Problem, ...]:
+        """What this machine lacks for the episodes of one cell, whose `targets` stand beside their profiles' files."""
+        lacks = list(_find_policy_lacks(policy))
+        if (name := variant.environment) is not None and name in self._environments:
+            if name not in self._known:
+                self._known[name] = tuple(find_lacks(name, self._environments[name]))
+            lacks += self._known[name]
+        for module in variant.needs:
+            if importlib.util.find_spec(module) is None:
+                hint = "Install what brings it."
+                lacks.append(Problem("MODULE_MISSING", module, "no such module", "a module of this Python", hint))
+        for profile, path in targets:
+            lacks += _find_target_lacks(profile, path)
+        return tuple(lacks)
+
+
+def can_connect(ready: str) -> bool:
+    """Whether a server listens at `host:port`."""
+    host, _, port = ready.rpartition(":")
+    try:
+        with socket.create_connection((host, int(port)), CONNECT_S):
+            return True
+    except OSError:
+        return False
+
+
+def _find_policy_lacks(policy: Policy) -> list[Problem]:
+    if policy.serve:
+        found = shutil.which(policy.serve[0])
+        expected, hint = "a program of a policy server", "Install it, or name another one under `serve`."
+        return [] if found else [Problem("POLICY_MISSING", policy.serve[0], "no such program", expected, hint)]
+    if policy.ready and not can_connect(policy.ready):
+        hint = "Start it, or let the suite start it: `serve`."
+        return [Problem("POLICY_MISSING", policy.ready, "no answer", "a policy server that listens", hint)]
+    return []
+
+
+def _find_target_lacks(profile: TargetProfile, path: Path) -> list[Problem]:
+    try:
+        choose_driver({profile.target: profile}, profile.target)
+        if profile.kind == "simulation" and profile.model:
+            for model in (profile.model, *((profile.hand.model,) if profile.hand is not None else ())):
+                find_model(model, path.parent)
+    except DefinitionError as error:
+        return list(error.problems)
+    return []

@@ -1,0 +1,328 @@
+"""One episode of a suite: the ordinary path, in a process and a workspace of its own, from order to record.
+
+    python -m phyagentos.bench.episode FOLDER PARENT      # reads order.json there, leaves record.json
+
+It prepares the workspace as `paos run` does and lets `assembly` build both planes. Upstream: `sweep`, by `carry_out`.
+"""
+
+import contextlib
+import hashlib
+import json
+import os
+import platform
+import shutil
+import signal
+import subprocess
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import yaml
+
+from phyagentos.agent.mission.report import MissionReport
+from phyagentos.assembly import agent_plane
+from phyagentos.assembly.agent_plane import Agent
+from phyagentos.assembly.paths import find_project, open_project
+from phyagentos.assembly.planes import STOP_S
+from phyagentos.assembly.process_tuning import end_with
+from phyagentos.bench.plug_ins import load_repair, load_scorer
+from phyagentos.bench.records import AXES, EpisodeRecord, Order, SessionRecord
+from phyagentos.bench.suite import open_bench
+from phyagentos.bench.suite_file import MemoryUse, Variant
+from phyagentos.bench.taxonomy import Taxon, classify
+from phyagentos.clock import Clock, SystemClock
+from phyagentos.protocol.capabilities.registries import read_skill_registry
+from phyagentos.protocol.documents.durable_files import replace_durably
+from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.documents.schema import read_yaml
+from phyagentos.protocol.sessions.evidence import EVENTS
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import GoalId
+from phyagentos.protocol.settings.perception import declare_sensing
+from phyagentos.protocol.settings.runtime_contract import declare_world_mode
+from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
+from phyagentos.protocol.settings.verification_mode import VerificationMode
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Journal
+
+ORDER, RECORD, LOG, WORKSPACE = "order.json", "record.json", "episode.log", "workspace"
+POLL_S = 0.5  # a run that ends is noticed within this
+START_S = 120.0  # beside the episode's own wall time: a cold machine compiles once
+_USES = {
+    MemoryUse.NONE: agent_plane.MemoryUse.NONE,
+    MemoryUse.FROZEN: agent_plane.MemoryUse.READ,
+    MemoryUse.ADAPTING: agent_plane.MemoryUse.LEARN,
+    MemoryUse.EMPTIED: agent_plane.MemoryUse.READ,
+}
+
+
+class Job(msgspec.Struct, frozen=True, kw_only=True):
+    """An episode to carry out now.
+
+    Attributes:
+        run: Folder of the run; each attempt gets one of its own below `episodes/`.
+        memory: Folder of the episode whose memory it begins with; empty for none.
+        project: Working folder, which is searched like that of `paos run`.
+    """
+
+    order: Order
+    run: str
+    memory: str
+    project: str
+
+
+def carry_out(job: Job, is_ended: Callable[[], bool] = lambda: False) -> EpisodeRecord | None:
+    """Run one episode in a process of its own; whatever becomes of that process, there is a record.
+
+    The process ends with the one that calls this. None when `is_ended` before there is a record.
+    """
+    folder, clock = _make_folder(Path(job.run) / "episodes", job.order.id), SystemClock()
+    (folder / ORDER).write_bytes(msgspec.json.encode(job))
+    command = [sys.executable, "-m", "phyagentos.bench.episode", str(folder), str(os.getpid())]
+    begin_s, at, limit_s = clock.now_s(), clock.wall_iso(), job.order.wall_s + START_S
+    with (folder / LOG).open("wb") as log:
+        process = subprocess.Popen(
+            command, cwd=job.project, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+        )
+    while process.poll() is None and not is_ended() and clock.now_s() - begin_s < limit_s:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(POLL_S)
+    code = process.poll()
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGTERM if code is None else signal.SIGKILL)  # its planes end with it
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(STOP_S)
+    process.kill()
+    process.wait()
+    if (folder / RECORD).is_file():
+        return msgspec.json.decode((folder / RECORD).read_bytes(), type=EpisodeRecord)
+    if is_ended():
+        return None
+    ended, error = ("hung", f"no end within {limit_s:g} s") if code is None else ("crashed", f"exit code {code}")
+    tail = (folder / LOG).read_text(errors="replace")[-2000:].strip()
+    return _fail(job, folder, ended, f"{error}: {tail}" if tail else error, at, clock.now_s() - begin_s)
+
+
+def run_episode(job: Job, folder: Path, clock: Clock) -> EpisodeRecord:
+    """Run one episode on the ordinary path, and have it scored; its processes have ended when this returns."""
+    order, variant, at, begin_s = job.order, Variant(**job.order.variant), clock.wall_iso(), clock.now_s()
+    workspace = open_project(folder / WORKSPACE, find_project(Path(order.graph)))
+    prepare_settings(workspace, variant)
+    use = MemoryUse(order.memory)
+    if job.memory:
+        shutil.copytree(Path(job.run) / job.memory / "memory", folder / "memory")
+    settings = hash_settings(workspace, order, variant)
+    bench = open_bench(
+        workspace,
+        clock,
+        faults=Path(variant.faults) if variant.faults else None,
+        pictures=variant.pictures is not False,
+        sense=variant.sense,
+        verify=VerificationMode(order.verification) if order.verification else None,
+        memory=None if use is MemoryUse.NONE else folder,
+        memory_use=_USES[use],
+        policy=load_repair(variant.repair),
+    )
+    with bench as agent:
+        graph, goal = Path(order.graph), GoalId(order.goal)
+        report = agent.mission.run(graph, seed=order.seed, overrides=make_overrides(variant), goal=goal)
+        sessions = _record_sessions(agent, workspace, report, Path(job.run))
+        before = agent.memory_version
+        wall_s = clock.now_s() - begin_s
+    parts, first_parts = score(order, workspace, report)
+    is_met = None if parts is None else all(parts.values())
+    return EpisodeRecord(
+        **_identify(job, folder),
+        at=at,
+        goal=report.goal,
+        verdict=report.verdict,
+        reason=report.reason,
+        replans=report.replans,
+        parts=parts or {},
+        first_parts=first_parts,
+        is_met=is_met,
+        taxon=_classify_episode(report.verdict, sessions, is_met=is_met),
+        sessions=sessions,
+        wall_s=round(wall_s, 3),
+        sim_time_s=sum(each.sim_time_s for each in sessions),
+        memory_before="" if use is MemoryUse.NONE else before,
+        memory_after="" if use is MemoryUse.NONE else _read_memory_version(workspace, clock, folder),
+        settings=settings,
+    )
+
+
+def prepare_settings(workspace: Workspace, variant: Variant) -> None:
+    """Write what a variant says into the settings of a new workspace; raises DefinitionError."""
+    for name, changes in variant.files.items():
+        path = workspace.root / name
+        publish(path, yaml.safe_dump(change(read_yaml(path).data, changes), sort_keys=False, allow_unicode=True))
+        check_settings(path)
+    if variant.world_mode is not None:
+        declare_world_mode(workspace.runtime_contract, variant.world_mode)
+    declare_sensing(workspace.perception, variant.sense, variant.prior)
+
+
+def make_overrides(variant: Variant) -> dict[str, str]:
+    """What `--set` makes of a variant's `set`: dotted path of the goal graph -> YAML value."""
+    named = {key if "." in key else f"parameters.{key}.default": value for key, value in variant.set.items()}
+    return {path: json.dumps(value) for path, value in named.items()}
+
+
+def change(data: Any, changes: Mapping[str, Any]) -> Any:
+    """Plain data in which dotted paths have new values; mappings on the way are made."""
+    data = json.loads(json.dumps(data))
+    for path, value in changes.items():
+        *owners, key = path.split(".")
+        place = data
+        for step in owners:
+            place = place.setdefault(step, {})
+        place[key] = value
+    return data
+
+
+def hash_settings(workspace: Workspace, order: Order, variant: Variant) -> str:
+    """Hash of everything but memory and seed that decides what an episode does: settings, registries, goal, faults."""
+    paths = [workspace.root / name for name in SETTINGS_FILES]
+    paths += [workspace.skill_registry, workspace.target_registry, Path(order.graph)]
+    paths += [Path(variant.faults)] if variant.faults else []
+    digest = hashlib.sha256(msgspec.json.encode((variant.set, variant.repair, order.verification)))
+    for path in paths:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def score(order: Order, workspace: Workspace, report: MissionReport) -> tuple[dict[str, bool] | None, dict[str, bool]]:
+    """Which parts are there in the end, and after the first session of their node; asked of the suite's scorer."""
+    scorer = load_scorer(order.scorer)
+    first: dict[str, bool] = {}
+    for session in report.sessions:
+        if session.node in order.score and not session.attempt and session.node not in first:
+            asked = {session.node: order.score[session.node]}
+            first |= scorer.score(asked, workspace.root, workspace.evidence_of(session.id)) or {}
+    return scorer.score(order.score, workspace.root, None), first
+
+
+def _read_memory_version(workspace: Workspace, clock: Clock, folder: Path) -> str:
+    from phyagentos.agent.memory.memory import Memory
+
+    memory = Memory(folder / workspace.memory.name, clock=clock, by="bench")
+    memory.close()
+    return memory.version
+
+
+def _record_sessions(agent: Agent, workspace: Workspace, report: MissionReport, run: Path) -> tuple[SessionRecord, ...]:
+    spent, kinds = _measure_sessions(workspace), read_skill_registry(workspace.skill_registry)
+    return tuple(
+        SessionRecord(
+            id=session.id,
+            node=session.node,
+            attempt=session.attempt,
+            skill=session.skill,
+            state=session.state,
+            bundle=str(workspace.evidence_of(session.id).relative_to(run)),
+            ended=session.ended,
+            cause=session.cause,
+            reason=session.reason,
+            taxon=classify(
+                agent.mission.ledger.sessions[session.id],
+                is_policy=session.skill in kinds and kinds[session.skill].kind == "policy",
+            ),
+            ticks=session.ticks,
+            sim_time_s=round(session.sim_time_s, 9),
+            stages_ms=_read_stages(workspace.evidence_of(session.id) / EVENTS),
+            wall_s=round(spent.get(session.id, 0.0), 3),
+        )
+        for session in report.sessions
+    )
+
+
+def _measure_sessions(workspace: Workspace) -> dict[str, float]:
+    """Wall time of each session from its claim to its end [s]."""
+    journal = Journal(workspace.root, side=Side.OPERATOR, by="bench", clock=SystemClock())
+    claimed: dict[str, datetime] = {}
+    spent: dict[str, float] = {}
+    for record in journal.read_new():
+        if record.ev == "claim":
+            claimed[record.id] = datetime.fromisoformat(record.at)
+        elif record.ev == "finish" and record.id in claimed:
+            spent[record.id] = (datetime.fromisoformat(record.at) - claimed[record.id]).total_seconds()
+    journal.close()
+    return spent
+
+
+def _read_stages(events: Path) -> dict[str, float]:
+    """Where the time of a session went, by stage [ms]."""
+    stages: dict[str, float] = {}
+    for event in map(json.loads, events.read_text().splitlines() if events.is_file() else ()):
+        if event["kind"] == "planner":
+            stages["planning"] = stages.get("planning", 0.0) + sum(event["details"]["ms"].values())
+        elif event["kind"] == "timing":
+            stages |= {name: ms for name, ms in event["details"].items() if not name.endswith("_bytes")}
+    return {name: round(ms, 3) for name, ms in stages.items()}
+
+
+def _classify_episode(verdict: str, sessions: tuple[SessionRecord, ...], *, is_met: bool | None) -> str:
+    """The kind of an episode's failure: the verifier's where it and the scorer differ, else that of the last miss."""
+    if is_met is not None and is_met != (verdict == "success"):
+        return Taxon.VERIFIER
+    if verdict == "success":
+        return ""
+    return next((each.taxon for each in reversed(sessions) if each.taxon), Taxon.EXECUTION)
+
+
+def _identify(job: Job, folder: Path) -> dict[str, Any]:
+    """What a record says of its episode, whatever became of it."""
+    order = job.order
+    where = {"folder": str(folder.relative_to(job.run)), "host": platform.node(), "version": version("phyagentos")}
+    return {
+        "id": order.id,
+        "seed": order.seed,
+        "memory": order.memory,
+        **{axis: getattr(order, axis) for axis in AXES},
+        **where,
+    }
+
+
+def _fail(job: Job, folder: Path, ended: str, error: str, at: str, wall_s: float) -> EpisodeRecord:
+    taxon = Taxon.TIMEOUT if ended == "hung" else Taxon.EXECUTION
+    return EpisodeRecord(
+        **_identify(job, folder), at=at, ended=ended, error=error, taxon=taxon, wall_s=round(wall_s, 3), is_met=False
+    )
+
+
+def _make_folder(parent: Path, name: str) -> Path:
+    """`<parent>/<name>-<n>`, the first that no attempt has; what an earlier one left stays as it is."""
+    parent.mkdir(parents=True, exist_ok=True)
+    number = 1
+    while True:
+        folder = parent / f"{name}-{number}"
+        try:
+            folder.mkdir()
+        except FileExistsError:
+            number += 1
+        else:
+            return folder
+
+
+def main() -> None:
+    """Run the episode of a folder; the process ends with its parent."""
+    folder, clock = Path(sys.argv[1]), SystemClock()
+    if not end_with(int(sys.argv[2])):
+        return
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    job = msgspec.json.decode((folder / ORDER).read_bytes(), type=Job)
+    begin_s, at = clock.now_s(), clock.wall_iso()
+    try:
+        record = run_episode(job, folder, clock)
+    except Exception:  # every one is a finding, and has its record
+        record = _fail(job, folder, "crashed", traceback.format_exc(), at, clock.now_s() - begin_s)
+    replace_durably(folder / RECORD, msgspec.json.encode(record))
+
+
+if __name__ == "__main__":
+    main()

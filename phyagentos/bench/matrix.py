@@ -1,0 +1,148 @@
+"""A suite compiled into episodes: the product of its axes, each cell checked and looked for on this machine once."""
+
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.bench.availability import Gate
+from phyagentos.bench.records import Order
+from phyagentos.bench.suite_checks import SuiteChecks
+from phyagentos.bench.suite_file import (
+    FOLDER,
+    MemoryUse,
+    Pass,
+    Policy,
+    Suite,
+    Task,
+    Variant,
+    list_seeds,
+    read_suite,
+)
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.environments import EnvironmentSpec
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.documents.schema import Address
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A compiled suite.
+
+    Attributes:
+        orders: Every episode, in the order of passes, tasks, initial states, policies, settings, modes and seeds.
+        missing: Id of an episode -> why it cannot run here.
+    """
+
+    suite: Suite
+    orders: tuple[Order, ...]
+    missing: Mapping[str, tuple[Problem, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A point of the matrix without its mode and its seed; `layers` are its variants by their place in the suite."""
+
+    phase: str
+    task: str
+    state: str
+    policy: str
+    setting: str
+    spec: Task
+    server: Policy
+    passed: Pass
+    layers: Mapping[Address, Variant]
+
+
+def find_suite(name: Path) -> Path:
+    """The file of a suite: a path, or a name in `benchmarks/suites/` of the libraries; raises `UNKNOWN_FILE`."""
+    if name.is_file():
+        return name
+    roots = Library.open(Path.cwd()).roots
+    found = next((path for root in roots if (path := root / FOLDER / f"{name}.yaml").is_file()), None)
+    if found is None:
+        known = {path.stem for root in roots for path in (root / FOLDER).glob("*.yaml")}
+        raise DefinitionError.unknown("UNKNOWN_FILE", str(name), name.stem, known)
+    return found
+
+
+def find_environments(name: str) -> dict[str, EnvironmentSpec]:
+    """Environments of a suite, by the suite's file or name, or one by its own name; raises `UNKNOWN_NAME`."""
+    roots = Library.open(Path.cwd()).roots
+    files = [path for root in roots for path in sorted((root / FOLDER).glob("*.yaml"))]
+    own = [path for path in (Path(name), *files) if path.is_file() and (path == Path(name) or path.stem == name)]
+    declared = {key: spec for path in own[:1] or files for key, spec in read_suite(path)[0].environments.items()}
+    if not own and name not in declared:
+        raise DefinitionError.unknown("UNKNOWN_NAME", "paos bench setup", name, {*declared, *(p.stem for p in files)})
+    return declared if own else {name: declared[name]}
+
+
+def compile_suite(path: Path) -> Plan:
+    """Every episode of a suite, and which of them cannot run here.
+
+    Raises:
+        DefinitionError: With every problem of the suite, and of the goal graphs, settings and faults that it names.
+    """
+    suite, located = read_suite(path)
+    checks, gate = SuiteChecks(suite, located), Gate(suite.environments)
+    orders: list[Order] = []
+    missing: dict[str, tuple[Problem, ...]] = {}
+    for cell in iter_cells(suite):
+        graph, variant = checks.resolve(cell.spec, cell.task, cell.layers)
+        lacks = gate.find_lacks(variant, cell.server, checks.check_graph(graph, variant, cell.layers))
+        for order in _iter_orders(suite, cell, graph, variant):
+            orders.append(order)
+            if lacks:
+                missing[order.id] = lacks
+    checks.check_asked()
+    if checks.problems:
+        raise DefinitionError(list(dict.fromkeys(checks.problems)))
+    return Plan(suite, tuple(orders), missing)
+
+
+def iter_cells(suite: Suite) -> Iterator[Cell]:
+    """Passes x tasks x initial states x policies x settings."""
+    policies, settings = suite.policies or {"": Policy()}, suite.settings or {"": Variant()}
+    passes = suite.passes or {"": Pass()}
+    for (phase, passed), (name, task) in itertools.product(passes.items(), suite.tasks.items()):
+        owner: Address = ("tasks", name) if task.initial_states else ()
+        states = task.initial_states or suite.initial_states or {"": Variant()}
+        for (state, start), (policy, acting), (setting, given) in itertools.product(
+            states.items(), policies.items(), settings.items()
+        ):
+            layers: dict[Address, Variant] = {
+                ("common",): suite.common,
+                ("tasks", name): task,
+                (*owner, "initial_states", state): start,
+                ("policies", policy): acting,
+                ("settings", setting): given,
+                ("passes", phase): passed,
+            }
+            yield Cell(phase, name, state, policy, setting, task, acting, passed, layers)
+
+
+def _iter_orders(suite: Suite, cell: Cell, graph: Path, variant: Variant) -> Iterator[Order]:
+    """The modes and seeds of a cell."""
+    for mode, seed in itertools.product(suite.verification or ("",), list_seeds(cell.passed.seeds or suite.seeds)):
+        axes = (cell.phase, cell.task, cell.state, cell.policy, cell.setting, str(mode))
+        order = Order(
+            id=".".join([*filter(None, axes), str(seed)]),
+            task=cell.task,
+            seed=seed,
+            graph=str(graph),
+            goal=f"{cell.task}-{seed}",
+            state=cell.state,
+            policy=cell.policy,
+            setting=cell.setting,
+            verification=str(mode),
+            phase=cell.phase,
+            variant=variant.model_dump(mode="json", exclude_defaults=True),
+            memory=cell.passed.memory,
+            scorer=suite.scorer,
+            score=cell.spec.score,
+            wall_s=suite.wall_s,
+        )
+        is_chained = cell.passed.memory is MemoryUse.ADAPTING
+        yield msgspec.structs.replace(order, chain=f"{cell.phase}/{order.lineage}") if is_chained else order

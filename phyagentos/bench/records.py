@@ -1,0 +1,207 @@
+"""Episodes of a run: the order of one, the record of one that ended, and the append-only log of records.
+
+`episodes.jsonl` is the truth of a run: one line an episode, on the disk before the next step. A line that a kill cut
+off is no record, and its episode is begun anew in a folder of its own.
+"""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.durable_files import sync_folder
+
+LOG = "episodes.jsonl"
+AXES = ("task", "state", "policy", "setting", "verification", "phase")  # and the seed; `phase` is the pass
+
+
+class Order(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What one episode is: everything that its process needs, and nothing else decides it.
+
+    Attributes:
+        id: Of the episode, unique in its run; also the name of its folder, with the number of the attempt.
+        phase: The pass.
+        graph: The goal graph.
+        goal: Id of the goal.
+        variant: The merged `Variant`, as plain data.
+        verification: Mode of verification; empty for that of runtime_contract.yaml.
+        memory: What it does with experience.
+        scorer: Name of the scorer.
+        score: Part -> condition.
+        chain: Episodes of one chain run one after the other, each with the memory that the one before has left.
+        wall_s: Longest wall time [s].
+    """
+
+    id: str
+    task: str
+    seed: int
+    graph: str
+    goal: str
+    state: str = ""
+    policy: str = ""
+    setting: str = ""
+    verification: str = ""
+    phase: str = ""
+    variant: dict[str, Any] = {}
+    memory: str = "none"
+    scorer: str = "simulator"
+    score: dict[str, Any] = {}
+    chain: str = ""
+    wall_s: float = 900.0
+
+    @property
+    def lineage(self) -> str:
+        """Episodes that share experience."""
+        return "/".join((self.policy, self.setting, self.verification))
+
+
+class SessionRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One session of an episode.
+
+    Attributes:
+        taxon: Kind of failure; empty where the objective was met.
+        bundle: Its evidence, relative to the run's folder.
+        ticks: Control periods: actions.
+        stages_ms: Where its time went, by stage [ms].
+        wall_s: From its claim to its end [s].
+    """
+
+    id: str
+    node: str
+    attempt: int
+    skill: str
+    state: str
+    bundle: str
+    ended: str = ""
+    cause: str = ""
+    reason: str = ""
+    taxon: str = ""
+    ticks: int = 0
+    sim_time_s: float = 0.0
+    stages_ms: dict[str, float] = {}
+    wall_s: float = 0.0
+
+
+class EpisodeRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One episode that ended.
+
+    Attributes:
+        ended: `over`; `hung` where it was ended after its wall time, `crashed` where its process died or raised.
+        folder: Its own folder, relative to the run's.
+        parts: Part of the goal -> whether it is there in the end, as the scorer says.
+        first_parts: The same after the first session of the part's node.
+        is_met: Whether all parts are there; None where the scorer could not say.
+        taxon: Kind of failure; empty where goal and verdict agree on success.
+        memory: What it did with experience.
+        memory_before: Version of the memory that advised it; `memory_after` when it ended.
+        settings: Hash of settings files, goal graph and library of its workspace.
+        host: Where it ran.
+    """
+
+    id: str
+    task: str
+    seed: int
+    at: str
+    folder: str
+    state: str = ""
+    policy: str = ""
+    setting: str = ""
+    verification: str = ""
+    phase: str = ""
+    ended: str = "over"
+    error: str = ""
+    goal: str = ""
+    verdict: str = ""
+    reason: str = ""
+    replans: int = 0
+    parts: dict[str, bool] = {}
+    first_parts: dict[str, bool] = {}
+    is_met: bool | None = None
+    taxon: str = ""
+    sessions: tuple[SessionRecord, ...] = ()
+    wall_s: float = 0.0
+    sim_time_s: float = 0.0
+    memory: str = "none"
+    memory_before: str = ""
+    memory_after: str = ""
+    settings: str = ""
+    version: str = ""
+    host: str = ""
+
+    @property
+    def is_first(self) -> bool:
+        """Whether the goal is met, and no node was tried twice."""
+        return bool(self.is_met) and not self.replans
+
+    @property
+    def is_frozen(self) -> bool:
+        """Whether memory was only to be read."""
+        return self.memory in {"frozen", "emptied"}
+
+    @property
+    def is_false_success(self) -> bool:
+        """Whether the verdict is a success that the scorer denies."""
+        return self.verdict == "success" and self.is_met is False
+
+    @property
+    def is_false_failure(self) -> bool:
+        """Whether the verdict denies a success that the scorer sees."""
+        return self.ended == "over" and self.verdict != "success" and self.is_met is True
+
+
+class EpisodeLog:
+    """The records of a run, in the order in which the episodes ended.
+
+    Opening it cuts a line off that a kill left half written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / LOG
+        self.records = {record.id: record for record in read_records(folder)}
+        is_new = not self._path.exists()
+        if not is_new and (data := self._path.read_bytes()) and not data.endswith(b"\n"):
+            os.truncate(self._path, data.rfind(b"\n") + 1)
+        self._file = self._path.open("ab")
+        if is_new:
+            sync_folder(folder)
+
+    def append(self, record: EpisodeRecord) -> bool:
+        """Keep the record of an episode; False where there is one already. On the disk when this returns."""
+        if record.id in self.records:
+            return False
+        self._file.write(msgspec.json.encode(record) + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self.records[record.id] = record
+        return True
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def read_records(folder: Path) -> list[EpisodeRecord]:
+    """Every record of a run; a line that is not whole is none.
+
+    Raises:
+        DefinitionError: `RUN_DAMAGED` for a whole line that is no record.
+    """
+    path, records = folder / LOG, []
+    data = path.read_bytes() if path.is_file() else b""
+    for number, line in enumerate(data.split(b"\n")[:-1], 1):
+        try:
+            records.append(msgspec.json.decode(line, type=EpisodeRecord))
+        except msgspec.MsgspecError as error:
+            raise DefinitionError.of(
+                "RUN_DAMAGED", f"{path}:{number}", str(error), "the record of an episode"
+            ) from error
+    return records
+
+
+def select(records: Iterable[EpisodeRecord], where: dict[str, str]) -> list[EpisodeRecord]:
+    """Those that have these values on these axes; `pass` means `phase`."""
+    wanted = {"phase" if axis == "pass" else axis: value for axis, value in where.items()}
+    return [each for each in records if all(getattr(each, axis) == value for axis, value in wanted.items())]

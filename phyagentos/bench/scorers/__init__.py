@@ -1,0 +1,1 @@
+"""Scorers: eyes of their own, which say what was achieved whatever the verdict was."""

@@ -1,0 +1,147 @@
+"""What is wrong in a suite and in what it names, each at its place; nothing has run."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.graph import read_goal_graph
+from phyagentos.assembly.paths import find_project
+from phyagentos.bench.episode import change, make_overrides
+from phyagentos.bench.plug_ins import load_repair, load_scorer
+from phyagentos.bench.suite_file import Suite, Task, Variant, merge
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.schema import Address, Located, read_yaml, validate
+from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
+from phyagentos.protocol.world.faults import read_faults
+
+
+class SuiteChecks:
+    """Problems of one suite, found cell by cell.
+
+    Attributes:
+        problems: Found so far; what many cells share may stand there more than once.
+    """
+
+    def __init__(self, suite: Suite, located: Located) -> None:
+        self.problems: list[Problem] = []
+        self._suite, self._located = suite, located
+        self._graphs: dict[tuple[Path, str], tuple[tuple[TargetProfile, Path], ...]] = {}
+        self._read_catalogue = cache(_read_catalogue)
+        with self._noting():
+            scorer = load_scorer(suite.scorer, located.address_of(("scorer",)))
+            for name, task in suite.tasks.items():
+                for part, condition in task.score.items():
+                    self.problems += scorer.check(located, ("tasks", name, "score", part), condition)
+
+    def resolve(self, task: Task, name: str, layers: Mapping[Address, Variant]) -> tuple[Path, Variant]:
+        """The goal graph of a cell, and what its layers say together, with paths for names."""
+        for place, variant in layers.items():
+            self._check_layer(place, variant)
+        merged = merge(layers.values())
+        if merged.faults is not None:
+            place = [place for place, variant in layers.items() if variant.faults is not None][-1]
+            path = self._find(merged.faults, (*place, "faults"), "faults")
+            if path.is_file():
+                with self._noting():
+                    read_faults(path)
+            merged = merged.model_copy(update={"faults": str(path)})
+        return self._find(task.graph, ("tasks", name, "graph"), "goal_graphs"), merged
+
+    def check_graph(
+        self, graph: Path, variant: Variant, layers: Mapping[Address, Variant]
+    ) -> tuple[tuple[TargetProfile, Path], ...]:
+        """Check a goal graph and the settings of a cell; the targets that it runs on, each with its profile's file."""
+        if not graph.is_file():
+            return ()
+        catalogue, library = self._read_catalogue(graph)
+        self._check_files(library, layers)
+        key = (graph, repr(sorted(variant.set.items())))
+        if key not in self._graphs:
+            self._graphs[key] = ()
+            with self._noting():
+                choices = read_goal_graph(graph, catalogue, make_overrides(variant)).choices.values()
+                names = dict.fromkeys(choice.target for choice in choices)
+                self._graphs[key] = tuple((catalogue.targets[name], library.get_target(name)) for name in names)
+        return self._graphs[key]
+
+    def check_asked(self) -> None:
+        """Whether what is asked for can be: axes, their values, parts, and a bound."""
+        suite = self._suite
+        states = {*suite.initial_states, *(state for task in suite.tasks.values() for state in task.initial_states)}
+        axes: dict[str, Iterable[str]] = {
+            "task": suite.tasks,
+            "state": states,
+            "policy": suite.policies,
+            "setting": suite.settings,
+            "verification": [mode.value for mode in suite.verification],
+            "pass": suite.passes,
+        }
+        parts = {part for task in suite.tasks.values() for part in task.score}
+        for index, asked in enumerate(suite.asked):
+            for key, where in (("where", asked.where), ("than", asked.than or {})):
+                for axis, value in where.items():
+                    if axis not in axes:
+                        self._miss("UNKNOWN_NAME", ("asked", index, key, axis), axis, axes)
+                    elif value not in axes[axis]:
+                        self._miss("UNKNOWN_NAME", ("asked", index, key, axis), value, axes[axis])
+            if asked.part and asked.part not in parts:
+                self._miss("UNKNOWN_NAME", ("asked", index, "part"), asked.part, parts)
+            if (asked.at_least is None) == (asked.at_most is None):
+                expected = "one of the keys at_least and at_most"
+                self.problems.append(self._located.problem("MISSING_KEY", ("asked", index), "none or both", expected))
+
+    def _check_layer(self, place: Address, variant: Variant) -> None:
+        if variant.repair is not None:
+            with self._noting():
+                load_repair(variant.repair, self._located.address_of((*place, "repair")))
+        for name in variant.files.keys() - SETTINGS_FILES.keys():
+            self._miss("UNKNOWN_NAME", (*place, "files", name), name, SETTINGS_FILES)
+        if variant.environment is not None and variant.environment not in self._suite.environments:
+            place = (*place, "environment")
+            self._miss("UNKNOWN_NAME", place, variant.environment, self._suite.environments)
+
+    def _check_files(self, library: Library, layers: Mapping[Address, Variant]) -> None:
+        """Whether settings files are sound with what the layers change in them."""
+        for name, model in SETTINGS_FILES.items():
+            changes: dict[str, Any] = {}
+            origins: dict[Address, tuple[Located, Address]] = {}
+            for place, variant in layers.items():
+                for key, value in variant.files.get(name, {}).items():
+                    changes[key] = value
+                    origins[tuple(key.split("."))] = (self._located, (*place, "files", name, key))
+            pristine = next((p for root in library.roots if (p := root / "protocol" / name).is_file()), None)
+            if changes and pristine is not None:
+                with self._noting():
+                    validate(model, Located(change(read_yaml(pristine).data, changes), str(pristine), {}, origins))
+
+    def _find(self, name: str, place: Address, folder: str) -> Path:
+        """A file that the suite names: beside it, else in the library; the path beside it where there is none."""
+        beside = Path(self._located.source).resolve().parent / name
+        roots = Library.open(Path.cwd()).roots
+        places = (p for root in roots for p in (root / name, root / folder / name, root / folder / f"{name}.yaml"))
+        found = next((path for path in (beside, *places) if path.is_file()), None)
+        if found is None:
+            self._miss("UNKNOWN_FILE", place, name, {p.stem for root in roots for p in (root / folder).glob("*.yaml")})
+        return (found or beside).resolve()
+
+    @contextmanager
+    def _noting(self) -> Iterator[None]:
+        """Keep the problems of what the block reads."""
+        try:
+            yield
+        except DefinitionError as error:
+            self.problems += error.problems
+
+    def _miss(self, code: str, place: Address, name: str, possible: Iterable[str]) -> None:
+        self.problems.append(self._located.unknown(code, place, name, possible))
+
+
+def _read_catalogue(graph: Path) -> tuple[Catalogue, Library]:
+    """What a goal graph can use, as in a workspace that is made for it."""
+    library = Library.open(find_project(graph), Path.cwd())
+    return Catalogue.read(library), library

@@ -1,0 +1,227 @@
+"""A run of a suite: its folder, what is left of it, and the loop that carries it out and can be killed at any time.
+
+runs/<suite>-1/
+  run.json          the compiled suite: every episode, what is missing and why, hashes of the files it names
+  suite.yaml        as it was written
+  episodes.jsonl    the records, one line an episode
+  episodes/<id>-<attempt>/   workspace, memory and log of each
+"""
+
+import contextlib
+import hashlib
+import os
+import signal
+import subprocess
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from phyagentos.assembly.process_tuning import end_with
+from phyagentos.bench.availability import can_connect
+from phyagentos.bench.engines import Engine
+from phyagentos.bench.episode import Job
+from phyagentos.bench.matrix import Plan
+from phyagentos.bench.records import EpisodeLog, EpisodeRecord, Order
+from phyagentos.bench.suite_file import Asked, MemoryUse, Policy
+from phyagentos.clock import Clock
+from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.protocol.documents.durable_files import replace_durably
+from phyagentos.protocol.workspace.process_lock import become_sole
+
+MANIFEST, SUITE, LOCK = "run.json", "suite.yaml", ".lock"
+READY_S = 120.0  # a policy server answers within this
+
+
+class Manifest(msgspec.Struct, frozen=True, kw_only=True):
+    """What a run is.
+
+    Attributes:
+        source: The suite's file.
+        project: Working folder, in which names were looked up.
+        missing: Id of an episode -> why it cannot run here.
+        asked: Figures that must hold, as plain data.
+        files: Path -> SHA-256 of the suite, its goal graphs and its faults.
+    """
+
+    suite: str
+    objective: str
+    source: str
+    project: str
+    at: str
+    orders: tuple[Order, ...]
+    missing: dict[str, tuple[Problem, ...]]
+    asked: tuple[dict[str, object], ...]
+    files: dict[str, str]
+
+    def list_asked(self) -> list[Asked]:
+        """Figures that must hold."""
+        return [Asked.model_validate(each) for each in self.asked]
+
+
+def begin_run(folder: Path, source: Path, plan: Plan, clock: Clock) -> Manifest:
+    """Make the folder of a run; raises DefinitionError `WOULD_OVERWRITE`."""
+    if folder.exists() and any(folder.iterdir()):
+        hint = f"Continue it: paos bench resume {folder}. Or name another folder."
+        raise DefinitionError.of("WOULD_OVERWRITE", str(folder), "a folder that is not empty", "a new folder", hint)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / SUITE).write_bytes(source.read_bytes())
+    manifest = _describe(source, plan, clock.wall_iso(), Path.cwd())
+    replace_durably(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(manifest)))
+    return manifest
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """What a run is; raises DefinitionError `NOT_A_RUN`."""
+    try:
+        return msgspec.json.decode((folder / MANIFEST).read_bytes(), type=Manifest)
+    except (OSError, msgspec.MsgspecError) as error:
+        hint = "Name a folder that `paos bench run` has made."
+        raise DefinitionError.of(
+            "NOT_A_RUN", str(folder / MANIFEST), str(error), "the folder of a run", hint
+        ) from error
+
+
+def continue_run(folder: Path, plan: Plan) -> Manifest:
+    """The manifest of a run that goes on, with what is missing today.
+
+    Raises:
+        DefinitionError: `RUN_DIFFERS` where the suite, a goal graph or a file of faults is not what it was.
+    """
+    known = read_manifest(folder)
+    today = _describe(Path(known.source), plan, known.at, Path(known.project))
+    changed = [path for path in known.files | today.files if known.files.get(path) != today.files.get(path)]
+    if msgspec.json.encode(known.orders) != msgspec.json.encode(today.orders):
+        changed = changed or [known.source]
+    if changed:
+        hint = "Begin a new run; what this one has measured stays."
+        raise DefinitionError(
+            [
+                Problem("RUN_DIFFERS", path, "another content than when the run began", "the same", hint)
+                for path in changed
+            ]
+        )
+    replace_durably(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(today)))
+    return today
+
+
+def run_sweep(
+    folder: Path, manifest: Manifest, engine: Engine, policies: Mapping[str, Policy], clock: Clock
+) -> Iterator[EpisodeRecord]:
+    """Carry out what has no record yet, pass after pass; yields each record once it is on the disk.
+
+    Raises:
+        ExecutionError: `RUN_BUSY` where another process works on the run.
+    """
+    lock = become_sole(folder / LOCK, clock, "RUN_BUSY", "another process works on this run")
+    log = EpisodeLog(folder)
+    try:
+        with _serving(
+            [policies[name] for name in _list_policies(manifest, log.records)], Path(manifest.project), clock
+        ):
+            for phase in dict.fromkeys(order.phase for order in manifest.orders):
+                chains = _make_chains(manifest, phase, log.records)
+                yield from _run_chains(chains, folder, manifest, engine, log)
+    finally:
+        engine.close()
+        log.close()
+        os.close(lock)
+
+
+def _run_chains(
+    chains: deque[deque[Order]], folder: Path, manifest: Manifest, engine: Engine, log: EpisodeLog
+) -> Iterator[EpisodeRecord]:
+    """Every chain from its first order to its last, as many side by side as the engine takes."""
+    running: dict[str, deque[Order]] = {}
+    while chains or running:
+        while chains and len(running) < engine.jobs:
+            chain = chains.popleft()
+            order = chain.popleft()
+            memory = _find_memory(order, manifest.orders, log.records)
+            engine.submit(Job(order=order, run=str(folder.resolve()), memory=memory, project=manifest.project))
+            running[order.id] = chain
+        for record in engine.wait():
+            if rest := running.pop(record.id):
+                chains.appendleft(rest)
+            if log.append(record):
+                yield record
+
+
+def _make_chains(manifest: Manifest, phase: str, done: Mapping[str, EpisodeRecord]) -> deque[deque[Order]]:
+    chains: dict[str, deque[Order]] = {}
+    for order in manifest.orders:
+        if order.phase == phase and order.id not in done and order.id not in manifest.missing:
+            chains.setdefault(order.chain or order.id, deque()).append(order)
+    return deque(chains.values())
+
+
+def _find_memory(order: Order, orders: Sequence[Order], done: Mapping[str, EpisodeRecord]) -> str:
+    """Folder of the last adapting episode before this one, of the same policy, setting and mode; empty for none."""
+    if order.memory not in {MemoryUse.FROZEN, MemoryUse.ADAPTING}:
+        return ""
+    found = ""
+    for other in orders:
+        if other.id == order.id:
+            break
+        record = done.get(other.id)
+        if other.memory == MemoryUse.ADAPTING and other.lineage == order.lineage and record and record.ended == "over":
+            found = record.folder
+    return found
+
+
+def _list_policies(manifest: Manifest, done: Mapping[str, EpisodeRecord]) -> list[str]:
+    left = (order for order in manifest.orders if order.id not in done and order.id not in manifest.missing)
+    return [name for name in dict.fromkeys(order.policy for order in left) if name]
+
+
+@contextlib.contextmanager
+def _serving(policies: Sequence[Policy], project: Path, clock: Clock) -> Iterator[None]:
+    """The servers of policies while the block runs; they end with this process.
+
+    Raises:
+        ExecutionError: `POLICY_MISSING` for one that does not answer in time.
+    """
+    end_with_us = partial(end_with, os.getpid())
+    served = [policy for policy in policies if policy.serve]
+    quiet: Any = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "start_new_session": True}
+    servers = [
+        subprocess.Popen(policy.serve, cwd=project, preexec_fn=end_with_us, **quiet)  # noqa: PLW1509 - no thread yet
+        for policy in served
+    ]
+    try:
+        until_s = clock.now_s() + READY_S
+        for policy, server in zip(served, servers, strict=True):
+            while policy.ready and not can_connect(policy.ready):
+                if clock.now_s() > until_s or server.poll() is not None:
+                    raise ExecutionError(
+                        "POLICY_MISSING", f"{' '.join(policy.serve)} does not listen at {policy.ready}"
+                    )
+                clock.sleep(0.1)
+        yield
+    finally:
+        for server in servers:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(server.pid, signal.SIGTERM)
+            server.wait()
+
+
+def _describe(source: Path, plan: Plan, at: str, project: Path) -> Manifest:
+    suite = plan.suite
+    named = {order.graph for order in plan.orders} | {
+        str(faults) for order in plan.orders if (faults := order.variant.get("faults"))
+    }
+    paths = [path for path in (str(source.resolve()), *sorted(named)) if Path(path).is_file()]
+    return Manifest(
+        suite=suite.suite,
+        objective=suite.objective,
+        source=str(source.resolve()),
+        project=str(project),
+        at=at,
+        orders=plan.orders,
+        missing=dict(plan.missing),
+        asked=tuple(each.model_dump(mode="json", exclude_defaults=True) for each in suite.asked),
+        files={path: hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in paths},
+    )

@@ -1,0 +1,48 @@
+"""Python environments of other systems: what a suite declares, `paos bench setup` makes and a driver starts.
+
+An environment is a virtual environment in the folder `PHYAGENTOS_ENVIRONMENTS`, else in `build/`, under its own name.
+"""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import pydantic
+from packaging.requirements import InvalidRequirement, Requirement
+
+from phyagentos.protocol.documents.schema import Authored, misfit
+
+ENVIRONMENTS, DEFAULT_FOLDER = "PHYAGENTOS_ENVIRONMENTS", "build"
+
+
+class EnvironmentSpec(Authored):
+    """One Python environment.
+
+    Attributes:
+        packages: What pip installs, as requirements (`mujoco==3.3.0`).
+        without_dependencies: Packages installed afterwards with `--no-deps`, since their own pins do not fit.
+        imports: Modules that must be found in it.
+        gigabytes: Disk that it takes, about [GB].
+        about: For whom makes it: licences, how long it takes.
+    """
+
+    packages: tuple[str, ...] = pydantic.Field(min_length=1)
+    without_dependencies: tuple[str, ...] = ()
+    imports: tuple[str, ...] = ()
+    gigabytes: float = pydantic.Field(default=0.0, ge=0.0)
+    about: str = ""
+
+    @pydantic.model_validator(mode="after")
+    def _check_requirements(self) -> "EnvironmentSpec":
+        for key in ("packages", "without_dependencies"):
+            for text in getattr(self, key):
+                try:
+                    Requirement(text)
+                except InvalidRequirement as error:
+                    raise misfit(key, "requirements of pip, such as mujoco==3.3.0", f"{text!r} is none.") from error
+        return self
+
+
+def find_python(name: str, environ: Mapping[str, str] = os.environ) -> Path:
+    """The interpreter of an environment, whether it is there or not; relative to where `paos` was started."""
+    return Path(environ.get(ENVIRONMENTS) or DEFAULT_FOLDER) / name / "bin" / "python"

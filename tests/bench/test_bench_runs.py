@@ -1,0 +1,184 @@
+"""`paos bench` as a person uses it: settings act, a killed run goes on, passes learn, figures lead to evidence."""
+
+import itertools
+import json
+import subprocess
+import time
+
+import pytest
+import yaml
+
+from phyagentos.bench.matrix import compile_suite
+from phyagentos.bench.records import EpisodeLog, EpisodeRecord
+from phyagentos.bench.sweep import begin_run
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
+from tests.bench.suite_of_counter import SUITE, call, get_environment, make_command, make_project, read_episodes
+
+pytestmark = pytest.mark.journey
+
+ACTING = {
+    "plain": {},
+    "no_replan": {"set": {"defaults.max_replans": 0}},
+    "low": {"set": {"height_m": 0.005}},
+    "strict": {"files": {"runtime_contract.yaml": {"verification.criteria": ["metric(ticks) <= 0"]}}},
+    "once": {"repair": "benchmarks.recovery_parts.baselines:NoRetry"},
+}
+
+
+def test_each_setting_acts_on_the_ordinary_path_and_every_figure_leads_to_its_bundles(tmp_path):
+    folder = make_project(
+        tmp_path / "p",
+        settings=ACTING,
+        verification=["recovery"],
+        seeds=[3],
+        asked=[{"figure": "final", "where": {"setting": "plain", "verification": "recovery"}, "at_least": 1.0}],
+    )
+    call(folder, "run", "suite.yaml", "-r", "r", "-j", 2)
+    check_settings(read_episodes(folder / "r"))
+    check_report(folder / "r")
+
+
+def check_settings(records):
+    found = {id: (each["verdict"], len(each["sessions"]), each["is_met"]) for id, each in records.items()}
+
+    assert found == {
+        "lift.plain.recovery.3": ("success", 3, True),
+        "lift.no_replan.recovery.3": ("failure", 1, False),
+        "lift.low.recovery.3": ("success", 1, False),  # lower than the scorer asks: a false success
+        "lift.strict.recovery.3": ("failure", 3, True),
+        "lift.once.recovery.3": ("failure", 1, False),
+    }
+    assert {each["taxon"] for id, each in records.items() if id.startswith(("lift.low.r", "lift.strict.r"))} == {
+        "verifier"
+    }
+
+
+def check_report(acted):
+    report = json.loads((acted / "report.json").read_text())
+    row = next(row for row in report["rows"] if row["axes"]["setting"] == "plain")
+    (episode,) = [each for each in report["episodes"] if each["id"] in row["episodes"]]
+
+    assert row["final"] == {
+        "successes": 1,
+        "trials": 1,
+        "share": 1.0,
+        "wilson_95": pytest.approx([0.2065, 1.0], abs=1e-4),
+    }
+    assert [session["id"] for session in episode["sessions"]] == ["lift-3.high", "lift-3.high.r1", "lift-3.high.r2"]
+    assert all((acted / session["bundle"] / "execution.json").is_file() for session in episode["sessions"])
+    page = (acted / "report.html").read_text()
+    assert all(session["bundle"] in page for session in episode["sessions"])
+    assert "http" not in page, "no outside request"
+    assert "src=" not in page or "src='data:" in page
+    assert "lift-3.high.r2" in (acted / "report.md").read_text() or "lift.plain.recovery.3" in page
+
+
+def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp_path):
+    folder = make_project(tmp_path / "p", seeds={"count": 4}, verification=["off"])
+    run = folder / "r"
+    process = subprocess.Popen(
+        make_command("run", "suite.yaml", "-r", "r", "-j", 1), cwd=folder, env=get_environment(), start_new_session=True
+    )
+    deadline_s = time.monotonic() + 120.0  # noqa: TID251
+    is_busy = False
+    while not 2 <= len(list(run.glob("episodes/*/workspace/workspace.yaml"))) == len(read_lines(run)) + 1:
+        assert process.poll() is None
+        is_busy = is_busy or ((run / "episodes").exists() and "RUN_BUSY" in call(folder, "resume", "r", code=4).stderr)
+        assert time.monotonic() < deadline_s, "no second episode began"  # noqa: TID251
+        time.sleep(0.01)  # noqa: TID251
+    process.kill()
+    process.wait()
+    with (run / "episodes.jsonl").open("ab") as log:
+        log.write(b'{"id":"lift.1","task":"li')  # what a cut leaves of a line
+    before = read_lines(run)[:-1]
+    half_done = next(path for path in run.glob("episodes/*/workspace") if not (path.parent / "record.json").exists())
+
+    call(folder, "resume", "r")
+
+    lines = read_lines(run)
+    assert is_busy
+    assert lines[: len(before)] == before
+    assert sorted(json.loads(line)["id"] for line in lines) == [f"lift.off.{seed}" for seed in range(4)]
+    repeated = next(record for record in read_episodes(run).values() if f"{record['id']}-1" == half_done.parent.name)
+    assert repeated["folder"] == f"episodes/{repeated['id']}-2", (
+        "a half-done episode begins anew in a folder of its own"
+    )
+    assert not is_held(half_done / WATCHDOG_LOCK), "no process of the killed run is left"
+    assert {record["verdict"] for record in read_episodes(run).values()} == {"unverified"}, "its mode acts"
+    call(folder, "resume", "r")
+    assert read_lines(run) == lines
+    graph = folder / "goal_graphs" / "lift.yaml"
+    graph.write_text(graph.read_text().replace("Three", "Four"))
+    assert "lift.yaml: RUN_DIFFERS" in call(folder, "resume", "r", code=2).stderr
+
+
+def read_lines(run):
+    path = run / "episodes.jsonl"
+    return path.read_bytes().splitlines() if path.exists() else []
+
+
+def test_passes_that_adapt_leave_memory_to_frozen_ones(tmp_path):
+    passes = {
+        "learn": {"memory": "adapting", "seeds": [0, 1]},
+        "after": {"memory": "frozen"},
+        "emptied": {"memory": "emptied"},
+    }
+    folder = make_project(tmp_path / "p", passes=passes, seeds=[5])
+    call(folder, "run", "suite.yaml", "-r", "r", "-j", 2)
+    records = read_episodes(folder / "r")
+    first, second, after, emptied = (
+        records[id] for id in ("learn.lift.0", "learn.lift.1", "after.lift.5", "emptied.lift.5")
+    )
+
+    sizes = [measure_experience(folder / "r" / each["folder"]) for each in (emptied, first, second, after)]
+    assert sizes[0] == 0 < sizes[1] < sizes[2] == sizes[3], "each learns on top of the one before, frozen ones read"
+    assert after["memory_before"] == after["memory_after"] == second["memory_after"]
+    assert emptied["memory_before"] == first["memory_before"]
+
+
+def measure_experience(episode):
+    return sum(path.stat().st_size for path in (episode / "memory").rglob("*.md"))
+
+
+def test_a_comparison_is_paired_by_seed_and_ends_with_1_on_a_regression(tmp_path, monkeypatch):
+    folder = make_project(tmp_path / "p", settings={name: ACTING[name] for name in ("plain", "no_replan")})
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(folder)
+    begin_run(tmp_path / "r", folder / "suite.yaml", compile_suite(folder / "suite.yaml"), SystemClock())
+    log = EpisodeLog(tmp_path / "r")
+    for setting, seed in itertools.product(("plain", "no_replan"), range(6)):
+        facts = {"task": "lift", "setting": setting, "seed": seed, "at": "", "folder": ""}
+        log.append(EpisodeRecord(id=f"{setting}.{seed}", is_met=setting == "plain", **facts))
+    log.close()
+
+    done = call(tmp_path, "compare", "r:setting=plain", "r:setting=no_replan", code=1)
+    assert "gained 0, lost 6, p = 0.03125" in done.stdout
+    call(tmp_path, "compare", "r:setting=no_replan", "r:setting=plain")
+    assert "UNKNOWN_NAME" in call(tmp_path, "compare", "r:settings=plain", "r", code=2).stderr
+
+
+@pytest.mark.sim
+def test_what_is_asked_of_a_simulated_world_acts_too(tmp_path):
+    task = {
+        "graph": "tidy_table",
+        "score": {"red": {"in_tray": ["red_cube", "red_tray"]}},
+        "faults": "faults.yaml",
+        "sense": "truth",
+        "pictures": False,
+        "set": {"defaults.max_replans": 0},
+    }
+    folder = tmp_path / "p"
+    folder.mkdir()
+    slip = {"version": 1, "faults": [{"kind": "slip", "object": "red_cube"}]}
+    (folder / "faults.yaml").write_text(yaml.safe_dump(slip))
+    suite = {**SUITE, "tasks": {"tidy": task}, "seeds": [7], "scorer": "simulator"}
+    (folder / "suite.yaml").write_text(yaml.safe_dump(suite))
+    call(folder, "run", "suite.yaml", "-r", "r", code=0)
+    (record,) = read_episodes(folder / "r").values()
+    bundle = folder / "r" / record["sessions"][0]["bundle"]
+
+    assert (record["verdict"], record["is_met"], record["taxon"]) == ("failure", False, "execution")
+    assert json.loads((bundle / "faults.json").read_text())
+    assert not (bundle / "before.png").exists()
+    assert not list(bundle.glob("look-*"))

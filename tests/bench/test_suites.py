@@ -1,0 +1,199 @@
+"""Suites as files: what is wrong stands at its place, what is not here is counted, figures are what records say."""
+
+import json
+import os
+
+import msgspec
+import pytest
+import yaml
+
+from phyagentos.agent.judging.causes import Cause
+from phyagentos.bench.comparison import compare
+from phyagentos.bench.environments import find_lacks, plan_setup
+from phyagentos.bench.matrix import compile_suite
+from phyagentos.bench.records import EpisodeLog, EpisodeRecord, read_records
+from phyagentos.bench.suite_file import Asked, Variant, merge
+from phyagentos.bench.summary import compute_figure
+from phyagentos.bench.taxonomy import Taxon, classify_cause, classify_problems
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.environments import EnvironmentSpec
+from tests.bench.suite_of_counter import SUITE, make_project
+
+TIDY = {"graph": "tidy_table", "score": {"red": {"in_tray": ["red_cube", "red_tray"]}}}
+
+
+@pytest.fixture
+def read(tmp_path, monkeypatch):
+    """Compiles a suite of `tidy_table` in which some keys are replaced; of the simulator's scorer."""
+    monkeypatch.chdir(tmp_path)
+
+    def compile_changed(**changes):
+        path = tmp_path / "suite.yaml"
+        suite = {**SUITE, "tasks": {"tidy": TIDY}, "scorer": "simulator", **changes}
+        path.write_text(yaml.safe_dump(suite, sort_keys=False))
+        return compile_suite(path)
+
+    return compile_changed
+
+
+def test_the_matrix_is_the_product_of_its_axes_in_order(read):
+    plan = read(
+        tasks={"tidy": TIDY, "again": {**TIDY, "initial_states": {"near": {}, "far": {}}}},
+        policies={"a": {}, "b": {}},
+        settings={"x": {}, "y": {}},
+        verification=["off", "recovery"],
+        seeds={"first": 5, "count": 2},
+    )
+
+    assert len(plan.orders) == len({order.id for order in plan.orders}) == (1 + 2) * 2 * 2 * 2 * 2
+    assert plan.orders[0].id == "tidy.a.x.off.5"
+    assert plan.orders[-1].id == "again.far.b.y.recovery.6"
+    assert plan.orders[-1].goal == "again-6"
+
+
+def test_of_two_axes_that_say_the_same_the_later_one_is_heard():
+    merged = merge(
+        [
+            Variant(set={"a": 1, "b": 1}, files={"safety.yaml": {"x": 1, "y": 1}}, sense="truth", needs=("m",)),
+            Variant(set={"b": 2}, files={"safety.yaml": {"y": 2}}, pictures=False, needs=("n",)),
+        ]
+    )
+
+    assert merged.set == {"a": 1, "b": 2}
+    assert merged.files == {"safety.yaml": {"x": 1, "y": 2}}
+    assert (merged.sense, merged.pictures, merged.needs) == ("truth", False, ("m", "n"))
+
+
+MISTAKES = {
+    "a graph": ({"tasks": {"tidy": {**TIDY, "graph": "tidy_tabel"}}}, "UNKNOWN_FILE", 5, "tidy_table"),
+    "a condition": ({"tasks": {"tidy": {**TIDY, "score": {"red": {"in_trey": []}}}}}, "UNKNOWN_NAME", 8, "in_tray"),
+    "its arguments": ({"tasks": {"tidy": {**TIDY, "score": {"red": {"in_tray": ["x"]}}}}}, "WRONG_ARGUMENTS", 8, ""),
+    "a scorer": ({"scorer": "simulater"}, "UNKNOWN_SCORER", 13, "simulator"),
+    "a repair": ({"common": {"repair": "repare"}}, "UNKNOWN_REPAIR", 15, "repair"),
+    "a module": ({"common": {"repair": "no_such_module:Repair"}}, "UNKNOWN_REPAIR", 15, ""),
+    "faults": ({"settings": {"x": {"faults": "one_randon"}}}, "UNKNOWN_FILE", 16, "one_random"),
+    "an axis": ({"asked": [{"figure": "final", "where": {"tusk": "tidy"}, "at_least": 1}]}, "UNKNOWN_NAME", 17, "task"),
+    "a value": ({"asked": [{"figure": "final", "where": {"task": "tidi"}, "at_least": 1}]}, "UNKNOWN_NAME", 17, "tidy"),
+    "no bound": ({"asked": [{"figure": "final"}]}, "MISSING_KEY", 15, ""),
+    "a key": ({"common": {"sens": "truth"}}, "UNKNOWN_KEY", 15, "sense"),
+    "an environment": ({"common": {"environment": "libero"}}, "UNKNOWN_NAME", 15, ""),
+    "a file": ({"common": {"files": {"safty.yaml": {}}}}, "UNKNOWN_NAME", 16, "safety.yaml"),
+    "its value": ({"common": {"files": {"perception.yaml": {"sensing": "lies"}}}}, "INVALID_VALUE", 17, ""),
+    "an override": ({"common": {"set": {"targets.arn": "panda"}}}, "INVALID_OVERRIDE", 0, ""),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_named_where_it_stands(mistake, read):
+    changes, code, line, nearest = MISTAKES[mistake]
+    with pytest.raises(DefinitionError) as error:
+        read(**changes)
+    found = [problem for problem in error.value.problems if problem.code == code]
+
+    assert found, error.value.problems
+    assert not line or found[0].address.split(":")[1] == str(line), found[0]
+    assert nearest in found[0].hint
+
+
+def test_what_is_not_here_is_missing_and_says_why(read, monkeypatch, tmp_path):
+    monkeypatch.setenv("PHYAGENTOS_ENVIRONMENTS", str(tmp_path))
+    plan = read(
+        environments={"other": {"packages": ["numpy"]}},
+        settings={"here": {}, "there": {"environment": "other"}, "module": {"needs": ["no_such_module"]}},
+        policies={"own": {}, "served": {"ready": "127.0.0.1:9"}, "begun": {"serve": ["no-such-program"]}},
+        seeds=[0],
+    )
+    codes = {id: [problem.code for problem in problems] for id, problems in plan.missing.items()}
+
+    assert "tidy.own.here.0" not in codes
+    assert codes["tidy.own.there.0"] == ["ENVIRONMENT_MISSING"]
+    assert codes["tidy.own.module.0"] == ["MODULE_MISSING"]
+    assert codes["tidy.served.here.0"] == codes["tidy.begun.here.0"] == ["POLICY_MISSING"]
+    assert "paos bench setup other" in str(plan.missing["tidy.own.there.0"][0])
+
+
+def test_an_environment_lacks_what_it_does_not_hold(monkeypatch, tmp_path):
+    import sys
+
+    monkeypatch.setenv("PHYAGENTOS_ENVIRONMENTS", str(tmp_path))
+    python = tmp_path / "this" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n')
+    python.chmod(0o755)
+    whole = EnvironmentSpec(packages=("numpy>=1", "pyyaml"), imports=("yaml",))
+    lacking = EnvironmentSpec(packages=("numpy<1", "no-such-package"), imports=("no_such_module",))
+
+    assert find_lacks("this", whole) == []
+    assert [problem.expected for problem in find_lacks("this", lacking)] == [
+        "numpy<1",
+        "no-such-package",
+        "module no_such_module",
+    ]
+    assert [command[1:4] for command in plan_setup("new", whole)] == [
+        ["-m", "venv", str(tmp_path / "new")],
+        ["-m", "pip", "install"],
+    ]
+
+
+def make_record(id="a.1", **facts):
+    return EpisodeRecord(**{"id": id, "task": "a", "seed": 1, "at": "", "folder": "", "verdict": "success", **facts})
+
+
+def test_the_log_keeps_a_record_once_and_drops_a_half_line(tmp_path):
+    log = EpisodeLog(tmp_path)
+    assert log.append(make_record())
+    assert not log.append(make_record(verdict="failure"))
+    log.close()
+    with (tmp_path / "episodes.jsonl").open("ab") as file:
+        file.write(b'{"id":"a.2"')
+    log = EpisodeLog(tmp_path)
+    assert log.append(make_record("a.3", seed=3))
+    log.close()
+
+    assert [record.id for record in read_records(tmp_path)] == ["a.1", "a.3"]
+    (tmp_path / "episodes.jsonl").write_bytes(b"{}\n")
+    with pytest.raises(DefinitionError, match=r"episodes\.jsonl:1: RUN_DAMAGED"):
+        read_records(tmp_path)
+
+
+def test_a_gap_in_the_second_run_is_a_regression():
+    runs = [[make_record(f"a.{seed}", seed=seed, is_met=True) for seed in seeds] for seeds in (range(4), range(3))]
+
+    assert compare(*runs).is_regression()
+    assert not compare(runs[1], runs[0]).is_regression()
+    with pytest.raises(DefinitionError, match="NOT_PAIRED"):
+        compare(runs[0], [make_record("b.9", seed=9)])
+
+
+def test_figures_are_those_of_the_records():
+    records = [
+        make_record("a.1", is_met=True, parts={"x": True, "y": True}, first_parts={"x": True}),
+        make_record("a.2", seed=2, is_met=False, replans=1, parts={"x": True, "y": False}, first_parts={"x": False}),
+        make_record("a.3", seed=3, is_met=True, replans=1, verdict="failure", parts={"x": True, "y": True}),
+    ]
+    found = {name: compute_figure(Asked(figure=name), records) for name in ("final", "first", "parts", "first_parts")}
+
+    assert found == {"final": 2 / 3, "first": 1 / 3, "parts": 5 / 6, "first_parts": 0.5}
+    assert compute_figure(Asked(figure="parts", part="y"), records) == 2 / 3
+    assert compute_figure(Asked(figure="false_successes"), records) == 1.0
+    assert compute_figure(Asked(figure="false_failures"), records) == 1.0
+
+
+def test_every_cause_of_a_verdict_has_a_kind_of_failure():
+    kinds = {cause: classify_cause(cause) for cause in Cause}
+
+    assert set(kinds.values()) == set(Taxon)
+    assert kinds[Cause.OBJECT_HIDDEN] is Taxon.PERCEPTION
+    assert kinds[Cause.GRASP_MISSED] is Taxon.EXECUTION
+    assert classify_problems([Problem("NO_IK", "x")]) is Taxon.PLANNING
+    assert classify_problems([Problem("JOINT_UNKNOWN", "x")]) is Taxon.ADAPTER
+    assert classify_problems([Problem("POLICY_MISMATCH", "x")]) is Taxon.POLICY
+
+
+@pytest.mark.parametrize("path", sorted((make_project.__globals__["ROOT"] / "benchmarks" / "suites").glob("*.yaml")))
+def test_a_suite_that_ships_compiles(path):
+    plan = compile_suite(path)
+
+    assert plan.orders
+    assert json.loads(msgspec.json.encode(plan.orders[0]))["id"] == plan.orders[0].id
+    assert os.fspath(path.stem) == plan.suite.suite
