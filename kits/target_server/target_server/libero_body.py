@@ -34,6 +34,7 @@ STEP_S = 0.05
 WIDTH_M = 0.08
 GRIP_STEP_M = 0.01  # of the opening in one step
 FORCE_N = 20.0  # of a finger: its motor's limit
+SQUEEZE_M = 0.04  # of the opening, at which both motors reach it
 SETTLE_STEPS = 10  # after an initial state is set, as the benchmark's own evaluation does
 LAG_S = 2.0 / np.sqrt(150.0)  # by which the controller is behind a steady motion: damping over stiffness
 MOST_M, MOST_RAD = 0.05, 0.5  # an action of 1
@@ -104,13 +105,12 @@ class LiberoBody(Body):
     def read(self) -> State:
         q, qd = self._data.qpos[self._q_at], self._data.qvel[self._qd_at]
         position_m, rotation = self._read_tool(self._data)
-        width_m = float(sum(abs(self._data.joint(name).qpos[0]) for name in FINGERS))
         return State(
             q=q.tolist(),
             qd=qd.tolist(),
             tcp_m=tuple(position_m.tolist()),
             tcp_wxyz=tuple(to_quaternion(rotation)),
-            width_m=min(width_m, WIDTH_M),
+            width_m=self._measure_width(),
             holding=tuple(each.name for each in self._things if self._is_held(each)),
         )
 
@@ -241,12 +241,18 @@ class LiberoBody(Body):
         self._reached = self._reached or bool(self._env.check_success())
 
     def _choose_grip(self) -> float:
-        """1 closes, -1 opens, by a fixed step of the opening; 0 leaves it."""
-        gripper = self._env.env.robots[0].gripper
-        wide_m = WIDTH_M * (1.0 + float(gripper.current_action[0])) / 2.0
-        if abs(self._width_m - wide_m) < GRIP_STEP_M / 2.0:
+        """1 closes, -1 opens, by a fixed step of the opening that the motors have as their aim; 0 leaves it.
+
+        Their aim is not brought further into a thing than their full force needs, so that they let go at once.
+        """
+        aim_m = WIDTH_M * (1.0 + float(self._env.env.robots[0].gripper.current_action[0])) / 2.0
+        wanted_m = max(self._width_m, self._measure_width() - SQUEEZE_M)
+        if abs(wanted_m - aim_m) < GRIP_STEP_M / 2.0:
             return 0.0
-        return 1.0 if self._width_m < wide_m else -1.0
+        return 1.0 if wanted_m < aim_m else -1.0
+
+    def _measure_width(self) -> float:
+        return min(float(sum(abs(self._data.joint(name).qpos[0]) for name in FINGERS)), WIDTH_M)
 
     def _rest(self) -> None:
         self._wanted = np.array(self._data.qpos[self._q_at])
