@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 SLIDE, HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
 PLANE_HALF_M = (1.5, 1.5, 0.05)  # of a plane as a box
+ALONG = 0.9  # cosine of the angle up to which two directions are one
 PROUD_M = 0.002  # what stands this far beyond the face of a panel is a handle on it
 FLAT_M = 0.012  # half the height up to which a marked box is a surface to put things on, and not a room
 SURFACE_M = 0.1  # room above such a surface
@@ -141,7 +142,7 @@ def list_things(
             heads.setdefault(_find_head(model, body), []).append(body)
     things = []
     for head, bodies in heads.items():
-        geoms = [geom for body in bodies for geom in _list_geoms(model, body)]
+        geoms = _drop_doubles(model, [geom for body in bodies for geom in _list_geoms(model, body)])
         if geoms:
             things += _make_things(model, data, head, bodies, geoms, owners, kinds, sites)
     return things
@@ -166,6 +167,15 @@ def _list_geoms(model: Any, body: int) -> list[int]:
     return [g for g in range(first, first + count) if model.geom_contype[g] or model.geom_conaffinity[g]]
 
 
+def _drop_doubles(model: Any, geoms: Sequence[int]) -> list[int]:
+    """Without those that are the very solid of another one."""
+    seen = {
+        (model.geom_bodyid[g], model.geom_type[g], *(array[g].round(6).tobytes() for array in (model.geom_size, model.geom_pos, model.geom_quat))): g
+        for g in reversed(geoms)
+    }
+    return sorted(seen.values())
+
+
 def _make_things(
     model: Any,
     data: Any,
@@ -179,7 +189,7 @@ def _make_things(
     """The thing of a head, and its handle where it has one."""
     owner = _find_owner(model, head, owners)
     joint = _read_joint(model, head)
-    name = owners.get(head) or model.body(head).name or "floor"
+    name = owners.get(head) or (model.body(head).name if head else "floor")
     is_free = bool(model.body_jntnum[head]) and joint is None
     solids = tuple(_read_solid(model, data, geom, head) for geom in geoms)
     handle = find_handle(solids, joint) if joint is not None else frozenset()
@@ -255,31 +265,23 @@ def _measure_half(kind: str, size_m: Sequence[float]) -> Array:
 
 
 def find_handle(solids: Sequence[Solid], joint: Joint) -> frozenset[int]:
-    """The solids by which a thing is opened.
+    """The solids by which a thing is opened: those that stand out from the face of its panel; none where nothing does.
 
-    Of what slides: those that stand beyond the outer face of its largest panel across the way. Of what turns: those
-    beyond the largest panel's face, on the side to which they reach furthest. None where nothing stands out.
+    Of what slides the panel is across its way, and the outer face counts. Of what turns it is the largest one, and the
+    side to which more stands out: a door, or the disc of a knob.
     """
     faces = [_find_face(solid) for solid in solids]
-    if joint.kind == "slide":
-        across = [abs(float(normal @ joint.axis)) > 0.9 for normal, _ in faces]
-        panels = [index for index, is_across in enumerate(across) if is_across]
-        outward = joint.axis
-    else:
-        panels = [index for index, (normal, _) in enumerate(faces) if abs(float(normal @ joint.axis)) < 0.3]
-        outward = faces[max(panels, key=lambda index: faces[index][1])][0] if panels else joint.axis
-    if not panels:
-        return frozenset()
-    largest = max(faces[index][1] for index in panels)
-    outer = [index for index in panels if faces[index][1] > 0.5 * largest]
-    ways = (outward,) if joint.kind == "slide" else (outward, -outward)
+    largest = max(faces, key=lambda face: face[1])
+    normal = joint.axis if joint.kind == "slide" else largest[0]
+    panels = {index for index, (way, _) in enumerate(faces) if abs(float(way @ normal)) > ALONG}
+    least = 0.5 * max((faces[index][1] for index in panels), default=0.0)
+    outer = {index for index in panels if faces[index][1] > least}
     found: list[tuple[float, frozenset[int]]] = []
-    for way in ways:
-        face_m = max(float((solids[index].corners_m @ way).max()) for index in outer)
-        proud = [i for i, solid in enumerate(solids) if i not in outer and float((solid.corners_m @ way).max()) > face_m + PROUD_M
-                 and float(solid.center_m @ way) > face_m]  # fmt: skip
-        reach_m = max((float((solids[i].corners_m @ way).max()) - face_m for i in proud), default=0.0)
-        found.append((reach_m, frozenset(proud)))
+    for way in (normal,) if joint.kind == "slide" else (normal, -normal):
+        face_m = max((float((solids[index].corners_m @ way).max()) for index in outer), default=np.inf)
+        reach = {i: float((solid.corners_m @ way).max()) - face_m for i, solid in enumerate(solids) if i not in outer}
+        proud = {i for i, by_m in reach.items() if by_m > PROUD_M and float(solids[i].center_m @ way) > face_m}
+        found.append((max((reach[i] for i in proud), default=0.0), frozenset(proud)))
     return max(found, key=lambda each: each[0])[1]
 
 
