@@ -143,7 +143,7 @@ def score(record: Record, report: MissionReport, server: Server) -> Record:
         "reason": report.reason,
         "success": bool(scored and scored[-1]["success"]),
         "reached": any(each["reached"] for each in scored),
-        "is_first": all(each.attempt == 1 for each in report.sessions) and report.replans == 0,
+        "is_first": report.replans == 0 and all(report.first_attempt_success.values()),
         "steps": scored[-1]["steps"] if scored else 0,
         "sessions": len(report.sessions),
         "sim_s": round(sum(each.sim_time_s for each in report.sessions), 2),
