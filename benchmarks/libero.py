@@ -71,7 +71,9 @@ def main() -> int:
                 console.print(f"{told}, {record['sessions']} sessions, {record['wall_s']:.0f} s", highlight=False)
     chosen = [known[key] for key in sorted(known) if key[0] in given.suites and key[2] in given.states]
     show(Console(), chosen, given.suites)
-    line, holds = format_outcome(compute_figures(chosen), {k: v for k, v in ASKED.items() if _is_asked(k, given.suites)})
+    line, holds = format_outcome(
+        compute_figures(chosen), {k: v for k, v in ASKED.items() if _is_asked(k, given.suites)}
+    )
     print(line)
     return 0 if holds else 1
 
@@ -83,7 +85,9 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--suites", nargs="+", default=list(SUITES))
     parser.add_argument("--tasks", type=int, nargs="+", default=list(range(TASKS)))
     parser.add_argument("--states", type=int, nargs="+", default=list(range(STATES)), help="official initial states")
-    parser.add_argument("--results", type=Path, required=True, help="one JSON line an episode; what stands there is kept")
+    parser.add_argument(
+        "--results", type=Path, required=True, help="one JSON line an episode; what stands there is kept"
+    )
     parser.add_argument("--keep", type=Path, help="folder for projects and workspaces, kept afterwards")
     return parser.parse_args()
 
@@ -147,12 +151,23 @@ def score(record: Record, report: MissionReport, server: Server) -> Record:
         "steps": scored[-1]["steps"] if scored else 0,
         "sessions": len(report.sessions),
         "sim_s": round(sum(each.sim_time_s for each in report.sessions), 2),
-        "ended": [f"{each.node}: {each.verdict or each.state} {each.cause} {each.code} {each.leaf}" for each in report.sessions],
+        "ended": [
+            f"{each.node}: {each.verdict or each.state} {each.cause} {each.code} {each.leaf}"
+            for each in report.sessions
+        ],
     }
 
 
 def _begin_record(suite: str, task: int, state: int) -> Record:
-    none = {"success": False, "reached": False, "is_first": False, "steps": 0, "sessions": 0, "sim_s": 0.0, "wall_s": 0.0}
+    none = {
+        "success": False,
+        "reached": False,
+        "is_first": False,
+        "steps": 0,
+        "sessions": 0,
+        "sim_s": 0.0,
+        "wall_s": 0.0,
+    }
     return {"suite": suite, "task": task, "state": state, **none, "ended": []}
 
 
@@ -170,14 +185,18 @@ def compute_figures(records: Sequence[Record]) -> dict[str, float]:
         figures[f"{suite}_final"] = sum(map(is_final, of)) / len(of)
         figures[f"{suite}_first"] = sum(is_final(each) and each["is_first"] for each in of) / len(of)
     said = [record for record in records if record["verdict"] == "success"]
-    figures["false_success_rate"] = sum(not each["success"] for each in said) / len(records) if records else float("nan")
+    figures["false_success_rate"] = (
+        sum(not each["success"] for each in said) / len(records) if records else float("nan")
+    )
     figures["false_failures"] = sum(each["success"] and each["verdict"] != "success" for each in records)
     return figures
 
 
 def show(console: Console, records: Sequence[Record], suites: Sequence[str]) -> None:
     """A row a task, and one a suite."""
-    table = Table("task", "Final", "First", "scorer", "false success", "sim, s", title="LIBERO, builtin skills, sensing: state")
+    table = Table(
+        "task", "Final", "First", "scorer", "false success", "sim, s", title="LIBERO, builtin skills, sensing: state"
+    )
     for suite in suites:
         of = [record for record in records if record["suite"] == suite]
         for task in sorted({record["task"] for record in of}):

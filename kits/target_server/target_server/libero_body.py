@@ -36,7 +36,9 @@ GRIP_STEP_M = 0.01  # of the opening in one step
 FORCE_N = 20.0  # of a finger: its motor's limit
 SQUEEZE_M = 0.04  # of the opening, at which both motors reach it
 SETTLE_STEPS = 10  # after an initial state is set, as the benchmark's own evaluation does
-FIXTURES_SEED = 0  # where fixtures stand is drawn at each reset, and no part of an initial state; 0 as in its evaluation
+FIXTURES_SEED = (
+    0  # where fixtures stand is drawn at each reset, and no part of an initial state; 0 as in its evaluation
+)
 LAG_S = 2.0 / np.sqrt(150.0)  # by which the controller is behind a steady motion: damping over stiffness
 MOST_M, MOST_RAD = 0.05, 0.5  # an action of 1
 LEVER_M = 0.5  # a tool that is so far off is off as by one radian of an arm
@@ -188,7 +190,11 @@ class LiberoBody(Body):
         self._tip_m = self._measure_tip()
         self._sides = [frozenset(data.body(name).id for name in names) for names in JAWS]
         roots = {int(number): name for name, number in inner.obj_body_id.items()}
-        kinds = {name: each.category_name for name, each in {**inner.objects_dict, **inner.fixtures_dict}.items() if hasattr(each, "category_name")}
+        kinds = {
+            name: each.category_name
+            for name, each in {**inner.objects_dict, **inner.fixtures_dict}.items()
+            if hasattr(each, "category_name")
+        }
         self._things = list_things(model, data, roots, kinds, frozenset(inner.object_sites_dict), ROBOT)
         self._of_body = {body: each for each in self._things for body in each.bodies}
         low, high = zip(*(model.joint(name).range for name in ARM), strict=True)
@@ -213,7 +219,10 @@ class LiberoBody(Body):
         mujoco.mj_kinematics(self._model, self._scratch)
         joints = [self._scratch.joint(name) for name in ARM]
         return [
-            (tuple((self._base.T @ each.xaxis).tolist()), tuple((self._base.T @ (each.xanchor - self._base_m)).tolist()))
+            (
+                tuple((self._base.T @ each.xaxis).tolist()),
+                tuple((self._base.T @ (each.xanchor - self._base_m)).tolist()),
+            )
             for each in joints
         ]
 
@@ -277,7 +286,9 @@ class LiberoBody(Body):
 
     def _read_entity(self, thing: Thing) -> Entity:
         position_m, rotation = self._locate(thing)
-        more: dict[str, Any] = {"speed_m_s": float(np.linalg.norm(self._data.cvel[thing.body][3:]))} if thing.movable else {}
+        more: dict[str, Any] = (
+            {"speed_m_s": float(np.linalg.norm(self._data.cvel[thing.body][3:]))} if thing.movable else {}
+        )
         if self._is_held(thing):
             more["held_by"] = self.target
         if (room := thing.interior) is not None:

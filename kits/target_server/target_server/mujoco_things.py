@@ -125,7 +125,12 @@ class Thing:
 
 
 def list_things(
-    model: Any, data: Any, owners: Mapping[int, str], kinds: Mapping[str, str], sites: Collection[str], skip: Sequence[str]
+    model: Any,
+    data: Any,
+    owners: Mapping[int, str],
+    kinds: Mapping[str, str],
+    sites: Collection[str],
+    skip: Sequence[str],
 ) -> list[Thing]:
     """All things of a model, but for bodies whose names begin with one of `skip`.
 
@@ -170,7 +175,11 @@ def _list_geoms(model: Any, body: int) -> list[int]:
 def _drop_doubles(model: Any, geoms: Sequence[int]) -> list[int]:
     """Without those that are the very solid of another one."""
     seen = {
-        (model.geom_bodyid[g], model.geom_type[g], *(array[g].round(6).tobytes() for array in (model.geom_size, model.geom_pos, model.geom_quat))): g
+        (
+            model.geom_bodyid[g],
+            model.geom_type[g],
+            *(array[g].round(6).tobytes() for array in (model.geom_size, model.geom_pos, model.geom_quat)),
+        ): g
         for g in reversed(geoms)
     }
     return sorted(seen.values())
@@ -307,9 +316,7 @@ def _read_marks(
         yield make_mark(site.name, center_m, rotation, np.array(model.site_size[number]), world_R_head.T[:, 2], solids)
 
 
-def make_mark(
-    name: str, center_m: Array, rotation: Array, half_m: Array, up: Array, solids: Sequence[Solid]
-) -> Mark:
+def make_mark(name: str, center_m: Array, rotation: Array, half_m: Array, up: Array, solids: Sequence[Solid]) -> Mark:
     """A mark whose bottom lies on what carries things there, with room above it where it is flat.
 
     Args:
