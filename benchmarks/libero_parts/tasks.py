@@ -1,14 +1,12 @@
 """A task as a project of this framework: scene file, goal graph, profile and limits, from what its environment says."""
 
-import os
 import shutil
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import msgspec
+import mujoco
 import numpy as np
-import yaml
 
 from benchmarks.libero_parts.served import Server
 from phyagentos.assembly.paths import TOKENS, open_project
@@ -75,12 +73,6 @@ def open_workspace(root: Path, project: Path, server: Server) -> Workspace:
     token = workspace.root / TOKENS / ROBOT
     token.parent.mkdir(parents=True, exist_ok=True)
     token.touch(mode=0o600)
-    os.chmod(token, 0o600)
+    token.chmod(0o600)
     token.write_text(server.key.hex())
     return workspace
-
-
-def read_yaml_goal(graph: Path) -> dict[str, Any]:
-    """A goal graph as plain data."""
-    found: dict[str, Any] = yaml.safe_load(graph.read_text())
-    return found

@@ -5,7 +5,7 @@ initial state nor the objects of interest. No skill is named here; the selector 
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +18,6 @@ Expression = str | list["Expression"]
 
 _TOKEN = re.compile(r"[()]|[^\s()]+")
 TIMEOUT_S = 120.0  # of a session, in the target's time
-SHOW = "docs/targets.md"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,7 +143,14 @@ def _close(inventory: Inventory, name: str) -> Effect:
     return Effect(f"closed({(what := inventory.find_mechanism(name))})", mechanism=what)
 
 
-_MEANINGS = {"in": _put_in, "on": _put_on, "open": _open, "close": _close, "turnon": _open, "turnoff": _close}
+_MEANINGS: dict[str, Callable[..., Effect]] = {
+    "in": _put_in,
+    "on": _put_on,
+    "open": _open,
+    "close": _close,
+    "turnon": _open,
+    "turnoff": _close,
+}
 
 
 def translate(text: str, inventory: Inventory) -> list[Effect]:

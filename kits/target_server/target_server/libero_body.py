@@ -82,7 +82,8 @@ class LiberoBody(Body):
 
     def __init__(self, settings: Settings) -> None:
         self._settings, self.target = settings, settings.target
-        self._scene, self._env, self._steps, self._state = "", None, 0, 0
+        self._scene, self._steps, self._state = "", 0, 0
+        self._env: Any = None
         self.tools = {"describe_scene": self._describe_scene}
         self.load(settings.scene, 0, b"")
 
@@ -109,11 +110,12 @@ class LiberoBody(Body):
     def read(self) -> State:
         q, qd = self._data.qpos[self._q_at], self._data.qvel[self._qd_at]
         position_m, rotation = self._read_tool(self._data)
+        w, x, y, z = to_quaternion(rotation)
         return State(
             q=q.tolist(),
             qd=qd.tolist(),
             tcp_m=tuple(position_m.tolist()),
-            tcp_wxyz=tuple(to_quaternion(rotation)),
+            tcp_wxyz=(w, x, y, z),
             width_m=self._measure_width(),
             holding=tuple(each.name for each in self._things if self._is_held(each)),
         )
@@ -199,7 +201,7 @@ class LiberoBody(Body):
         self._of_body = {body: each for each in self._things for body in each.bodies}
         low, high = zip(*(model.joint(name).range for name in ARM), strict=True)
         self.joints = [
-            Joint(name.removeprefix("robot0_"), float(a), float(b), velocity, slides=False, axis=axis, anchor_m=anchor_m)
+            Joint(name.removeprefix("robot0_"), float(a), float(b), velocity, axis, anchor_m, slides=False)
             for name, a, b, velocity, (axis, anchor_m) in zip(
                 ARM, low, high, self._settings.velocity_rad_s, self._measure_axes(), strict=True
             )
@@ -227,7 +229,7 @@ class LiberoBody(Body):
         ]
 
     def _read_tool(self, data: Any) -> tuple[Array, Array]:
-        """Tool centre point (3,), midway between the pads, and its rotation (3, 3): z approaches, y is the closing axis."""
+        """Tool centre point (3,), midway between the pads, and its rotation (3, 3): z approaches, y closes."""
         rotation = self._base.T @ data.site_xmat[self._grip].reshape(3, 3)
         position_m = self._base.T @ (data.site_xpos[self._grip] - self._base_m) + rotation @ self._tip_m
         return position_m, rotation @ np.array(((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
@@ -269,10 +271,8 @@ class LiberoBody(Body):
         self._wanted = np.array(self._data.qpos[self._q_at])
 
     def _is_held(self, thing: Thing) -> bool:
-        """Whether both jaws touch a thing that moves freely."""
-        if not thing.movable or thing.part_of:
-            return False
-        return all(any(self._touches(side, geom) for geom in thing.geoms) for side in self._sides)
+        """Whether both jaws touch a thing that moves."""
+        return thing.movable and all(any(self._touches(side, geom) for geom in thing.geoms) for side in self._sides)
 
     def _touches(self, side: frozenset[int], geom: int) -> bool:
         pairs = self._data.contact.geom if self._data.ncon else ()

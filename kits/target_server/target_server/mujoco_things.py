@@ -36,7 +36,7 @@ class Solid:
     """
 
     kind: str
-    size_m: Sequence[float]
+    size_m: Array
     center_m: Array
     rotation: Array
     half_m: Array
@@ -135,7 +135,8 @@ def list_things(
     """All things of a model, but for bodies whose names begin with one of `skip`.
 
     Args:
-        model: The compiled model; `data` a state in which nothing is held.
+        model: The compiled model.
+        data: A state in which nothing is held.
         owners: Names of objects by the body that is their root.
         kinds: Their kinds.
         sites: Names of the sites that mark rooms and surfaces.
@@ -145,7 +146,7 @@ def list_things(
     for body in range(model.nbody):
         if not model.body(body).name.startswith(tuple(skip)):
             heads.setdefault(_find_head(model, body), []).append(body)
-    things = []
+    things: list[Thing] = []
     for head, bodies in heads.items():
         geoms = _drop_doubles(model, [geom for body in bodies for geom in _list_geoms(model, body)])
         if geoms:
@@ -210,7 +211,7 @@ def _make_things(
         kind=kind,
         body=head,
         bodies=frozenset(bodies),
-        geoms=tuple(geoms),
+        geoms=tuple(geoms[index] for index in kept),
         solids=tuple(solids[index] for index in kept),
         movable=is_free or joint is not None,
         joint=joint,
@@ -265,7 +266,7 @@ def _read_solid(model: Any, data: Any, geom: int, head: int) -> Solid:
     return Solid("box", half_m, center_m + rotation @ middle_m, rotation, half_m)
 
 
-def _measure_half(kind: str, size_m: Sequence[float]) -> Array:
+def _measure_half(kind: str, size_m: Array) -> Array:
     """(3,) of the box around a solid."""
     if kind == "box":
         return np.array(size_m)
@@ -321,7 +322,9 @@ def make_mark(name: str, center_m: Array, rotation: Array, half_m: Array, up: Ar
 
     Args:
         name: Of the site.
-        center_m: (3,) in the frame of the thing, as `rotation` (3, 3) and `up` (3,), which points up in the world.
+        center_m: (3,) in the frame of the thing.
+        rotation: (3, 3) from its own axes to that frame.
+        up: (3,) in that frame, points up in the world.
         half_m: (3,) along its own axes.
         solids: Of the thing.
     """

@@ -105,8 +105,15 @@ class Checks:
             promised = (substitute(text, values) for text in self.catalogue.skills[done.skill].guarantees)
             established += (*self.nodes[before].spec.accept, *promised)
         mechanisms = self.catalogue.find_mechanisms(self.spec.scene)
-        given = {"established": established, "mechanisms": mechanisms, "address": address}
-        return select(skill, target, node.spec.arguments, self.catalogue, **given)
+        return select(
+            skill,
+            target,
+            node.spec.arguments,
+            self.catalogue,
+            established=established,
+            mechanisms=mechanisms,
+            address=address,
+        )
 
     def _check_worlds(self) -> Iterator[Problem]:
         """Targets of the goal's worlds: known, in one world each, and there by their own profile."""

@@ -147,7 +147,7 @@ def _iter_skills(
         if missing:
             rejected[name] = f"it must begin with {missing}, which no earlier node brings about"
             continue
-        if isinstance(skill, Promise) and (unfit := _find_unfit(runtime, parameters, mechanisms)):
+        if unfit := _find_unfit(runtime, parameters, mechanisms):
             rejected[name] = unfit
             continue
         bindings = ", ".join(f"{key} = {syntax.format_value(value)}" for key, value in parameters.items())
