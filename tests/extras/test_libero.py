@@ -44,7 +44,7 @@ def test_a_task_is_done_and_its_own_scorer_agrees(tmp_path, pytestconfig):
     files = [path for path in evidence.rglob("*") if path.suffix in {".json", ".jsonl", ".yaml"}]
     assert files
     for path in files:
-        assert '"reached"' not in path.read_text(), f"{path.name} tells what the scorer says"
+        assert '"success"' not in path.read_text(), f"{path.name} tells what the scorer says"
 
 
 def test_no_file_of_the_project_names_a_task_or_thing_of_it(pytestconfig):
