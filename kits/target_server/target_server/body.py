@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 Triple = tuple[float, float, float]
@@ -38,6 +38,7 @@ class State:
         q: (n_joints,) positions, `qd` velocities.
         tcp_m: (3,) where the tool is, in the world [m]; `tcp_wxyz` how it is turned.
         width_m: Opening of its gripper [m].
+        holding: Names of the things that its gripper holds, where it can tell.
     """
 
     q: Sequence[float]
@@ -45,6 +46,7 @@ class State:
     tcp_m: Triple
     tcp_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     width_m: float = 0.0
+    holding: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,8 @@ class Entity:
     """A thing as the body's simulation knows it.
 
     Attributes:
-        shapes: Maps with `kind` (`box`, `sphere`, `cylinder`) and `size_m`, its half extents.
+        shapes: Maps with `kind` (`box`, `sphere`, `cylinder`, `capsule`), `size_m`, its half extents, and `pose`.
+        more: Further fields of an entity, as the framework names them: `joint`, `mechanism`, `interior`, `part_of`.
     """
 
     name: str
@@ -61,6 +64,14 @@ class Entity:
     quaternion_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     movable: bool = True
     shapes: Sequence[Mapping[str, Any]] = ()
+    more: Mapping[str, Any] = field(default_factory=dict)
+
+    def encode(self) -> dict[str, Any]:
+        """As the wire has it."""
+        return {
+            "name": self.name, "kind": self.kind, "movable": self.movable, "shapes": list(self.shapes),
+            "pose": {"position_m": self.position_m, "quaternion_wxyz": self.quaternion_wxyz}, **self.more,
+        }  # fmt: skip
 
 
 class Body(ABC):
@@ -112,6 +123,14 @@ class Body(ABC):
         """The ground truth of things, where `has_truth`."""
         return ()
 
+    def list_regions(self) -> Sequence[Mapping[str, Any]]:
+        """Boxes of space that have names: `name`, `pose` and `half_m` [m], where `has_truth`."""
+        return ()
+
+    def measure_error(self, wanted: Sequence[float]) -> float:
+        """How far it is behind set-points (n_joints,), as the greatest angle of a joint [rad]."""
+        return max((abs(q - each) for q, each in zip(self.read().q, wanted, strict=True)), default=0.0)
+
     @abstractmethod
     def step(self, q: Sequence[float], qd: Sequence[float], width_m: float) -> str:
         """Take one row of set-points; `step_s` has passed then.
@@ -131,6 +150,9 @@ class Body(ABC):
     def snapshot(self) -> tuple[str, bytes] | None:
         """Media type and whole state, from which `load` goes on with the same bits; None where there is no such."""
         return None
+
+    def note_end(self, session: str) -> None:  # noqa: B027 - not every body needs it
+        """A session has ended; the body is at rest."""
 
     def close(self) -> None:  # noqa: B027 - not every body needs it
         """Close devices."""

@@ -173,13 +173,10 @@ class Served:
             if not self.body.has_truth:
                 raise Refusal("NO_GROUND_TRUTH", "the target has no ground truth")
             reply["entities"] = [
-                {
-                    "name": each.name, "kind": each.kind, "movable": each.movable, "observed_at_s": self.body.time_s,
-                    "pose": {"position_m": each.position_m, "quaternion_wxyz": each.quaternion_wxyz},
-                    "shapes": list(each.shapes), "source": self.body.driver,
-                }
+                each.encode() | {"observed_at_s": self.body.time_s, "source": self.body.driver}
                 for each in self.body.list_entities()
-            ]  # fmt: skip
+            ]
+            reply["regions"] = list(self.body.list_regions())
         snapshot = self.body.snapshot() if request["snapshot"] else None
         if snapshot is not None:
             reply["snapshot"] = {"media_type": snapshot[0], "data": snapshot[1]}
@@ -324,21 +321,20 @@ class Served:
             self._note(self._events.pop(0))
 
     def _end(self) -> None:
-        self._floors[self.session] = self._epoch + 1
-        self.session = ""
+        session, self.session = self.session, ""
+        self._floors[session] = self._epoch + 1
         if self.is_moving:
             self.body.halt(2)
         self._rest()
+        self.body.note_end(session)
 
     def _rest(self) -> None:
         self.is_moving, self._last = False, self.body.read().q
 
     def _report(self, stopped: str, wanted: Any) -> dict[str, Any]:
-        state = self.body.read()
-        error = max((abs(q - target) for q, target in zip(state.q, wanted, strict=True)), default=0.0)
         return {
-            "type": "Step", "time_s": self.body.time_s, "target": _encode(state), "tracking_error_rad": error,
-            "stopped": stopped,
+            "type": "Step", "time_s": self.body.time_s, "target": _encode(self.body.read()), "stopped": stopped,
+            "tracking_error_rad": self.body.measure_error(wanted),
         }  # fmt: skip
 
     def _note(self, kind: str, request: dict[str, Any] | None = None, code: str = "") -> None:
@@ -356,4 +352,5 @@ def _encode(state: State) -> dict[str, Any]:
     return {
         "q_rad": list(map(float, state.q)), "qd_rad_s": list(map(float, state.qd)), "gripper_width_m": state.width_m,
         "tcp": {"position_m": list(map(float, state.tcp_m)), "quaternion_wxyz": list(state.tcp_wxyz)},
+        "holding": list(state.holding),
     }  # fmt: skip

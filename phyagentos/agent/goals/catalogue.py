@@ -70,6 +70,14 @@ class Catalogue:
         listed = {name: body.kind for name, body in content.bodies.items() if body.listed}
         return dict.fromkeys(content.regions, "region") | listed
 
+    def find_mechanisms(self, scene: str) -> dict[str, str]:
+        """How each thing with a joint moves, `slide` or `hinge`; empty when the scene cannot be read."""
+        try:
+            content = read_scene(self.scenes[scene])
+        except (KeyError, DefinitionError):
+            return {}
+        return {name: body.joint.kind for name, body in content.bodies.items() if body.joint is not None}
+
     def find_alike(self, scene: str) -> dict[str, frozenset[str]]:
         """Things of a scene that no picture tells from others, and those; empty when it cannot be read."""
         try:

@@ -104,7 +104,16 @@ class Checks:
             values = {"target": done.target, **done.parameters}
             promised = (substitute(text, values) for text in self.catalogue.skills[done.skill].guarantees)
             established += (*self.nodes[before].spec.accept, *promised)
-        return select(skill, target, node.spec.arguments, self.catalogue, established=established, address=address)
+        mechanisms = self.catalogue.find_mechanisms(self.spec.scene)
+        return select(
+            skill,
+            target,
+            node.spec.arguments,
+            self.catalogue,
+            established=established,
+            mechanisms=mechanisms,
+            address=address,
+        )
 
     def _check_worlds(self) -> Iterator[Problem]:
         """Targets of the goal's worlds: known, in one world each, and there by their own profile."""

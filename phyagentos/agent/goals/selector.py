@@ -44,6 +44,7 @@ def select(
     catalogue: Catalogue,
     *,
     established: Sequence[str] = (),
+    mechanisms: Mapping[str, str] = {},
     address: str = "selector",
 ) -> Choice:
     """Choose skill and target for one node.
@@ -54,13 +55,14 @@ def select(
         arguments: As authored.
         catalogue: The candidates.
         established: Guarantees of earlier nodes; a skill that begins with holding a thing needs one of them.
+        mechanisms: How each known thing moves, `slide` or `hinge`; a skill for the other kind does not fit it.
         address: Where the node stands, for messages.
 
     Raises:
         DefinitionError: A name is unknown, or every candidate is rejected: with the reason of each rejection.
     """
     rejected: dict[str, str] = {}
-    skills = list(_iter_skills(skill, arguments, catalogue, established, rejected))
+    skills = list(_iter_skills(skill, arguments, catalogue, established, mechanisms, rejected))
     certain = {name: is_beside(profile.model) for name, profile in catalogue.targets.items()}
     targets = sorted(certain, key=lambda name: (not certain[name], name)) if target == ANY else [target]
     candidates = []
@@ -127,6 +129,7 @@ def _iter_skills(
     arguments: Mapping[str, Any],
     catalogue: Catalogue,
     established: Sequence[str],
+    mechanisms: Mapping[str, str],
     rejected: dict[str, str],
 ) -> Iterator[_Candidate]:
     if isinstance(skill, str):
@@ -143,6 +146,9 @@ def _iter_skills(
         missing = _find_unestablished(runtime, parameters, established)
         if missing:
             rejected[name] = f"it must begin with {missing}, which no earlier node brings about"
+            continue
+        if unfit := _find_unfit(runtime, parameters, mechanisms):
+            rejected[name] = unfit
             continue
         bindings = ", ".join(f"{key} = {syntax.format_value(value)}" for key, value in parameters.items())
         reason = f"{name} guarantees {promise}, so {wanted.text} with {bindings}"
@@ -188,6 +194,16 @@ def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, Any], es
         if held is not None and held not in before:
             return predicate.text
     return None
+
+
+def _find_unfit(runtime: SkillRuntime, parameters: Mapping[str, Any], mechanisms: Mapping[str, str]) -> str:
+    """A thing that moves otherwise than the skill presumes; empty where none is known to."""
+    for key, parameter in runtime.parameters.items():
+        thing = parameters.get(key)
+        moves = mechanisms.get(thing) if isinstance(thing, str) else None
+        if parameter.mechanism is not None and moves not in (None, parameter.mechanism):
+            return f"{key} has to be a thing with a {parameter.mechanism}, and {thing} has a {moves}"
+    return ""
 
 
 def _find_calls(texts: Iterable[str]) -> set[str]:

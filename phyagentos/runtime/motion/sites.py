@@ -128,7 +128,7 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
     entity = next((e for e in request.world.entities if e.name == request.destination), None)
     others = [e for e in request.world.entities if e.shapes and e.name != held.name]
     if entity is not None and request.relation == "on":
-        box = max(compute_shape_boxes(entity), key=lambda box: (round(box.top_m, 6), float(np.prod(box.half_m))))
+        box = _choose_top(entity)
         return _level_space(box, box.top_m, [entity], walled=False)
     if entity is not None and entity.interior is not None:
         box = _place_box(compute_matrix(entity.pose), entity.interior.center_m, entity.interior.half_m)
@@ -141,6 +141,13 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
         floor_m = max([t for t in tops if abs(t - box.bottom_m) <= SUPPORT_BAND_M], default=box.bottom_m)
         return _level_space(box, floor_m, carriers, walled=True)
     return None
+
+
+def _choose_top(entity: Entity) -> Box:
+    """The solid that carries what is put on an entity: the highest under its middle, so not the rim of a plate."""
+    boxes, middle_m = compute_shape_boxes(entity), compute_entity_box(entity).pose[:2, 3]
+    under = [box for box in boxes if box.compute_distance(np.append(middle_m, box.pose[2, 3])) <= 0.0]
+    return max(under or boxes, key=lambda box: (round(box.top_m, 6), float(np.prod(box.half_m))))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,224 @@
+"""LIBERO's tasks by the builtin skills, on the ordinary path, beside the benchmark's own scorer.
+
+    make build/libero/.installed        # a Python environment with the extra `libero`: 2.1 GB
+    python -m benchmarks.libero --results libero.jsonl                  # Spatial, Object, Goal and LIBERO-10
+    python -m benchmarks.libero --suites libero_object --tasks 0 3 --states 0 1 --results libero.jsonl
+
+An episode is one task from one of its official initial states, with nothing given but the task's goal in BDDL. Goal
+graphs are generated from it by effect; shapes, rooms, joints and handles are read from the environment's compiled
+model. No code and no setting is of a task.
+
+What is known: the sensing is *state*, so the poses and shapes of all things are the simulator's own. The scorer is
+LIBERO's predicate. Its process computes it after each session and never sends it; a line a session is read from its
+file afterwards. An episode has no limit of steps, as published evaluations have (220 to 520): its simulated time is
+printed instead.
+
+Final: at the end of the goal the scorer agrees, and so does the verdict. First: the same without a second session of
+any node. False success: a verdict `success` where the scorer disagrees at the end. Each episode is one line of the
+results file: a run resumes where it stopped. The last line is JSON.
+"""
+
+import argparse
+import json
+import shutil
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.libero_parts.served import Server, serve
+from benchmarks.libero_parts.tasks import open_workspace, read_profile, write_project
+from phyagentos.agent.mission.report import MissionReport
+from phyagentos.assembly.agent_plane import Agent, MemoryUse
+from phyagentos.bench.report import Ask, Rate, format_outcome
+from phyagentos.bench.suite import open_bench
+from phyagentos.clock import SystemClock
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.sessions.session import GoalId
+from phyagentos.protocol.settings.perception import Sensing
+
+SUITES = ("libero_spatial", "libero_object", "libero_goal", "libero_10")
+TASKS, STATES = 10, 5
+ASKED = {
+    "libero_spatial_final": Ask(0.9, at_least=True),
+    "libero_object_final": Ask(0.9, at_least=True),
+    "libero_goal_final": Ask(0.75, at_least=True),
+    "libero_10_final": Ask(0.75, at_least=True),
+    "false_success_rate": Ask(0.01, at_least=False),
+}
+
+Record = dict[str, Any]
+Key = tuple[str, int, int]
+
+
+def main() -> int:
+    """Run what is missing, show everything, and exit with whether every asked figure holds."""
+    given = parse_arguments()
+    console = Console(stderr=True)
+    known = read_results(given.results)
+    for suite in given.suites:
+        for task in given.tasks:
+            states = [state for state in given.states if (suite, task, state) not in known]
+            for record in run_task(given, suite, task, states) if states else ():
+                with given.results.open("a") as results:
+                    results.write(json.dumps(record) + "\n")
+                known[suite, task, record["state"]] = record
+                told = f"{suite}/{task} from {record['state']}: {record['verdict']}, scorer {record['success']}"
+                console.print(f"{told}, {record['sessions']} sessions, {record['wall_s']:.0f} s", highlight=False)
+    chosen = [known[key] for key in sorted(known) if key[0] in given.suites and key[2] in given.states]
+    show(Console(), chosen, given.suites)
+    line, holds = format_outcome(
+        compute_figures(chosen), {k: v for k, v in ASKED.items() if _is_asked(k, given.suites)}
+    )
+    print(line)
+    return 0 if holds else 1
+
+
+def parse_arguments() -> argparse.Namespace:
+    """What is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--python", type=Path, default=Path("build/libero/bin/python"))
+    parser.add_argument("--suites", nargs="+", default=list(SUITES))
+    parser.add_argument("--tasks", type=int, nargs="+", default=list(range(TASKS)))
+    parser.add_argument("--states", type=int, nargs="+", default=list(range(STATES)), help="official initial states")
+    parser.add_argument(
+        "--results", type=Path, required=True, help="one JSON line an episode; what stands there is kept"
+    )
+    parser.add_argument("--keep", type=Path, help="folder for projects and workspaces, kept afterwards")
+    return parser.parse_args()
+
+
+def read_results(path: Path) -> dict[Key, Record]:
+    """Episodes that ended before; a line that a kill cut off is run again."""
+    known: dict[Key, Record] = {}
+    for line in path.read_text().splitlines() if path.exists() else ():
+        try:
+            record = json.loads(line)
+            known[record["suite"], record["task"], record["state"]] = record
+        except (ValueError, KeyError):
+            continue
+    return known
+
+
+def run_task(given: argparse.Namespace, suite: str, task: int, states: Sequence[int]) -> Iterator[Record]:
+    """Episodes of one task, each as it ended."""
+    folder = (given.keep or given.results.with_suffix(".work")) / f"{suite}_{task}"
+    folder.mkdir(parents=True, exist_ok=True)
+    scene = f"{suite}/{task}"
+    try:
+        with serve(given.python.absolute(), read_profile(), scene, folder / "outcomes.jsonl") as server:
+            told = server.describe(read_profile(), scene)
+            try:
+                graph = write_project(folder / "project", scene, told, server)
+            except DefinitionError as error:
+                for state in states:
+                    yield _begin_record(suite, task, state) | {"verdict": "untranslated", "reason": str(error)}
+                return
+            with open_agent(folder, server) as agent:
+                for state in states:
+                    began_s = time.perf_counter()
+                    report = agent.mission.run(graph, seed=state, goal=GoalId(f"{graph.stem}-{state}"))
+                    record = score(_begin_record(suite, task, state), report, server)
+                    yield record | {"wall_s": round(time.perf_counter() - began_s, 1)}
+    finally:
+        if given.keep is None:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def open_agent(folder: Path, server: Server) -> Iterator[Agent]:
+    """Both planes in a fresh workspace; what one episode teaches does not help the next."""
+    number = sum(1 for _ in folder.glob("w*"))
+    workspace = open_workspace(folder / f"w{number}", folder / "project", server)
+    with open_bench(workspace, SystemClock(), sense=Sensing.TRUTH, memory_use=MemoryUse.NONE) as agent:
+        yield agent
+
+
+def score(record: Record, report: MissionReport, server: Server) -> Record:
+    """The verdict beside what the scorer said at the end of the last session."""
+    lines = server.read_outcomes()
+    scored = [lines[each.id] for each in report.sessions if each.id in lines]
+    return record | {
+        "verdict": report.verdict,
+        "reason": report.reason,
+        "success": bool(scored and scored[-1]["success"]),
+        "reached": any(each["reached"] for each in scored),
+        "is_first": report.replans == 0 and all(report.first_attempt_success.values()),
+        "steps": scored[-1]["steps"] if scored else 0,
+        "sessions": len(report.sessions),
+        "sim_s": round(sum(each.sim_time_s for each in report.sessions), 2),
+        "ended": [
+            f"{each.node}: {each.verdict or each.state} {each.cause} {each.code} {each.leaf}"
+            for each in report.sessions
+        ],
+    }
+
+
+def _begin_record(suite: str, task: int, state: int) -> Record:
+    none = {
+        "success": False,
+        "reached": False,
+        "is_first": False,
+        "steps": 0,
+        "sessions": 0,
+        "sim_s": 0.0,
+        "wall_s": 0.0,
+    }
+    return {"suite": suite, "task": task, "state": state, **none, "ended": []}
+
+
+def is_final(record: Record) -> bool:
+    """Whether scorer and verdict both say that the goal is met."""
+    return bool(record["success"]) and record["verdict"] == "success"
+
+
+def compute_figures(records: Sequence[Record]) -> dict[str, float]:
+    """Shares by suite, and of false successes and failures over all."""
+    figures: dict[str, float] = {}
+    for suite in dict.fromkeys(record["suite"] for record in records):
+        of = [record for record in records if record["suite"] == suite]
+        figures[f"{suite}_episodes"] = len(of)
+        figures[f"{suite}_final"] = sum(map(is_final, of)) / len(of)
+        figures[f"{suite}_first"] = sum(is_final(each) and each["is_first"] for each in of) / len(of)
+    said = [record for record in records if record["verdict"] == "success"]
+    figures["false_success_rate"] = (
+        sum(not each["success"] for each in said) / len(records) if records else float("nan")
+    )
+    figures["false_failures"] = sum(each["success"] and each["verdict"] != "success" for each in records)
+    return figures
+
+
+def show(console: Console, records: Sequence[Record], suites: Sequence[str]) -> None:
+    """A row a task, and one a suite."""
+    table = Table(
+        "task", "Final", "First", "scorer", "false success", "sim, s", title="LIBERO, builtin skills, sensing: state"
+    )
+    for suite in suites:
+        of = [record for record in records if record["suite"] == suite]
+        for task in sorted({record["task"] for record in of}):
+            table.add_row(*_describe(f"{suite}/{task}", [each for each in of if each["task"] == task]))
+        if of:
+            table.add_row(*_describe(suite, of, with_interval=True), style="bold", end_section=True)
+    console.print(table)
+
+
+def _describe(name: str, records: Sequence[Record], *, with_interval: bool = False) -> list[str]:
+    finals = sum(map(is_final, records))
+    firsts = sum(is_final(each) and each["is_first"] for each in records)
+    falses = sum(each["verdict"] == "success" and not each["success"] for each in records)
+    shares = [Rate(count, len(records)) for count in (finals, firsts, sum(each["success"] for each in records))]
+    cells = [str(each) if with_interval else f"{each.successes}/{each.trials}" for each in shares]
+    return [name, *cells, str(falses), f"{sum(each['sim_s'] for each in records) / len(records):.0f}"]
+
+
+def _is_asked(name: str, suites: Sequence[str]) -> bool:
+    return name == "false_success_rate" or name.removesuffix("_final") in suites
+
+
+if __name__ == "__main__":
+    sys.exit(main())

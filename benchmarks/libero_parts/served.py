@@ -1,0 +1,88 @@
+"""The process that serves LIBERO's tasks, in a Python environment of its own."""
+
+import json
+import os
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.drivers.remote import RemoteDriver
+from phyagentos.runtime.targets.handshake import greet, make_key, mint
+from phyagentos.runtime.targets.websocket import connect_websocket
+
+KIT = find_shipped_root() / "kits" / "target_server"
+
+
+@dataclass(frozen=True, slots=True)
+class Server:
+    """A process that serves one target.
+
+    Attributes:
+        endpoint: `ws://127.0.0.1:PORT`.
+        key: Of its tokens.
+        outcomes: File to which the benchmark's own scorer appends a line a session.
+    """
+
+    endpoint: str
+    key: bytes
+    outcomes: Path
+
+    def describe(self, profile: TargetProfile, scene: str) -> dict[str, Any]:
+        """The task of a scene as its environment describes it."""
+        channel = connect_websocket(self.endpoint)
+        greet(channel, mint(self.key))
+        driver = RemoteDriver(profile, channel, self.key)
+        try:
+            result = driver.invoke_tool("describe_scene", {"scene": scene})
+        finally:
+            driver.close()
+        found: dict[str, Any] = json.loads(result.artefacts["scene.json"].data)
+        return found
+
+    def read_outcomes(self) -> dict[str, dict[str, Any]]:
+        """The scorer's lines by session."""
+        lines = self.outcomes.read_text().splitlines() if self.outcomes.exists() else []
+        return {line["session"]: line for line in map(json.loads, lines)}
+
+
+@contextmanager
+def serve(python: Path, profile: TargetProfile, scene: str, outcomes: Path) -> Iterator[Server]:
+    """A process that has a scene loaded; it ends with the block. Raises RuntimeError with its words when it fails."""
+    key = make_key()
+    settings = {
+        "target": profile.target,
+        "scene": scene,
+        "velocity_rad_s": profile.arm.velocity_rad_s,
+        "outcomes": str(outcomes),
+    }
+    with outcomes.with_suffix(".log").open("ab") as log:
+        process = subprocess.Popen(
+            [python, "-m", "target_server.libero_body"],
+            env=os.environ | {"PYTHONPATH": str(KIT)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            text=True,
+        )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        process.stdin.write(f"{key.hex()}\n{json.dumps(settings)}\n")
+        process.stdin.flush()
+        said: list[str] = []
+        for line in iter(process.stdout.readline, ""):
+            said.append(line.strip())
+            if line.startswith("ws://"):
+                break
+        else:
+            raise RuntimeError(f"{python} serves nothing: {said[-1:] or 'no word'}; see {outcomes.with_suffix('.log')}")
+        yield Server(said[-1], key, outcomes)
+    finally:
+        process.stdin.close()
+        process.stdout.close()
+        process.wait()

@@ -1,0 +1,371 @@
+"""LIBERO's tasks as one target: set-points become actions of its operational-space controller (OSC_POSE), 20 Hz.
+
+    python -m target_server.libero_body < KEY_AND_SETTINGS      # two lines: the key, the settings as JSON
+
+A scene is `SUITE/NUMBER` and a seed the number of an official initial state. The controller follows the pose of the
+hand, so a row of joint positions becomes the pose to which they bring it; what the arm's seventh joint is free to do is
+the controller's own. Everything is told in the frame of the robot's base.
+
+What the benchmark says of success never goes over the wire. Where `outcomes` names a file, it is appended there at the
+end of each session, for who measures.
+"""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from libero.libero import benchmark
+from libero.libero.envs.env_wrapper import ControlEnv
+from numpy.typing import NDArray
+
+from target_server.body import Body, Entity, Joint, State
+from target_server.mujoco_things import Mark, Thing, list_things, to_quaternion
+from target_server.server import main
+from target_server.wire import Refusal
+
+Array = NDArray[np.float64]
+
+STEP_S = 0.05
+WIDTH_M = 0.08
+GRIP_STEP_M = 0.01  # of the opening in one step
+FORCE_N = 20.0  # of a finger: its motor's limit
+SQUEEZE_M = 0.04  # of the opening, at which both motors reach it
+SETTLE_STEPS = 10  # after an initial state is set, as the benchmark's own evaluation does
+FIXTURES_SEED = (
+    0  # where fixtures stand is drawn at each reset, and no part of an initial state; 0 as in its evaluation
+)
+LAG_S = 2.0 / np.sqrt(150.0)  # by which the controller is behind a steady motion: damping over stiffness
+MOST_M, MOST_RAD = 0.05, 0.5  # an action of 1
+LEVER_M = 0.5  # a tool that is so far off is off as by one radian of an arm
+STILL_RAD_S = 0.02
+HALT_STEPS = 60
+ROBOT = ("robot0", "gripper0", "mount0")
+ARM = tuple(f"robot0_joint{number}" for number in range(1, 8))
+FINGERS = ("gripper0_finger_joint1", "gripper0_finger_joint2")
+JAWS = (("gripper0_leftfinger", "gripper0_finger_joint1_tip"), ("gripper0_rightfinger", "gripper0_finger_joint2_tip"))
+SITE, PADS, FLANGE = "gripper0_grip_site", "gripper0_finger1_pad_collision", "robot0_link7"
+BASE = "robot0_link0"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A target made of LIBERO.
+
+    Attributes:
+        target: Its name in the framework.
+        scene: The one that is loaded first: `SUITE/NUMBER`.
+        velocity_rad_s: (7,) greatest speeds of set-points.
+        outcomes: File to which the success of each session is appended.
+    """
+
+    target: str
+    scene: str
+    velocity_rad_s: Sequence[float]
+    outcomes: str = ""
+
+
+class LiberoBody(Body):
+    """The robot of the task that is loaded."""
+
+    driver = "libero"
+    step_s = STEP_S
+    has_truth = True
+    observations = ("joint_state", "gripper_width", "entity_poses")
+    actions = ("joint_position", "gripper_width")
+    end_effector = "opening"
+    gripper_force_n, width_max_m = FORCE_N, WIDTH_M
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings, self.target = settings, settings.target
+        self._scene, self._steps, self._state = "", 0, 0
+        self._env: Any = None
+        self.tools = {"describe_scene": self._describe_scene}
+        self.load(settings.scene, 0, b"")
+
+    @property
+    def time_s(self) -> float:
+        return self._steps * STEP_S
+
+    def load(self, scene: str, seed: int, snapshot: bytes) -> None:
+        if snapshot:
+            raise Refusal("MALFORMED", "an episode goes on from no snapshot")
+        self._open(scene)
+        if not 0 <= seed < len(self._states):
+            raise Refusal("MALFORMED", f"seed {seed}; {scene} has the initial states 0 to {len(self._states) - 1}")
+        self._steps, self._reached, self._state = 0, False, seed
+        self._env.seed(FIXTURES_SEED)
+        self._env.reset()
+        self._env.set_init_state(self._states[seed])
+        self._data = self._env.sim.data._data
+        for _ in range(SETTLE_STEPS):
+            self._env.step([0.0] * 6 + [-1.0])
+        self._width_m = WIDTH_M
+        self._rest()
+
+    def read(self) -> State:
+        q, qd = self._data.qpos[self._q_at], self._data.qvel[self._qd_at]
+        position_m, rotation = self._read_tool(self._data)
+        w, x, y, z = to_quaternion(rotation)
+        return State(
+            q=q.tolist(),
+            qd=qd.tolist(),
+            tcp_m=tuple(position_m.tolist()),
+            tcp_wxyz=(w, x, y, z),
+            width_m=self._measure_width(),
+            holding=tuple(each.name for each in self._things if self._is_held(each)),
+        )
+
+    def measure_error(self, wanted: Sequence[float]) -> float:
+        position_m, rotation = self._read_tool(self._data)
+        aim_m, aim = self._compute_tool(np.asarray(wanted))
+        return float(max(np.linalg.norm(aim_m - position_m) / LEVER_M, np.linalg.norm(_to_vector(aim @ rotation.T))))
+
+    def list_entities(self) -> Sequence[Entity]:
+        return [self._read_entity(each) for each in self._things]
+
+    def list_regions(self) -> Sequence[Mapping[str, Any]]:
+        return [self._place(thing, mark) for thing in self._things for mark in thing.regions]
+
+    def step(self, q: Sequence[float], qd: Sequence[float], width_m: float) -> str:
+        self._wanted, self._width_m = np.array(q), width_m
+        self._act(np.asarray(qd))
+        return ""
+
+    def stay(self) -> None:
+        self._act(np.zeros(len(ARM)))
+
+    def halt(self, category: int) -> None:
+        self._wanted = np.array(self._data.qpos[self._q_at])
+        for _ in range(HALT_STEPS):
+            self.stay()
+            if np.abs(self._data.qvel[self._qd_at]).max() < STILL_RAD_S:
+                break
+        self._rest()
+
+    def note_end(self, session: str) -> None:
+        if self._settings.outcomes:
+            line = {"session": session, "scene": self._scene, "state": self._state, "steps": self._steps}
+            line |= {"success": bool(self._env.check_success()), "reached": self._reached}
+            with Path(self._settings.outcomes).open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line) + "\n")
+
+    def close(self) -> None:
+        if self._env is not None:
+            self._env.close()
+
+    def _open(self, scene: str) -> None:
+        """Build the environment of a scene, unless it is the present one."""
+        if scene == self._scene:
+            return
+        suite, _, number = scene.partition("/")
+        suites = benchmark.get_benchmark_dict()
+        if suite not in suites or not number.isdecimal():
+            raise Refusal("MALFORMED", f"no scene {scene!r}; SUITE/NUMBER of {', '.join(suites)}")
+        tasks = suites[suite]()
+        if int(number) >= tasks.n_tasks:
+            raise Refusal("MALFORMED", f"no scene {scene!r}; {suite} has the tasks 0 to {tasks.n_tasks - 1}")
+        if self._env is not None:
+            self._env.close()
+        self._bddl = Path(tasks.get_task_bddl_file_path(int(number)))
+        self._env = ControlEnv(
+            bddl_file_name=str(self._bddl), use_camera_obs=False, has_renderer=False, has_offscreen_renderer=False,
+            hard_reset=False, ignore_done=True,
+        )  # fmt: skip
+        self._env.reset()
+        self._scene, self._states = scene, tasks.get_task_init_states(int(number))
+        self._task = tasks.get_task(int(number)).language
+        self._read_model()
+
+    def _read_model(self) -> None:
+        """What stays as it is while this environment is open."""
+        inner, model, data = self._env.env, self._env.sim.model._model, self._env.sim.data._data
+        self._model, self._scratch = model, mujoco.MjData(model)
+        self._q_at = [int(model.joint(name).qposadr[0]) for name in ARM]
+        self._qd_at = [int(model.joint(name).dofadr[0]) for name in ARM]
+        self._base_m, self._base = data.body(BASE).xpos.copy(), data.body(BASE).xmat.reshape(3, 3).copy()
+        self._grip = data.site(SITE).id
+        self._tip_m = self._measure_tip()
+        self._sides = [frozenset(data.body(name).id for name in names) for names in JAWS]
+        roots = {int(number): name for name, number in inner.obj_body_id.items()}
+        kinds = {
+            name: each.category_name
+            for name, each in {**inner.objects_dict, **inner.fixtures_dict}.items()
+            if hasattr(each, "category_name")
+        }
+        self._things = list_things(model, data, roots, kinds, frozenset(inner.object_sites_dict), ROBOT)
+        self._of_body = {body: each for each in self._things for body in each.bodies}
+        low, high = zip(*(model.joint(name).range for name in ARM), strict=True)
+        self.joints = [
+            Joint(name.removeprefix("robot0_"), float(a), float(b), velocity, axis, anchor_m, slides=False)
+            for name, a, b, velocity, (axis, anchor_m) in zip(
+                ARM, low, high, self._settings.velocity_rad_s, self._measure_axes(), strict=True
+            )
+        ]  # fmt: skip
+        self.tcp_m = tuple(self._compute_tool(np.zeros(len(ARM)))[0].tolist())
+
+    def _measure_tip(self) -> Array:
+        """(3,) from the controller's site to the middle between the pads, in the site's frame."""
+        mujoco.mj_kinematics(self._model, self._scratch)
+        site, pad = self._scratch.site(SITE), self._scratch.geom(PADS)
+        along_m = float((pad.xpos - site.xpos) @ site.xmat.reshape(3, 3)[:, 2])
+        return np.array((0.0, 0.0, along_m))
+
+    def _measure_axes(self) -> list[tuple[Any, Any]]:
+        """Axis and anchor of each joint with all joints at zero."""
+        self._scratch.qpos[self._q_at] = 0.0
+        mujoco.mj_kinematics(self._model, self._scratch)
+        joints = [self._scratch.joint(name) for name in ARM]
+        return [
+            (
+                tuple((self._base.T @ each.xaxis).tolist()),
+                tuple((self._base.T @ (each.xanchor - self._base_m)).tolist()),
+            )
+            for each in joints
+        ]
+
+    def _read_tool(self, data: Any) -> tuple[Array, Array]:
+        """Tool centre point (3,), midway between the pads, and its rotation (3, 3): z approaches, y closes."""
+        rotation = self._base.T @ data.site_xmat[self._grip].reshape(3, 3)
+        position_m = self._base.T @ (data.site_xpos[self._grip] - self._base_m) + rotation @ self._tip_m
+        return position_m, rotation @ np.array(((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+
+    def _compute_tool(self, q: Array) -> tuple[Array, Array]:
+        """Where joint positions (7,) bring the tool."""
+        self._scratch.qpos[self._q_at] = q
+        mujoco.mj_kinematics(self._model, self._scratch)
+        return self._read_tool(self._scratch)
+
+    def _act(self, qd: Array) -> None:
+        """One step towards the wanted set-points, ahead by what the controller lags behind."""
+        aim_m, aim = self._compute_tool(self._wanted + LAG_S * qd)
+        position_m, rotation = self._read_tool(self._data)
+        site_m = (aim_m - position_m) + (rotation - aim) @ self._tip_m  # the site lies on the approach axis
+        action = np.zeros(7)
+        action[:3] = self._base @ site_m / MOST_M
+        action[3:6] = self._base @ _to_vector(aim @ rotation.T) / MOST_RAD
+        action[6] = self._choose_grip()
+        self._env.step(np.clip(action, -1.0, 1.0))
+        self._steps += 1
+        self._reached = self._reached or bool(self._env.check_success())
+
+    def _choose_grip(self) -> float:
+        """1 closes, -1 opens, by a fixed step of the opening that the motors have as their aim; 0 leaves it.
+
+        Their aim is not brought further into a thing than their full force needs, so that they let go at once.
+        """
+        aim_m = WIDTH_M * (1.0 + float(self._env.env.robots[0].gripper.current_action[0])) / 2.0
+        wanted_m = max(self._width_m, self._measure_width() - SQUEEZE_M)
+        if abs(wanted_m - aim_m) < GRIP_STEP_M / 2.0:
+            return 0.0
+        return 1.0 if wanted_m < aim_m else -1.0
+
+    def _measure_width(self) -> float:
+        return min(float(sum(abs(self._data.joint(name).qpos[0]) for name in FINGERS)), WIDTH_M)
+
+    def _rest(self) -> None:
+        self._wanted = np.array(self._data.qpos[self._q_at])
+
+    def _is_held(self, thing: Thing) -> bool:
+        """Whether both jaws touch a thing that moves."""
+        return thing.movable and all(any(self._touches(side, geom) for geom in thing.geoms) for side in self._sides)
+
+    def _touches(self, side: frozenset[int], geom: int) -> bool:
+        pairs = self._data.contact.geom if self._data.ncon else ()
+        bodies = self._model.geom_bodyid
+        return any((a == geom and int(bodies[b]) in side) or (b == geom and int(bodies[a]) in side) for a, b in pairs)
+
+    def _locate(self, thing: Thing) -> tuple[Array, Array]:
+        """Position (3,) and rotation (3, 3) of a thing."""
+        position_m = self._base.T @ (self._data.xpos[thing.body] - self._base_m)
+        return position_m, self._base.T @ self._data.xmat[thing.body].reshape(3, 3)
+
+    def _read_entity(self, thing: Thing) -> Entity:
+        position_m, rotation = self._locate(thing)
+        more: dict[str, Any] = (
+            {"speed_m_s": float(np.linalg.norm(self._data.cvel[thing.body][3:]))} if thing.movable else {}
+        )
+        if self._is_held(thing):
+            more["held_by"] = self.target
+        if (room := thing.interior) is not None:
+            half_m = np.abs(room.rotation) @ room.half_m
+            more["interior"] = {"center_m": room.center_m.tolist(), "half_m": half_m.tolist()}
+        if (joint := thing.joint) is not None:
+            share = (float(self._data.qpos[joint.address]) - joint.closed) / (joint.opened - joint.closed)
+            more["joint"] = min(max(share, 0.0), 1.0)
+            more["mechanism"] = {
+                "kind": joint.kind, "axis": joint.axis.tolist(), "travel": joint.travel,
+                "anchor_m": joint.anchor_m.tolist(), "closed": self._place_closed(thing),
+            }  # fmt: skip
+        if thing.part_of:
+            more["part_of"] = thing.part_of
+        x, y, z = position_m.tolist()
+        a, b, c, d = to_quaternion(rotation)
+        shapes = [each.encode() for each in thing.solids]
+        return Entity(thing.name, thing.kind, (x, y, z), (a, b, c, d), thing.movable, shapes, more)
+
+    def _place_closed(self, thing: Thing) -> dict[str, Any]:
+        """Pose of what has a joint when it is closed."""
+        joint = thing.joint
+        assert joint is not None
+        self._scratch.qpos[:] = self._data.qpos
+        self._scratch.qpos[joint.address] = joint.closed
+        mujoco.mj_kinematics(self._model, self._scratch)
+        position_m = self._base.T @ (self._scratch.xpos[thing.body] - self._base_m)
+        rotation = self._base.T @ self._scratch.xmat[thing.body].reshape(3, 3)
+        return {"position_m": position_m.tolist(), "quaternion_wxyz": to_quaternion(rotation)}
+
+    def _place(self, thing: Thing, mark: Mark) -> dict[str, Any]:
+        position_m, rotation = self._locate(thing)
+        pose = {
+            "position_m": (position_m + rotation @ mark.center_m).tolist(),
+            "quaternion_wxyz": to_quaternion(rotation @ mark.rotation),
+        }
+        return {"name": mark.name, "pose": pose, "half_m": mark.half_m.tolist()}
+
+    def _describe_scene(self, arguments: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
+        """The task in its own words, and every thing with its geometry."""
+        self._open(str(arguments.get("scene") or self._scene))
+        self.load(self._scene, int(arguments.get("seed", 0)), b"")
+        marks = [(thing.name, mark) for thing in self._things for mark in thing.marks]
+        told = {
+            "language": self._task,
+            "goal": self._bddl.read_text(encoding="utf-8"),
+            "states": len(self._states),
+            "entities": [each.encode() for each in self.list_entities()],
+            "regions": self.list_regions(),
+            "owners": {each.name: each.owner for each in self._things},
+            "marks": {mark.name: {"entity": name, "is_surface": mark.is_surface} for name, mark in marks},
+            "tool": self._describe_tool(),
+        }
+        return {"scene.json": ("application/json", json.dumps(told).encode())}
+
+    def _describe_tool(self) -> dict[str, float]:
+        """How far the tool centre point and the tips of the pads are from the flange [m]."""
+        self._compute_tool(np.zeros(len(ARM)))
+        tool_m, _ = self._read_tool(self._scratch)
+        flange_m = self._base.T @ (self._scratch.body(FLANGE).xpos - self._base_m)
+        return {
+            "flange_to_tool_m": float(np.linalg.norm(tool_m - flange_m)),
+            "tip_m": float(self._model.geom(PADS).size[2]),
+        }
+
+
+def _to_vector(rotation: Array) -> Array:
+    """(3,) axis times angle [rad] of a rotation (3, 3)."""
+    found, quaternion = np.empty(3), np.array(to_quaternion(rotation))
+    mujoco.mju_quat2Vel(found, quaternion, 1.0)
+    return found
+
+
+def make_body() -> LiberoBody:
+    """As the settings on the second line of standard input say."""
+    return LiberoBody(Settings(**json.loads(sys.stdin.readline())))
+
+
+if __name__ == "__main__":
+    main(make_body)

@@ -1,0 +1,360 @@
+"""The things of a compiled MuJoCo model: what is welded together, its solids, its joint, handle, and room inside.
+
+Everything is computed from the model's geometry, whatever the things are called. Boxes, cylinders, capsules and spheres
+stay; a mesh becomes the box around its hull along its own axes. Poses are in the frame of a root that stands still.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SLIDE, HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
+PLANE_HALF_M = (1.5, 1.5, 0.05)  # of a plane as a box
+ALONG = 0.9  # cosine of the angle up to which two directions are one
+PROUD_M = 0.002  # what stands this far beyond the face of a panel is a handle on it
+FLAT_M = 0.012  # half the height up to which a marked box is a surface to put things on, and not a room
+SURFACE_M = 0.1  # room above such a surface
+FLOOR_M = (-0.03, 0.05)  # where the solid that carries what stands on a mark is looked for, beside its middle
+_KINDS = {mujoco.mjtGeom.mjGEOM_BOX: "box", mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+          mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule", mujoco.mjtGeom.mjGEOM_SPHERE: "sphere"}  # fmt: skip
+_KINDS_BY_NUMBER = {int(geom): kind for geom, kind in _KINDS.items()}
+_N_SIZES = {"box": 3, "cylinder": 2, "capsule": 2, "sphere": 1}
+
+
+@dataclass(frozen=True)
+class Solid:
+    """One solid in the frame of its thing.
+
+    Attributes:
+        half_m: (3,) of the box around it, along its own axes; `rotation` (3, 3) and `center_m` (3,) place it.
+    """
+
+    kind: str
+    size_m: Array
+    center_m: Array
+    rotation: Array
+    half_m: Array
+
+    @property
+    def corners_m(self) -> Array:
+        """(8, 3) of the box around it."""
+        signs = np.array(np.meshgrid((-1, 1), (-1, 1), (-1, 1))).reshape(3, -1).T
+        corners: Array = self.center_m + (signs * self.half_m) @ self.rotation.T
+        return corners
+
+    def encode(self) -> dict[str, Any]:
+        """As the wire has it."""
+        pose = {"position_m": self.center_m.tolist(), "quaternion_wxyz": to_quaternion(self.rotation)}
+        return {"kind": self.kind, "size_m": list(map(float, self.size_m)), "pose": pose}
+
+
+@dataclass(frozen=True)
+class Joint:
+    """How a thing opens.
+
+    Attributes:
+        kind: `slide` or `hinge`.
+        address: Of its position in `qpos`.
+        closed, opened: Its position [m or rad].
+        axis: (3,) in the frame of the thing, so that positive is opening; `anchor_m` (3,) is a point on it.
+    """
+
+    kind: str
+    address: int
+    closed: float
+    opened: float
+    axis: Array
+    anchor_m: Array
+
+    @property
+    def travel(self) -> float:
+        """From closed to open [m or rad]."""
+        return abs(self.opened - self.closed)
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A box that the model marks: room inside a thing, or room above a surface, in the frame of its thing."""
+
+    name: str
+    center_m: Array
+    half_m: Array
+    rotation: Array
+    is_surface: bool
+
+
+@dataclass(frozen=True)
+class Thing:
+    """Bodies that are welded to each other.
+
+    Attributes:
+        body: The one whose frame it has.
+        bodies: All of them.
+        owner: Name of the object that it belongs to, as the task names it.
+        part_of: Name of the thing that it is fixed to: a handle of its drawer.
+    """
+
+    name: str
+    owner: str
+    kind: str
+    body: int
+    bodies: frozenset[int]
+    geoms: tuple[int, ...]
+    solids: tuple[Solid, ...]
+    movable: bool
+    joint: Joint | None = None
+    part_of: str = ""
+    marks: tuple[Mark, ...] = field(default=())
+
+    @property
+    def interior(self) -> Mark | None:
+        """Where things are put into it; None where it marks no room, or several."""
+        rooms = [mark for mark in self.marks if not mark.is_surface]
+        return rooms[0] if len(rooms) == 1 else None
+
+    @property
+    def regions(self) -> tuple[Mark, ...]:
+        """The other marks."""
+        return tuple(mark for mark in self.marks if mark is not self.interior)
+
+
+def list_things(
+    model: Any,
+    data: Any,
+    owners: Mapping[int, str],
+    kinds: Mapping[str, str],
+    sites: Collection[str],
+    skip: Sequence[str],
+) -> list[Thing]:
+    """All things of a model, but for bodies whose names begin with one of `skip`.
+
+    Args:
+        model: The compiled model.
+        data: A state in which nothing is held.
+        owners: Names of objects by the body that is their root.
+        kinds: Their kinds.
+        sites: Names of the sites that mark rooms and surfaces.
+        skip: Beginnings of the names of the robot's own bodies.
+    """
+    heads: dict[int, list[int]] = {}
+    for body in range(model.nbody):
+        if not model.body(body).name.startswith(tuple(skip)):
+            heads.setdefault(_find_head(model, body), []).append(body)
+    things: list[Thing] = []
+    for head, bodies in heads.items():
+        geoms = _drop_doubles(model, [geom for body in bodies for geom in _list_geoms(model, body)])
+        if geoms:
+            things += _make_things(model, data, head, bodies, geoms, owners, kinds, sites)
+    return things
+
+
+def _find_head(model: Any, body: int) -> int:
+    """The body that it is welded to and that moves, or hangs from the world."""
+    while body and not model.body_jntnum[body] and model.body_parentid[body]:
+        body = int(model.body_parentid[body])
+    return body
+
+
+def _find_owner(model: Any, body: int, owners: Mapping[int, str]) -> str:
+    while body and body not in owners:
+        body = int(model.body_parentid[body])
+    return owners.get(body, "")
+
+
+def _list_geoms(model: Any, body: int) -> list[int]:
+    """Those that touch things."""
+    first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+    return [g for g in range(first, first + count) if model.geom_contype[g] or model.geom_conaffinity[g]]
+
+
+def _drop_doubles(model: Any, geoms: Sequence[int]) -> list[int]:
+    """Without those that are the very solid of another one."""
+    seen = {
+        (
+            model.geom_bodyid[g],
+            model.geom_type[g],
+            *(array[g].round(6).tobytes() for array in (model.geom_size, model.geom_pos, model.geom_quat)),
+        ): g
+        for g in reversed(geoms)
+    }
+    return sorted(seen.values())
+
+
+def _make_things(
+    model: Any,
+    data: Any,
+    head: int,
+    bodies: list[int],
+    geoms: list[int],
+    owners: Mapping[int, str],
+    kinds: Mapping[str, str],
+    sites: Collection[str],
+) -> Iterator[Thing]:
+    """The thing of a head, and its handle where it has one."""
+    owner = _find_owner(model, head, owners)
+    joint = _read_joint(model, head)
+    name = owners.get(head) or (model.body(head).name if head else "floor")
+    is_free = bool(model.body_jntnum[head]) and joint is None
+    solids = tuple(_read_solid(model, data, geom, head) for geom in geoms)
+    handle = find_handle(solids, joint) if joint is not None else frozenset()
+    kept = [index for index in range(len(solids)) if index not in handle] or list(range(len(solids)))
+    kind = kinds.get(owner, "fixture") if head in owners or is_free else "part" if owner else "fixture"
+    yield Thing(
+        name=name,
+        owner=owner,
+        kind=kind,
+        body=head,
+        bodies=frozenset(bodies),
+        geoms=tuple(geoms[index] for index in kept),
+        solids=tuple(solids[index] for index in kept),
+        movable=is_free or joint is not None,
+        joint=joint,
+        marks=tuple(_read_marks(model, data, head, bodies, sites, solids)),
+    )
+    if handle:
+        yield Thing(
+            name=f"{name}_handle",
+            owner=owner,
+            kind="handle",
+            body=head,
+            bodies=frozenset(),
+            geoms=tuple(geoms[index] for index in sorted(handle)),
+            solids=tuple(solids[index] for index in sorted(handle)),
+            movable=True,
+            part_of=name,
+        )
+
+
+def _read_joint(model: Any, body: int) -> Joint | None:
+    """The slide or hinge of a body; closed is the end of its range that is nearer to where it is built."""
+    if model.body_jntnum[body] != 1:
+        return None
+    number = int(model.body_jntadr[body])
+    kind = int(model.jnt_type[number])
+    if kind not in (SLIDE, HINGE):
+        return None
+    address = int(model.jnt_qposadr[number])
+    ends = [float(end) for end in model.jnt_range[number]]
+    closed, opened = sorted(ends, key=lambda end: abs(end - float(model.qpos0[address])))
+    return Joint(
+        kind="slide" if kind == SLIDE else "hinge",
+        address=address,
+        closed=closed,
+        opened=opened,
+        axis=np.sign(opened - closed) * np.array(model.jnt_axis[number]),
+        anchor_m=np.array(model.jnt_pos[number]),
+    )
+
+
+def _read_solid(model: Any, data: Any, geom: int, head: int) -> Solid:
+    rotation = data.xmat[head].reshape(3, 3).T @ data.geom_xmat[geom].reshape(3, 3)
+    center_m = data.xmat[head].reshape(3, 3).T @ (data.geom_xpos[geom] - data.xpos[head])
+    kind = _KINDS_BY_NUMBER.get(int(model.geom_type[geom]))
+    if kind is not None:
+        size_m = model.geom_size[geom][: _N_SIZES[kind]]
+        return Solid(kind, size_m, center_m, rotation, _measure_half(kind, size_m))
+    if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_PLANE):
+        half_m = np.array(PLANE_HALF_M)
+        return Solid("box", half_m, center_m - rotation[:, 2] * half_m[2], rotation, half_m)
+    middle_m, half_m = model.geom_aabb[geom][:3], np.array(model.geom_aabb[geom][3:])
+    return Solid("box", half_m, center_m + rotation @ middle_m, rotation, half_m)
+
+
+def _measure_half(kind: str, size_m: Array) -> Array:
+    """(3,) of the box around a solid."""
+    if kind == "box":
+        return np.array(size_m)
+    height_m = {"cylinder": size_m[-1], "capsule": sum(size_m), "sphere": size_m[0]}[kind]
+    return np.array((size_m[0], size_m[0], height_m))
+
+
+def find_handle(solids: Sequence[Solid], joint: Joint) -> frozenset[int]:
+    """The solids by which a thing is opened: those that stand out from the face of its panel; none where nothing does.
+
+    Of what slides the panel is across its way, and the outer face counts. Of what turns it is the largest one, and the
+    side to which more stands out: a door, or the disc of a knob.
+    """
+    faces = [_find_face(solid) for solid in solids]
+    largest = max(faces, key=lambda face: face[1])
+    normal = joint.axis if joint.kind == "slide" else largest[0]
+    panels = {index for index, (way, _) in enumerate(faces) if abs(float(way @ normal)) > ALONG}
+    least = 0.5 * max((faces[index][1] for index in panels), default=0.0)
+    outer = {index for index in panels if faces[index][1] > least}
+    found: list[tuple[float, frozenset[int]]] = []
+    for way in (normal,) if joint.kind == "slide" else (normal, -normal):
+        face_m = max((float((solids[index].corners_m @ way).max()) for index in outer), default=np.inf)
+        reach = {i: float((solid.corners_m @ way).max()) - face_m for i, solid in enumerate(solids) if i not in outer}
+        proud = {i for i, by_m in reach.items() if by_m > PROUD_M and float(solids[i].center_m @ way) > face_m}
+        found.append((max((reach[i] for i in proud), default=0.0), frozenset(proud)))
+    return max(found, key=lambda each: each[0])[1]
+
+
+def _find_face(solid: Solid) -> tuple[Array, float]:
+    """Normal (3,) and area of its largest face."""
+    thin = int(np.argmin(solid.half_m))
+    wide = np.delete(solid.half_m, thin)
+    return solid.rotation[:, thin], float(4.0 * wide[0] * wide[1])
+
+
+def _read_marks(
+    model: Any, data: Any, head: int, bodies: Collection[int], sites: Collection[str], solids: Sequence[Solid]
+) -> Iterator[Mark]:
+    for number in range(model.nsite):
+        site = model.site(number)
+        if int(model.site_bodyid[number]) not in bodies or site.name not in sites:
+            continue
+        if int(model.site_type[number]) != int(mujoco.mjtGeom.mjGEOM_BOX):
+            continue
+        world_R_head = data.xmat[head].reshape(3, 3)
+        rotation = world_R_head.T @ data.site_xmat[number].reshape(3, 3)
+        center_m = world_R_head.T @ (data.site_xpos[number] - data.xpos[head])
+        yield make_mark(site.name, center_m, rotation, np.array(model.site_size[number]), world_R_head.T[:, 2], solids)
+
+
+def make_mark(name: str, center_m: Array, rotation: Array, half_m: Array, up: Array, solids: Sequence[Solid]) -> Mark:
+    """A mark whose bottom lies on what carries things there, with room above it where it is flat.
+
+    Args:
+        name: Of the site.
+        center_m: (3,) in the frame of the thing.
+        rotation: (3, 3) from its own axes to that frame.
+        up: (3,) in that frame, points up in the world.
+        half_m: (3,) along its own axes.
+        solids: Of the thing.
+    """
+    vertical = int(np.argmax(np.abs(rotation.T @ up)))
+    is_surface = bool(half_m[vertical] < FLAT_M)
+    middle = float(center_m @ up)
+    low, high = middle - float(half_m[vertical]), middle + float(half_m[vertical])
+    tops = [top for solid in solids if (top := _find_top(solid, center_m, up)) is not None]
+    least, most = (middle + FLOOR_M[0], middle + FLOOR_M[1]) if is_surface else (low - 0.02, middle)
+    floor = max((top for top in tops if least <= top <= most), default=low)
+    high = floor + SURFACE_M if is_surface else high
+    half_m[vertical] = (high - floor) / 2.0
+    return Mark(name, center_m + ((high + floor) / 2.0 - middle) * up, half_m, rotation, is_surface)
+
+
+def _find_top(solid: Solid, point_m: Array, up: Array) -> float | None:
+    """Height at which a vertical line through a point (3,) leaves the box around a solid; None beside it."""
+    start = solid.rotation.T @ (point_m - solid.center_m)
+    way = solid.rotation.T @ up
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort(np.stack(((-solid.half_m - start) / way, (solid.half_m - start) / way)), axis=0)
+    parallel = np.abs(way) < 1e-9
+    if np.any(parallel & (np.abs(start) > solid.half_m)):
+        return None
+    enters, leaves = ends[0][~parallel].max(), ends[1][~parallel].min()
+    return float(point_m @ up + leaves) if enters <= leaves else None
+
+
+def to_quaternion(rotation: Array) -> list[float]:
+    """(w, x, y, z) of a rotation (3, 3)."""
+    found = np.empty(4)
+    mujoco.mju_mat2Quat(found, np.ascontiguousarray(rotation, dtype=np.float64).ravel())
+    return [float(each) for each in found]

@@ -1,0 +1,212 @@
+"""A goal in BDDL becomes a goal graph of this project: wanted effects, and what has to be so before them.
+
+BDDL is the language of BEHAVIOR, in which LIBERO states its tasks. Of a problem only `:goal` is read: neither the
+initial state nor the objects of interest. No skill is named here; the selector finds one for each wanted effect.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import yaml
+
+from phyagentos.errors import DefinitionError, format_names
+from phyagentos.protocol.world.environment import Entity
+
+Expression = str | list["Expression"]
+
+_TOKEN = re.compile(r"[()]|[^\s()]+")
+TIMEOUT_S = 120.0  # of a session, in the target's time
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inventory:
+    """What the names of a BDDL problem stand for.
+
+    Attributes:
+        entities: By name.
+        owners: Of each entity, the name of the object that it belongs to.
+        rooms: Of each name of a room or surface, the entity that has it.
+        regions: Those of these names that are regions; another one is the interior of its entity.
+    """
+
+    entities: Mapping[str, Entity]
+    owners: Mapping[str, str] = field(default_factory=dict)
+    rooms: Mapping[str, str] = field(default_factory=dict)
+    regions: frozenset[str] = frozenset()
+
+    def find_place(self, name: str) -> str:
+        """The entity or region in which, or on which, things are put; raises `UNKNOWN_ENTITY`."""
+        if name in self.regions or name in self.entities:
+            return name
+        if name in self.rooms:
+            return self.rooms[name]
+        raise _explain(name, [*self.entities, *self.rooms])
+
+    def find_mechanism(self, name: str) -> str:
+        """The entity with a joint that a name stands for: itself, what has the room, or the one part of an object."""
+        if (whole := self.rooms.get(name, name)) in self.entities and self.entities[whole].mechanism is not None:
+            return whole
+        moving = [key for key, each in self.entities.items() if self.owners.get(key) == name and each.mechanism]
+        if len(moving) != 1:
+            raise _explain(name, [key for key, each in self.entities.items() if each.mechanism])
+        return moving[0]
+
+    def find_parts(self, name: str) -> list[str]:
+        """Entities that are fixed to one."""
+        return [key for key, each in self.entities.items() if each.part_of == name]
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """A wanted fact of one or two things.
+
+    Attributes:
+        wanted: As a predicate of this project.
+        place: Where a thing is put; empty for the state of a joint.
+        mechanism: What opens or closes; empty where a thing is put.
+    """
+
+    wanted: str
+    place: str = ""
+    mechanism: str = ""
+
+
+def parse_bddl(text: str) -> list[Expression]:
+    """The expressions of a text; raises `NOT_BDDL` where parentheses do not match."""
+    stack: list[list[Expression]] = [[]]
+    for token in _TOKEN.findall(re.sub(r";[^\n]*", "", text)):
+        if token == "(":
+            stack.append([])
+        elif token == ")" and len(stack) > 1:
+            done = stack.pop()
+            stack[-1].append(done)
+        elif token == ")":
+            raise DefinitionError.of("NOT_BDDL", "goal", "a ')' without its '('", "an expression in parentheses")
+        else:
+            stack[-1].append(token)
+    if len(stack) > 1:
+        raise DefinitionError.of("NOT_BDDL", "goal", f"{len(stack) - 1} '(' without their ')'", "a whole expression")
+    return stack[0]
+
+
+def read_goal(text: str) -> list[list[str]]:
+    """The atoms of a problem's `:goal`, in its order: `["on", "a", "b"]`; raises `NOT_BDDL`."""
+    goal = _find_goal(parse_bddl(text))
+    if goal is None:
+        raise DefinitionError.of("NOT_BDDL", "goal", "no (:goal ...)", "a problem with a goal")
+    return list(_iter_atoms(goal))
+
+
+def _find_goal(expressions: Sequence[Expression]) -> Expression | None:
+    for each in expressions:
+        if isinstance(each, list) and each:
+            if each[0] == ":goal":
+                return each[1] if len(each) == 2 else None
+            if (found := _find_goal(each)) is not None:
+                return found
+    return None
+
+
+def _iter_atoms(goal: Expression) -> Iterator[list[str]]:
+    match goal:
+        case [str(head), *parts] if head.lower() == "and":
+            for part in parts:
+                yield from _iter_atoms(part)
+        case [str(head), *terms] if head.lower() in _MEANINGS and all(isinstance(term, str) for term in terms):
+            if len(terms) != (arity := 2 if head.lower() in {"in", "on"} else 1):
+                raise DefinitionError.of("NOT_BDDL", "goal", f"{head} of {len(terms)} terms", f"{head} of {arity}")
+            yield [head.lower(), *(str(term) for term in terms)]
+        case _:
+            found = goal if isinstance(goal, str) else " ".join(str(each) for each in goal)
+            raise DefinitionError.of("NOT_BDDL", "goal", f"({found})", f"and, or {format_names(_MEANINGS)}")
+
+
+def _put_in(inventory: Inventory, thing: str, place: str) -> Effect:
+    there = inventory.find_place(place)
+    return Effect(f"inside({inventory.find_place(thing)}, {there})", place=inventory.rooms.get(place, there))
+
+
+def _put_on(inventory: Inventory, thing: str, place: str) -> Effect:
+    """On a surface that the world marks is within the space above it; on a thing is on it."""
+    there, what = inventory.find_place(place), inventory.find_place(thing)
+    is_marked = place in inventory.regions
+    return Effect(f"inside({what}, {there})" if is_marked else f"on({what}, {there})", place=there)
+
+
+def _open(inventory: Inventory, name: str) -> Effect:
+    return Effect(f"open({(what := inventory.find_mechanism(name))})", mechanism=what)
+
+
+def _close(inventory: Inventory, name: str) -> Effect:
+    return Effect(f"closed({(what := inventory.find_mechanism(name))})", mechanism=what)
+
+
+_MEANINGS: dict[str, Callable[..., Effect]] = {
+    "in": _put_in,
+    "on": _put_on,
+    "open": _open,
+    "close": _close,
+    "turnon": _open,
+    "turnoff": _close,
+}
+
+
+def translate(text: str, inventory: Inventory) -> list[Effect]:
+    """The wanted effects of a problem, in its order; raises `NOT_BDDL` and `UNKNOWN_ENTITY`."""
+    return [_MEANINGS[head](inventory, *terms) for head, *terms in read_goal(text)]
+
+
+def generate_graph(
+    name: str, objective: str, scene: str, effects: Sequence[Effect], inventory: Inventory, target: str
+) -> dict[str, Any]:
+    """The goal graph that brings effects about.
+
+    What is put into a thing with a joint needs it open before, and closed, where that is wanted, after. Nothing else is
+    ordered.
+    """
+    opened = {each.place for each in effects if _has_joint(inventory, each.place)}
+    before = [_open(inventory, place) for place in sorted(opened)]
+    before = [each for each in before if each.wanted not in {other.wanted for other in effects}]
+    steps = [*before, *effects]
+    names = {each.wanted: f"step_{index + 1}" for index, each in enumerate(steps)}
+    sessions = {}
+    for each in steps:
+        node: dict[str, Any] = {"skill": {"guarantees": each.wanted}, "target": "robot", "accept": [each.wanted]}
+        if after := [names[other.wanted] for other in steps if _comes_before(other, each)]:
+            node["after"] = after
+        if each.mechanism and len(parts := inventory.find_parts(each.mechanism)) == 1:
+            node["with"] = {"handle": parts[0]}
+        sessions[names[each.wanted]] = node
+    return {
+        "goal": name,
+        "objective": objective,
+        "scene": scene,
+        "targets": {"robot": target},
+        "defaults": {"timeout_s": TIMEOUT_S, "max_replans": 3},
+        "sessions": sessions,
+        "accept": [each.wanted for each in effects],
+    }
+
+
+def format_graph(graph: Mapping[str, Any]) -> str:
+    """As a file."""
+    return yaml.safe_dump(dict(graph), sort_keys=False, width=120)
+
+
+def _has_joint(inventory: Inventory, place: str) -> bool:
+    entity = inventory.entities.get(place)
+    return entity is not None and entity.mechanism is not None
+
+
+def _comes_before(first: Effect, then: Effect) -> bool:
+    """What opens comes before what is put there, and that before what closes."""
+    if then.place:
+        return first.mechanism == then.place and first.wanted.startswith("open(")
+    is_closing = then.wanted.startswith("closed(")
+    return is_closing and then.mechanism in {first.place, first.mechanism} and first is not then
+
+
+def _explain(name: str, known: Sequence[str]) -> DefinitionError:
+    return DefinitionError.of("UNKNOWN_ENTITY", "goal", repr(name), f"one of {format_names(known)}")
