@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from phyagentos.cli.arguments import AsJson, open_library
-from phyagentos.cli.explaining import Space
+from phyagentos.cli.explaining import Space, get_session
 from phyagentos.cli.outcome import ExitCode, print_json, print_result
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
@@ -55,9 +55,11 @@ def replay(
     as_json: AsJson = False,
 ) -> int:
     """Show a policy once more what one was shown in a session, and compare the answers. Exit 1 where they differ."""
+    from phyagentos.cli.history import read_ledger
     from phyagentos.runtime.policies.replay import replay_exchanges
 
-    answers = replay_exchanges(workspace, session, endpoint, timeout_s)
+    known = get_session(session, read_ledger(workspace, session).sessions)
+    answers = replay_exchanges(workspace, known, endpoint, timeout_s)
     differing = sum(not each.is_same for each in answers)
     if as_json:
         print_json({"chunks": len(answers), "differing": differing, "answers": answers})

@@ -75,7 +75,7 @@ def check_report(acted):
 
 
 def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp_path):
-    folder = make_project(tmp_path / "p", seeds={"count": 4}, verification=["off"])
+    folder = make_project(tmp_path / "p", seeds={"count": 3}, verification=["off"])
     run = folder / "r"
     process = subprocess.Popen(
         make_command("run", "suite.yaml", "-r", "r", "-j", 1), cwd=folder, env=get_environment(), start_new_session=True
@@ -99,7 +99,7 @@ def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp
     lines = read_lines(run)
     assert is_busy
     assert lines[: len(before)] == before
-    assert sorted(json.loads(line)["id"] for line in lines) == [f"lift.off.{seed}" for seed in range(4)]
+    assert sorted(json.loads(line)["id"] for line in lines) == [f"lift.off.{seed}" for seed in range(3)]
     repeated = next(record for record in read_episodes(run).values() if f"{record['id']}-1" == half_done.parent.name)
     assert repeated["folder"] == f"episodes/{repeated['id']}-2", (
         "a half-done episode begins anew in a folder of its own"

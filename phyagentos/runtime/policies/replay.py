@@ -72,12 +72,12 @@ def replay_exchanges(root: Path, session: str, endpoint: str = "", timeout_s: fl
     """
     workspace = Workspace.open(root)
     folder = workspace.evidence_of(SessionId(session))
-    exchanges = read_exchanges(folder)
     contract = parse_yaml(read_text(folder / CONTRACT), str(folder / CONTRACT)).data["session"]
     skills = locate_models(read_skill_registry(workspace.skill_registry), workspace.library())
     skill = skills.get(contract["skill"])
     if skill is None or skill.policy is None:
         raise DefinitionError.of("POLICY_UNDECLARED", contract["skill"], "no policy", "the skill of the session")
+    exchanges = read_exchanges(folder)
     start = wire.Start(session, contract["objective"], contract.get("parameters", {}), contract["seed"])
     client = PolicyClient(endpoint or skill.policy.endpoint, timeout_s, skill.policy.observations)
     try:
