@@ -25,7 +25,8 @@ _STYLE = """
 body{font:15px/1.45 system-ui,sans-serif;max-width:1200px;margin:2rem auto;padding:0 1rem;color:#1c2430}
 h1{margin-bottom:.2rem}table{border-collapse:collapse;margin:1rem 0;display:block;overflow-x:auto}
 th,td{border-bottom:1px solid #dde3ea;padding:.35rem .7rem;text-align:left;vertical-align:top;white-space:nowrap}
-th{background:#f3f6f9;white-space:normal}tr.all td{font-weight:600}.bar{position:relative;width:8rem;height:.7rem;background:#e8edf2}
+th{background:#f3f6f9;white-space:normal}tr.all td{font-weight:600}
+.bar{position:relative;width:8rem;height:.7rem;background:#e8edf2}
 .bar i,.bar b{position:absolute;top:0;bottom:0;background:#9cc3e6}.bar b{width:2px;background:#174a7c}
 details{border-bottom:1px solid #e3e8ee;padding:.35rem 0}summary{cursor:pointer}.yes{color:#12703a}.no{color:#b3261e}
 img{max-width:192px;margin:.3rem .3rem .3rem 0;border:1px solid #ccd5de}code{font-size:13px}
