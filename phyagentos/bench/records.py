@@ -18,12 +18,28 @@ LOG = "episodes.jsonl"
 AXES = ("task", "state", "policy", "setting", "verification", "phase")  # and the seed; `phase` is the pass
 
 
-class Order(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What one episode is: everything that its process needs, and nothing else decides it.
+class Axes(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Where an episode stands in its suite.
 
     Attributes:
         id: Of the episode, unique in its run; also the name of its folder, with the number of the attempt.
         phase: The pass.
+    """
+
+    id: str
+    task: str
+    seed: int
+    state: str = ""
+    policy: str = ""
+    setting: str = ""
+    verification: str = ""
+    phase: str = ""
+
+
+class Order(Axes, frozen=True, kw_only=True, omit_defaults=True):
+    """What one episode is: everything that its process needs, and nothing else decides it.
+
+    Attributes:
         graph: The goal graph.
         goal: Id of the goal.
         variant: The merged `Variant`, as plain data.
@@ -35,16 +51,8 @@ class Order(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         wall_s: Longest wall time [s].
     """
 
-    id: str
-    task: str
-    seed: int
     graph: str
     goal: str
-    state: str = ""
-    policy: str = ""
-    setting: str = ""
-    verification: str = ""
-    phase: str = ""
     variant: dict[str, Any] = {}
     memory: str = "none"
     scorer: str = "simulator"
@@ -85,7 +93,7 @@ class SessionRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     wall_s: float = 0.0
 
 
-class EpisodeRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+class EpisodeRecord(Axes, frozen=True, kw_only=True, omit_defaults=True):
     """One episode that ended.
 
     Attributes:
@@ -101,16 +109,8 @@ class EpisodeRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
         host: Where it ran.
     """
 
-    id: str
-    task: str
-    seed: int
     at: str
     folder: str
-    state: str = ""
-    policy: str = ""
-    setting: str = ""
-    verification: str = ""
-    phase: str = ""
     ended: str = "over"
     error: str = ""
     goal: str = ""
