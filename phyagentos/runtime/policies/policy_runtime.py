@@ -26,7 +26,7 @@ from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
 from phyagentos.runtime.actions.bridges.tool_poses import describe_frames, read_arm
-from phyagentos.runtime.actions.chunks import iter_periods
+from phyagentos.runtime.actions.chunks import iter_periods, run_up
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.actions.set_points import Array, SetPoints
 from phyagentos.runtime.actions.violations import Violation
@@ -86,6 +86,7 @@ class PolicySkillRuntime:
         self._chunks = self._commands = self._empty = 0
         self._is_last = False
         self._is_outdated = False  # what was asked for before a pause
+        self._has_braked = False  # so that the policy, which did not, may speak of an arm in motion
         self._keeps_past = any(stream.history > 1 for stream in parts.descriptor.observations.values())
 
     def tick(self) -> TickResult:
@@ -182,7 +183,6 @@ class PolicySkillRuntime:
         if how.expiry_s is not None and self._context.time_s - self._shown_at_s > how.expiry_s + TIME_TOLERANCE_S:
             if self._periods:
                 self._note(Status.RUNNING.value, message="the chunk has expired", rows=len(self._periods))
-                self._is_last = False
             self._drop_rows()
         if self._periods:
             return self._periods.popleft()
@@ -204,7 +204,7 @@ class PolicySkillRuntime:
         """A control period towards rest; None at rest."""
         if not self._velocity.any():
             return None
-        commands = self._context.commands
+        commands, self._has_braked = self._context.commands, True
         limits = np.asarray(self._context.profile.arm.acceleration_rad_s2)
         q_rad, qd_rad_s = compute_brake(self._before[:-1], self._velocity, limits, commands.n_steps, commands.step_s)
         return SetPoints(q_rad, qd_rad_s, np.full(commands.n_steps, self._before[-1]))
@@ -217,6 +217,7 @@ class PolicySkillRuntime:
             self._ensemble.clear()
 
     def _drop_rows(self) -> None:
+        self._is_last = self._is_last and not self._periods
         self._periods.clear()
         self._beyond = iter(())
 
@@ -283,12 +284,19 @@ class PolicySkillRuntime:
 
     def _queue(self, rows: Array, late: int) -> None:
         """Replace the chunk before, up to the rows that the next one will repeat."""
-        self._note(Status.RUNNING.value, rows=len(rows), late=late, sequence=self._chunks - 1)
+        commands, m = self._context.commands, 0
+        if len(rows) and self._has_braked and not self._velocity.any():
+            limits = np.asarray(self._context.profile.arm.acceleration_rad_s2)
+            n_rows, rows = len(rows), run_up(rows, self._before, limits, self._period_s)
+            m = len(rows) - n_rows
+            if m and self._ensemble is not None:
+                self._ensemble.clear()  # its rows come later than the chunk says
+        self._note(Status.RUNNING.value, rows=len(rows), late=late, run_up=m, sequence=self._chunks - 1)
         if not len(rows):
             return
-        commands = self._context.commands
+        self._has_braked = False
         periods = iter_periods(rows, self._before, self._velocity, n_steps=commands.n_steps, step_s=commands.step_s)
-        self._periods = deque(islice(periods, self._count_until_next(len(rows))))
+        self._periods = deque(islice(periods, max(self._count_until_next(len(rows) - m) + m, 2 * m)))
         self._beyond, self._shown_at_s = periods, self._asked_at_s
 
     def _count_until_next(self, n_rows: int) -> int:

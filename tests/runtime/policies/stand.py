@@ -48,7 +48,8 @@ class Client:
 class Stand:
     """A runtime on a perfect arm, in real time or in lockstep; remembers the set-point at the end of every period.
 
-    Set `pauses` to let it rest; `asked` holds the requests, `speed` the velocity of joint 1 at the end of each period.
+    Set `pauses` to let it rest; `asked` holds the requests, `speed` the velocity of joint 1 at the end of each period,
+    `rows` its position at each physics step.
     """
 
     def __init__(
@@ -103,7 +104,7 @@ class Stand:
             is_pausing=lambda: self.pauses,
         )
         self.runtime, self.clock = PolicySkillRuntime(parts, self.context), clock
-        self.joint, self.widths = [], []
+        self.joint, self.rows, self.widths = [], [], []
 
     def observe(self):
         zeros = (0.0,) * len(self.q)
@@ -118,6 +119,7 @@ class Stand:
             if result.set_points is not None:
                 self.q, self.width_m = result.set_points.q_rad[-1], float(result.set_points.gripper_width_m[-1])
                 self.joint.append(self.q[0])
+                self.rows.extend(result.set_points.q_rad[:, 0])
                 self.widths.append(self.width_m)
                 self.speed.append(float(result.set_points.qd_rad_s[-1][0]))
             if result.set_points is not None or self.realtime:

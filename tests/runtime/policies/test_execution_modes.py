@@ -190,3 +190,32 @@ def test_an_answer_to_what_was_shown_before_a_pause_is_not_carried_out_after_it(
     assert [request.sequence for request in stand.asked] == [0, 1, 2]
     assert stand.asked[2].rows_done == done + 1
     assert len(stand.joint) > done + 1
+
+
+def test_a_pause_within_the_last_chunk_is_no_end_of_it(profile):
+    stand = Stand(profile, walk(profile, last=0), execution={"interruption": "row"}, **LOCKSTEP)
+    stand.run(turns=6)
+    stand.pauses = True
+    assert stand.run(turns=10) is SkillStatus.RUNNING, "rows were left"
+    stand.pauses = False
+    assert stand.run() is SkillStatus.SUCCEEDED
+    assert len(stand.asked) == 2
+
+
+@pytest.mark.parametrize("interruption", ["row", "chunk"])
+@pytest.mark.parametrize(
+    ("way", "mode"), [(0.0022, "hard_switch"), (0.01, "hard_switch"), (0.01, "temporal_ensemble")]
+)
+def test_a_policy_that_goes_on_after_a_pause_is_brought_up_to_its_speed(profile, way, mode, interruption):
+    stand = Stand(profile, walk(profile, way=way), execution={"mode": mode, "interruption": interruption}, **LOCKSTEP)
+    stand.run(turns=30)
+    stand.pauses = True
+    stand.run(turns=30)
+    assert stand.speed[-1] == 0.0
+    rested, at = len(stand.joint), stand.joint[-1]
+    stand.pauses = False
+    stand.run(turns=40)
+    bends = np.abs(np.diff(stand.rows[10 * rested - 1 :], n=2)) / 0.002**2
+    assert bends.max() < 0.9 * profile.arm.acceleration_rad_s2[0], "the guard refuses more"
+    assert stand.speed[-1] == pytest.approx(way / PERIOD_S, rel=0.05)
+    assert np.abs(np.array(stand.joint[rested:]) - at - 8 * way).min() < 1e-4, "the same way, later"
