@@ -33,7 +33,7 @@ ROWS_MAX = 1000
 MESSAGE_MAX_BYTES = 2**26  # some pictures
 INTERNAL_ERROR = 1011  # of a WebSocket's end
 REASON_MAX = 120  # bytes of the reason of a WebSocket's end
-CLOSE_S = 0.5
+CLOSE_S, MEET_S = 0.5, 1.0
 OPTIONS = [
     ("grpc.enable_retries", 0),  # a session has limits of its own
     ("grpc.max_receive_message_length", MESSAGE_MAX_BYTES),
@@ -68,19 +68,24 @@ class PolicyServer:
         self.clients: set[ServerConnection] = set()
         self._channel.subscribe(self._watch)
 
+    def meet(self) -> None:
+        """See that the server is there; raises `Lost`."""
+        try:
+            grpc.channel_ready_future(self._channel).result(MEET_S)
+        except grpc.FutureTimeoutError as error:
+            raise Lost(
+                f"LeRobot's policy server {self._address} is gone (no connection within {MEET_S:g} s)"
+            ) from error
+
     def load(self) -> None:
-        """Let the server load the policy, unless it has since it was connected to; raises `Lost`."""
+        """Let the server load the policy, unless it has since it was connected to; raises `Lost` or `Refused`."""
         with self._asking:
-            if not self._is_loaded:
-                setup = services_pb2.PolicySetup(data=pickle.dumps(self._setup))
-                self._call(self._stub.Ready, services_pb2.Empty(), self._timeout_s)
-                self._call(self._stub.SendPolicyInstructions, setup, self._load_s)
-                self._is_loaded = True
+            self._load()
 
     def infer(self, observation: dict[str, Any]) -> np.ndarray:
         """Rows (k, width) of the next chunk; raises `Lost` or `Refused`."""
-        self.load()
         with self._asking:
+            self._load()
             number = next(self._numbers)
             shown = TimedObservation(time.time(), number, observation, must_go=True)
             frames = send_bytes_in_chunks(pickle.dumps(shown), services_pb2.Observation)
@@ -93,12 +98,20 @@ class PolicyServer:
             raise Refused(f"{self._address} answered observation {actions[0].get_timestep()}, {number} was shown")
         return np.stack([each.get_action().numpy() for each in actions]).astype(np.float64)
 
+    def _load(self) -> None:
+        if not self._is_loaded:
+            setup = services_pb2.PolicySetup(data=pickle.dumps(self._setup))
+            self._call(self._stub.Ready, services_pb2.Empty(), self._timeout_s)
+            self._call(self._stub.SendPolicyInstructions, setup, self._load_s)
+            self._is_loaded = True
+
     def _call(self, method: Any, request: Any, timeout_s: float) -> Any:
         try:
             return method(request, timeout=timeout_s)
         except grpc.RpcError as error:
             if error.code() is grpc.StatusCode.UNKNOWN:  # what its policy raised
                 raise Refused(f"{self._address}: {error.details()}") from error
+            self._is_loaded = False  # a new start also forgets what it was shown
             late = error.code() is grpc.StatusCode.DEADLINE_EXCEEDED
             silence = f"silent for {timeout_s:g} s" if late else f"gone ({error.code().name})"
             raise Lost(f"LeRobot's policy server {self._address} is {silence}") from error
@@ -128,7 +141,7 @@ class Bridge:
         clients = self._server.clients
         clients.add(connection)
         try:
-            self._server.load()
+            self._server.meet()
             connection.send(msgpack.packb({"served_by": "lerobot"}))
             for frame in connection:
                 rows = self._server.infer(self._read(frame))

@@ -39,16 +39,20 @@ def iter_periods(
 def run_up(rows: Array, before: Array, acceleration_rad_s2: Array, period_s: float) -> Array:
     """The same path from rest, begun no faster than the arm can: (m + k, n_joints + 1), m the least that suffices.
 
-    The path's own time s(t) = t^2 / (4 m) catches up within 2 m periods; everything after it comes m periods later. Rows
-    that jump too far for that stay as they are, for the guard to refuse.
+    The path's own time s(t) = t^2 / (4 m) catches up within 2 m periods; what follows comes m periods later. Rows that
+    jump too far for that stay as they are, for the guard to refuse.
 
     Args:
-        rows: As of `iter_periods`, as is `before`.
+        rows: As of `iter_periods`.
+        before: Likewise; at rest.
         acceleration_rad_s2: (n_joints,) limits.
         period_s: Between rows [s].
     """
     rest, places = np.zeros(len(before) - 1), np.arange(len(rows) + 1)
-    path, limits = CubicSpline(places, np.vstack((before, rows)), bc_type="natural"), START_FRACTION * acceleration_rad_s2
+    path, limits = (
+        CubicSpline(places, np.vstack((before, rows)), bc_type="natural"),
+        START_FRACTION * acceleration_rad_s2,
+    )
     slow = rows
     for m in range(1, len(rows) + 1):
         start_s = period_s * np.arange(2 * m)
@@ -62,8 +66,8 @@ def run_up(rows: Array, before: Array, acceleration_rad_s2: Array, period_s: flo
 
 def _fit(rows: Array, before: Array, velocity_rad_s: Array, period_s: float) -> CubicSpline:
     arm = np.vstack((before[:-1], rows[:, :-1]))  # (k + 1, n_joints)
-    ends = ((1, velocity_rad_s), (1, _compute_end_velocity(arm, period_s)))
-    return CubicSpline(period_s * np.arange(len(arm)), arm, bc_type=ends)
+    end_velocity = _compute_end_velocity(arm, period_s)
+    return CubicSpline(period_s * np.arange(len(arm)), arm, bc_type=((1, velocity_rad_s), (1, end_velocity)))
 
 
 def _compute_end_velocity(arm: Array, period_s: float) -> Array:

@@ -81,7 +81,8 @@ class PolicySkillRuntime:
         self._before = np.append(context.commands.q_rad, context.commands.gripper_width_m)
         self._velocity = np.zeros(len(self._before) - 1)
         context.lag.begin()
-        self._asked_at_s, self._asked_after, self._asked_before = 0.0, 0, self._before
+        self._asked_at_s, self._asked_after = 0.0, 0
+        self._asked_from = self._before, self._velocity
         self._shown_at_s = 0.0  # of the present chunk
         self._chunks = self._commands = self._empty = 0
         self._is_last = False
@@ -224,7 +225,8 @@ class PolicySkillRuntime:
     def _ask(self) -> None:
         session = self._context.session
         self._asked_at_s, observations = self._parts.observer.observe()
-        self._asked_after, self._asked_before, self._is_outdated = self._commands, self._before, False
+        self._asked_after, self._is_outdated = self._commands, False
+        self._asked_from = self._before, self._velocity
         request = wire.Infer(
             session=session.id,
             sequence=self._chunks,
@@ -264,8 +266,8 @@ class PolicySkillRuntime:
 
     def _convert(self, rows: Array) -> Array | None:
         """Rows of the target, from the set-point at their request; None when they are refused."""
-        chain = self._parts.chain
-        bridged = chain.apply(np.asarray(rows, dtype=np.float64), self._asked_before[: chain.target.width])
+        chain, (before, velocity) = self._parts.chain, self._asked_from
+        bridged = chain.apply(np.asarray(rows, dtype=np.float64), before[: chain.target.width], velocity)
         if isinstance(bridged, Violation):
             where = f"{self._parts.descriptor.policy}, chunk {self._chunks}"
             self._fail(str(bridged.code), f"{where}: {bridged}")

@@ -203,9 +203,7 @@ def test_a_pause_within_the_last_chunk_is_no_end_of_it(profile):
 
 
 @pytest.mark.parametrize("interruption", ["row", "chunk"])
-@pytest.mark.parametrize(
-    ("way", "mode"), [(0.0022, "hard_switch"), (0.01, "hard_switch"), (0.01, "temporal_ensemble")]
-)
+@pytest.mark.parametrize(("way", "mode"), [(0.0022, "hard_switch"), (0.01, "hard_switch"), (0.01, "temporal_ensemble")])
 def test_a_policy_that_goes_on_after_a_pause_is_brought_up_to_its_speed(profile, way, mode, interruption):
     stand = Stand(profile, walk(profile, way=way), execution={"mode": mode, "interruption": interruption}, **LOCKSTEP)
     stand.run(turns=30)
