@@ -38,6 +38,8 @@ OPTIONS = [
     ("grpc.enable_retries", 0),  # a session has limits of its own
     ("grpc.max_receive_message_length", MESSAGE_MAX_BYTES),
     ("grpc.client_idle_timeout_ms", 2**31 - 1),  # an end of the connection is that of the server
+    ("grpc.initial_reconnect_backoff_ms", 100),
+    ("grpc.max_reconnect_backoff_ms", 500),  # a server that is back is met at once
 ]
 
 

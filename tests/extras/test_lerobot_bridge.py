@@ -87,6 +87,11 @@ class Systems:
         return "\n".join(each.read_text()[-2000:] for each in self.folder.glob("*.log"))
 
 
+def end(process):
+    process.kill()
+    process.wait()
+
+
 @pytest.fixture(scope="module")
 def systems(pytestconfig, tmp_path_factory):
     started = Systems(pytestconfig.option.lerobot_python, tmp_path_factory.mktemp("lerobot"))
@@ -97,9 +102,9 @@ def systems(pytestconfig, tmp_path_factory):
     started.rows = np.array(json.loads(done.stdout.splitlines()[-1]))
     with contextlib.ExitStack() as stack:
         started.start_server()
-        stack.callback(lambda: started.server.kill())  # noqa: PLW0108 - of the one that runs then
+        stack.callback(lambda: end(started.server))
         started.start_bridge()
-        stack.callback(started.bridge.kill)
+        stack.callback(lambda: end(started.bridge))
         yield started
 
 
@@ -166,7 +171,7 @@ def test_a_server_that_stalls_is_named_within_the_limit_of_the_bridge(systems):
 def test_a_server_that_is_killed_is_named_within_the_heartbeat_and_served_again_once_it_is_back(systems):
     with open_client(systems.endpoint, heartbeat_s=HEARTBEAT_S, inference_s=30.0) as client:
         ask(client)
-        systems.server.kill()
+        end(systems.server)
         began_s = CLOCK.now_s()
         with pytest.raises(ExecutionError, match=f"{systems.address} is gone") as error:
             watch(client)

@@ -46,7 +46,7 @@ class OwnWire(PolicyService):
             except TimeoutError:
                 message = f"the policy server is at work for longer than {timeout_s:g} s"
                 raise ExecutionError("POLICY_LOST", message) from None
-            data = self._transport.await_more(min(left_s, silence_s))
+            data = self._transport.exchange(None, min(left_s, silence_s))
         return reply
 
     @override

@@ -53,7 +53,7 @@ class Stand:
     """
 
     def __init__(
-        self, profile, infer, *, delay_s=0.0, delta=False, rate_hz=50.0, realtime=True, history=1, execution=()
+        self, profile, infer, *, delay_s=0.0, delta=False, rate_hz=50.0, realtime=True, history=1, execution=(), **space
     ):
         clock, self.realtime, self.pauses, self.asked, self.speed = ManualClock(), realtime, False, [], []
 
@@ -63,12 +63,13 @@ class Stand:
 
         self.q = np.array(profile.arm.home_rad)
         self.width_m = OPEN_M if profile.end_effector == "opening" else 0.0
-        space = ActionSpace(
+        spoken = ActionSpace(
             representation="joint_position",
             delta=delta,
             joints=profile.arm.joints,
             rate_hz=rate_hz,
             chunk_length=ROWS,
+            **space,
             gripper=GripperRange(closed=0.0, open=1.0) if profile.end_effector == "opening" else None,
         )
         stream = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
@@ -97,7 +98,7 @@ class Stand:
         )
         parts = PolicyParts(
             descriptor=descriptor,
-            chain=compile_chain(space, describe_target_space(profile)),
+            chain=compile_chain(spoken, describe_target_space(profile)),
             observer=observer,
             client=Client(clock, remember, delay_s),
             is_realtime=realtime,

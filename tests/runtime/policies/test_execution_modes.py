@@ -217,3 +217,31 @@ def test_a_policy_that_goes_on_after_a_pause_is_brought_up_to_its_speed(profile,
     assert bends.max() < 0.9 * profile.arm.acceleration_rad_s2[0], "the guard refuses more"
     assert stand.speed[-1] == pytest.approx(way / PERIOD_S, rel=0.05)
     assert np.abs(np.array(stand.joint[rested:]) - at - 8 * way).min() < 1e-4, "the same way, later"
+
+
+def swing(profile, way_rad, duration_s, rate_hz):
+    """A policy that swings joint 1 by `way_rad` with the least jerk, at a rate of its own."""
+    home = np.array(profile.arm.home_rad)
+
+    def infer(request):
+        s = np.clip((request.time_s + np.arange(1, ROWS + 1) / rate_hz) / duration_s, 0.0, 1.0)
+        out = np.tile(np.append(home, 1.0), (ROWS, 1))
+        out[:, 0] += way_rad * s**3 * (10 - 15 * s + 6 * s**2)
+        return out, request.time_s > duration_s
+
+    return infer
+
+
+@pytest.mark.parametrize("execution", [{"mode": "open_loop"}, {"horizon": 2}, {"mode": "temporal_ensemble"}])
+@pytest.mark.parametrize("rate_hz", [10.0, 15.0])
+@pytest.mark.parametrize(("interpolation", "passes"), [("linear", False), ("cubic", True)])
+def test_a_fast_motion_at_a_low_rate_has_no_corners_where_its_rows_lie_on_a_spline(
+    profile, execution, rate_hz, interpolation, passes
+):
+    way_rad, duration_s = 0.6, 0.8  # least jerk: 5.4 rad/s^2 of 15
+    infer = swing(profile, way_rad, duration_s, rate_hz)
+    stand = Stand(profile, infer, rate_hz=rate_hz, execution=execution, interpolation=interpolation, **LOCKSTEP)
+    assert stand.run() is SkillStatus.SUCCEEDED
+    bends = np.abs(np.diff(stand.rows, n=2, prepend=[profile.arm.home_rad[0]] * 2)) / 0.002**2
+    assert bool(bends.max() < profile.arm.acceleration_rad_s2[0]) is passes
+    assert stand.joint[-1] - profile.arm.home_rad[0] == pytest.approx(way_rad, abs=1e-3)
