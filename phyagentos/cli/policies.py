@@ -32,18 +32,14 @@ def serve(
     if declared is None:
         raise DefinitionError.of("POLICY_UNDECLARED", str(path), "no `policy`", "a skill of kind `policy`")
     descriptor = PolicyDescriptor.model_validate(declared.model_dump() | {"endpoint": endpoint or declared.endpoint})
-    policy, scheme = _load(model), descriptor.endpoint.partition(":")[0]
-    if scheme == "openpi":
-        from phyagentos.runtime.policies.openpi_server import serve_openpi
+    from phyagentos.runtime.policies.openpi_server import serve_openpi
+    from phyagentos.runtime.policies.server import serve_policy
 
-        serve_openpi(policy, descriptor, lambda where: print_result(f"serving at {where}"))
-    elif scheme == "tcp":
-        from phyagentos.runtime.policies.server import serve_policy
-
-        serve_policy(policy, descriptor, lambda where: print_result(f"serving at {where}"))
-    else:
+    serve_at = {"openpi": serve_openpi, "tcp": serve_policy}.get(descriptor.endpoint.partition(":")[0])
+    if serve_at is None:
         expected = "openpi://HOST:PORT or tcp://HOST:PORT"
         raise DefinitionError.of("ENDPOINT_INVALID", "--endpoint", repr(descriptor.endpoint), expected)
+    serve_at(_load(model), descriptor, lambda where: print_result(f"serving at {where}"))
 
 
 def replay(

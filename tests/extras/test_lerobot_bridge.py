@@ -24,7 +24,7 @@ pytestmark = pytest.mark.extras
 HERE = Path(__file__).parent
 BRIDGE = HERE.parents[1] / "kits" / "lerobot_bridge" / "lerobot_bridge.py"
 CLOCK = SystemClock()
-START_S, TIMEOUT_S, HEARTBEAT_S = 300.0, 10, 0.5
+START_S, TIMEOUT_S, HEARTBEAT_S = 300.0, 10, 4.0
 RATE = {"dtype": "float64", "rate_hz": 50}
 STREAMS = {
     "joint_state": Stream(modality="proprioception", shape=("n_joints",), key="observation.state", **RATE),

@@ -48,15 +48,11 @@ def run_up(rows: Array, before: Array, acceleration_rad_s2: Array, period_s: flo
         acceleration_rad_s2: (n_joints,) limits.
         period_s: Between rows [s].
     """
-    rest, places = np.zeros(len(before) - 1), np.arange(len(rows) + 1)
-    path, limits = (
-        CubicSpline(places, np.vstack((before, rows)), bc_type="natural"),
-        START_FRACTION * acceleration_rad_s2,
-    )
-    slow = rows
+    rest, places, slow = np.zeros(len(before) - 1), np.arange(len(rows) + 1), rows
+    path = CubicSpline(places, np.vstack((before, rows)), bc_type="natural")
     for m in range(1, len(rows) + 1):
         start_s = period_s * np.arange(2 * m)
-        if (np.abs(_fit(slow, before, rest, period_s)(start_s, 2)) <= limits).all():
+        if (np.abs(_fit(slow, before, rest, period_s)(start_s, 2)) <= START_FRACTION * acceleration_rad_s2).all():
             return slow
         t = np.arange(1, len(rows) + m + 1)
         s = np.where(t < 2 * m, t * t / (4.0 * m), t - m)

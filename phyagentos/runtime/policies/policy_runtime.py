@@ -75,11 +75,12 @@ class PolicySkillRuntime:
         self._periods: deque[SetPoints] = deque()
         self._beyond: Iterator[SetPoints] = iter(())  # of the present chunk, after the next one should have come
         self._ready: wire.Chunk | None = None  # waits for the horizon of the one before
-        self._ensemble = TemporalEnsemble(self._how.ensemble_decay) if self._mode == "temporal_ensemble" else None
+        self._ensemble = TemporalEnsemble(self._how.ensemble_decay) if self._how.mode == "temporal_ensemble" else None
         self._events: list[TraceEvent] = []
         self._failure: Failure | None = None
         self._before = np.append(context.commands.q_rad, context.commands.gripper_width_m)
         self._velocity = np.zeros(len(self._before) - 1)
+        self._acceleration = np.asarray(context.profile.arm.acceleration_rad_s2)
         context.lag.begin()
         self._asked_at_s, self._asked_after = 0.0, 0
         self._asked_from = self._before, self._velocity
@@ -143,10 +144,6 @@ class PolicySkillRuntime:
             self._parts.log.close()
 
     @property
-    def _mode(self) -> str:
-        return self._parts.descriptor.execution.mode
-
-    @property
     def _period_s(self) -> float:
         return self._context.profile.control_period_s
 
@@ -161,11 +158,11 @@ class PolicySkillRuntime:
                 if self._parts.log is not None:
                     self._parts.log.answer(chunk)
         elif self._ready is None and not self._is_last and not is_pausing:
-            is_ahead = self._parts.is_realtime and self._mode != "open_loop"
+            is_ahead = self._parts.is_realtime and self._how.mode != "open_loop"
             ahead_s = self._parts.descriptor.inference_s if is_ahead else 0.0
             if len(self._periods) <= np.ceil(ahead_s / self._period_s):
                 self._ask()
-        may_switch = self._mode != "receding_horizon" or not self._periods
+        may_switch = self._how.mode != "receding_horizon" or not self._periods
         if self._ready is not None and may_switch and not is_pausing:
             chunk, self._ready = self._ready, None
             self._take(chunk)
@@ -206,8 +203,8 @@ class PolicySkillRuntime:
         if not self._velocity.any():
             return None
         commands, self._has_braked = self._context.commands, True
-        limits = np.asarray(self._context.profile.arm.acceleration_rad_s2)
-        q_rad, qd_rad_s = compute_brake(self._before[:-1], self._velocity, limits, commands.n_steps, commands.step_s)
+        arm = self._before[:-1], self._velocity, self._acceleration
+        q_rad, qd_rad_s = compute_brake(*arm, commands.n_steps, commands.step_s)
         return SetPoints(q_rad, qd_rad_s, np.full(commands.n_steps, self._before[-1]))
 
     def _drop(self) -> None:
@@ -288,8 +285,7 @@ class PolicySkillRuntime:
         """Replace the chunk before, up to the rows that the next one will repeat."""
         commands, m = self._context.commands, 0
         if len(rows) and self._has_braked and not self._velocity.any():
-            limits = np.asarray(self._context.profile.arm.acceleration_rad_s2)
-            n_rows, rows = len(rows), run_up(rows, self._before, limits, self._period_s)
+            n_rows, rows = len(rows), run_up(rows, self._before, self._acceleration, self._period_s)
             m = len(rows) - n_rows
             if m and self._ensemble is not None:
                 self._ensemble.clear()  # its rows come later than the chunk says
@@ -303,7 +299,7 @@ class PolicySkillRuntime:
 
     def _count_until_next(self, n_rows: int) -> int:
         """Control periods until the next chunk is to take over; all of them where none follows."""
-        if self._is_last or self._mode == "open_loop":
+        if self._is_last or self._how.mode == "open_loop":
             return n_rows
         horizon = self._how.horizon or (1 if self._ensemble is not None else 0)
         if not horizon:

@@ -58,11 +58,6 @@ class ActionBridge(ABC):
     def __str__(self) -> str:
         """A few words, as a chain prints them (`units deg->rad`)."""
 
-    def carry_back(self, before: Array) -> Array:
-        """The set-point before the chunk, in the source space."""
-        earlier: Array = self.invert(before[None])[0]
-        return earlier
-
     def find_interventions(self, rows: Array, converted: Array) -> Sequence[Intervention]:
         """Changes beyond conversion."""
         return ()

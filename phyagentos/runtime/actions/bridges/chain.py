@@ -46,7 +46,7 @@ class BridgeChain:
             return violation
         anchors = [before]
         for link in reversed(self.links):
-            anchors.append(link.carry_back(anchors[-1]))
+            anchors.append(link.invert(anchors[-1][None])[0])
         anchors.reverse()
         interventions: list[Intervention] = []
         for link, anchor in zip(self.links, anchors[1:], strict=True):

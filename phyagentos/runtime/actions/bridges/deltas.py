@@ -1,6 +1,7 @@
 """From changes to postures: sums of joint angles and positions, products of rotations."""
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -28,13 +29,9 @@ class ToAbsoluteBridge(ActionBridge):
         out[:, :linear] = before[:linear] + np.cumsum(rows[:, :linear], axis=0)
         if space.representation == "tool_pose":
             columns = slice(POSITION_WIDTH, space.arm_width)
-            changes = decode_rotation(rows[:, columns], space)
-            now = decode_rotation(before[None, columns], space)
-            reached = []
-            for index in range(len(rows)):
-                now = changes[index] * now
-                reached.append(now.as_quat()[0])
-            out[:, columns] = encode_rotation(Rotation.from_quat(np.array(reached)), space)
+            turns = [*decode_rotation(np.concatenate((before[None, columns], rows[:, columns])), space)]
+            reached = [*accumulate(turns, lambda now, change: change * now)]
+            out[:, columns] = encode_rotation(Rotation.concatenate(reached[1:]), space)
         return out
 
     @override
