@@ -66,7 +66,7 @@ class PolicyServer:
         self._channel = grpc.insecure_channel(address, OPTIONS)
         self._stub = services_pb2_grpc.AsyncInferenceStub(self._channel)
         self._asking, self._numbers = threading.Lock(), itertools.count()
-        self._is_loaded = False
+        self._is_loaded = self._is_connected = False
         self.clients: set[ServerConnection] = set()
         self._channel.subscribe(self._watch)
 
@@ -98,7 +98,7 @@ class PolicyServer:
             raise Refused(f"{self._address} answered with no actions: its policy has failed, as its log explains")
         if actions[0].get_timestep() != number:
             raise Refused(f"{self._address} answered observation {actions[0].get_timestep()}, {number} was shown")
-        return np.stack([each.get_action().numpy() for each in actions]).astype(np.float64)
+        return np.stack([each.get_action().double().numpy() for each in actions])
 
     def _load(self) -> None:
         if not self._is_loaded:
@@ -120,7 +120,8 @@ class PolicyServer:
 
     def _watch(self, state: grpc.ChannelConnectivity) -> None:
         """A server that is not connected any more has lost its policy, and every client is to know."""
-        if state is grpc.ChannelConnectivity.READY or not self._is_loaded:
+        was_connected, self._is_connected = self._is_connected, state is grpc.ChannelConnectivity.READY
+        if self._is_connected or not was_connected:
             return
         self._is_loaded = False
         for client in tuple(self.clients):
@@ -225,7 +226,9 @@ def main() -> None:
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--port", type=int, default=8000)
     given = parser.parse_args()
-    forms: dict[str, tuple[int, ...]] = ({STATE: (given.state,)} if given.state else {}) | dict(given.camera)
+    forms: dict[str, tuple[int, ...]] = dict(given.camera)
+    if given.state:
+        forms[STATE] = (given.state,)
     setup = RemotePolicyConfig(given.kind, given.policy, describe_features(forms), given.rows, given.device)
     server = PolicyServer(given.server, setup, given.timeout, given.load_timeout)
     try:
