@@ -245,3 +245,14 @@ def test_a_fast_motion_at_a_low_rate_has_no_corners_where_its_rows_lie_on_a_spli
     bends = np.abs(np.diff(stand.rows, n=2, prepend=[profile.arm.home_rad[0]] * 2)) / 0.002**2
     assert bool(bends.max() < profile.arm.acceleration_rad_s2[0]) is passes
     assert stand.joint[-1] - profile.arm.home_rad[0] == pytest.approx(way_rad, abs=1e-3)
+
+
+def test_a_policy_whose_chunk_came_too_late_is_brought_up_to_its_speed_as_well(profile):
+    how = {"horizon": 8, "underrun": "brake"}
+    stand = Stand(profile, walk(profile, way=0.01), delay_s=0.3, execution=how)
+    stand.run(turns=40)
+    rested = stand.speed.index(0.0) + 1
+    bends = np.abs(np.diff(stand.rows[10 * rested - 1 :], n=2)) / 0.002**2
+    assert len(stand.joint) > rested + 5
+    assert bends[:90].max() < 0.9 * profile.arm.acceleration_rad_s2[0], "the guard refuses more"
+    assert stand.runtime.trace()[1].numbers["run_up"] > 0
