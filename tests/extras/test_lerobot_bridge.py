@@ -12,14 +12,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+from phyagentos.assembly.agent_plane import MemoryUse
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.policy_descriptors import Stream
+from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient, ask_policy
+from phyagentos.runtime.policies.exchanges import read_exchanges
 
-pytestmark = pytest.mark.extras
+pytestmark = [pytest.mark.extras, pytest.mark.journey]
 
 HERE = Path(__file__).parent
 BRIDGE = HERE.parents[1] / "kits" / "lerobot_bridge" / "lerobot_bridge.py"
@@ -33,6 +39,37 @@ STREAMS = {
 SHOWN = {
     "joint_state": np.linspace(-0.5, 0.5, 7),
     "camera_rgb": np.random.default_rng(3).integers(0, 256, (64, 64, 3), dtype=np.uint8),
+}
+NEAR = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785, 0.08])  # at home, open
+SKILL = {
+    "skill": "stay",
+    "description": "Stays.",
+    "kind": "policy",
+    "action_space": {
+        "representation": "joint_position",
+        "joints": [f"joint{index}" for index in range(1, 8)],
+        "rate_hz": 50,
+        "chunk_length": 12,
+        "gripper": {"closed": 0.0, "open": 0.08},
+    },
+    "policy": {
+        "policy": "act/1",
+        "observations": {
+            "joint_state": {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad"}
+            | {"rate_hz": 50, "key": "observation.state"},
+            "camera_rgb": {"modality": "rgb", "frame": "overhead", "shape": [144, 192, 3], "dtype": "uint8"}
+            | {"rate_hz": 25, "key": "observation.images.front", "resize": [64, 64]},
+        },
+        "inference_s": 0.2,
+        "execution": {"mode": "open_loop", "duration_s": 0.5},
+    },
+}
+GRAPH = {
+    "goal": "rest",
+    "objective": "Stay.",
+    "scene": "tabletop/cubes_and_trays",
+    "targets": {"arm": "panda"},
+    "sessions": {"stay": {"skill": "stay", "target": "arm", "accept": ["not moved(red_cube)"]}},
 }
 ENVIRONMENT = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": ""}
 unpickled: list[str] = []  # classes that this process was told to look up
@@ -95,7 +132,8 @@ def end(process):
 @pytest.fixture(scope="module")
 def systems(pytestconfig, tmp_path_factory):
     started = Systems(pytestconfig.option.lerobot_python, tmp_path_factory.mktemp("lerobot"))
-    shown = json.dumps({"state": SHOWN["joint_state"].tolist(), "front": SHOWN["camera_rgb"].tolist()})
+    arrays = {"state": SHOWN["joint_state"], "front": SHOWN["camera_rgb"], "near": NEAR}
+    shown = json.dumps({name: each.tolist() for name, each in arrays.items()})
     made = started.command(HERE / "make_act.py", started.folder / "act")
     done = subprocess.run(made, input=shown, capture_output=True, text=True, check=False, env=ENVIRONMENT)
     assert done.returncode == 0, done.stderr[-2000:]
@@ -139,10 +177,25 @@ def test_what_a_policy_of_lerobot_answers_comes_through_the_bridge_and_no_pickle
         for sequence in range(3):
             chunk = ask(client, sequence)
             assert (chunk.sequence, chunk.rows.shape, chunk.done) == (sequence, (12, 8), False)
-            assert chunk.rows == pytest.approx(systems.rows, abs=1e-5)
+            assert chunk.rows == pytest.approx(systems.rows, abs=1e-6)
+            assert 1e-5 < np.abs(chunk.rows - NEAR).max() < 1e-2, "they rest on what was shown"
     assert unpickled == []
     pickle.loads(pickle.dumps(np.float64))
     assert unpickled, "the hook hears of it"
+
+
+def test_a_policy_of_lerobot_carries_out_a_session(systems, tmp_path):
+    skill, graph = tmp_path / "skills" / "stay" / "SKILL.md", tmp_path / "rest.yaml"
+    skill.parent.mkdir(parents=True)
+    front = SKILL | {"policy": SKILL["policy"] | {"endpoint": systems.endpoint}}
+    skill.write_text(f"---\n{yaml.safe_dump(front)}---\n# stay\n")
+    graph.write_text(yaml.safe_dump(GRAPH))
+    workspace = Workspace.create(tmp_path / "w", Library.open(tmp_path))
+    with open_bench(workspace, CLOCK, memory_use=MemoryUse.NONE) as agent:
+        (session,) = agent.mission.run(graph, seed=1).sessions
+    assert (session.ended, session.verdict) == ("completed", "success"), session
+    assert session.ticks == 25
+    assert len(read_exchanges(workspace.evidence_of(session.id))) == 3, "twelve rows each"
 
 
 def test_an_observation_of_another_shape_is_refused_in_words(systems):
@@ -165,7 +218,7 @@ def test_a_server_that_stalls_is_named_within_the_limit_of_the_bridge(systems):
     assert error.value.code == "POLICY_LOST"
     assert CLOCK.now_s() - began_s < TIMEOUT_S + 2.0
     with open_client(systems.endpoint) as client:
-        assert ask(client).rows == pytest.approx(systems.rows, abs=1e-5), "what it was shown late is forgotten"
+        assert ask(client).rows == pytest.approx(systems.rows, abs=1e-6), "what it was shown late is forgotten"
 
 
 def test_a_server_that_is_killed_is_named_within_the_heartbeat_and_served_again_once_it_is_back(systems):
@@ -182,4 +235,4 @@ def test_a_server_that_is_killed_is_named_within_the_heartbeat_and_served_again_
     assert error.value.code == "POLICY_UNREACHABLE"
     systems.start_server()
     with open_client(systems.endpoint) as client:
-        assert ask(client).rows == pytest.approx(systems.rows, abs=1e-5)
+        assert ask(client).rows == pytest.approx(systems.rows, abs=1e-6)
