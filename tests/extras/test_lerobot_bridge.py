@@ -194,7 +194,7 @@ def test_a_policy_of_lerobot_carries_out_a_session(systems, tmp_path):
     with open_bench(workspace, CLOCK, memory_use=MemoryUse.NONE) as agent:
         (session,) = agent.mission.run(graph, seed=1).sessions
     assert (session.ended, session.verdict) == ("completed", "success"), session
-    assert session.ticks == 25
+    assert session.ticks == 26, "half a second, and one period to brake"
     assert len(read_exchanges(workspace.evidence_of(session.id))) == 3, "twelve rows each"
 
 
