@@ -5,8 +5,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from phyagentos.bench.availability import Gate
 from phyagentos.bench.records import Order
 from phyagentos.bench.suite_checks import SuiteChecks
@@ -43,15 +41,11 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A point of the matrix without its mode and its seed; `layers` are its variants by their place in the suite."""
+    """A point of the matrix without its mode and its seed: its place on each axis, and its variants by their place."""
 
-    phase: str
-    task: str
-    state: str
-    policy: str
-    setting: str
-    spec: Task
-    server: Policy
+    axes: Mapping[str, str]
+    task: Task
+    policy: Policy
     passed: Pass
     layers: Mapping[Address, Variant]
 
@@ -90,10 +84,11 @@ def compile_suite(path: Path) -> Plan:
     orders: list[Order] = []
     missing: dict[str, tuple[Problem, ...]] = {}
     for cell in iter_cells(suite):
-        graph, variant = checks.resolve(cell.spec, cell.task, cell.layers)
-        lacks = gate.find_lacks(variant, cell.server, checks.check_graph(graph, variant, cell.layers))
-        for order in _iter_orders(suite, cell, graph, variant):
-            orders.append(order)
+        seeds = list_seeds(cell.passed.seeds or suite.seeds)
+        graph, variant = checks.resolve(cell.task, cell.axes["task"], cell.layers)
+        lacks = gate.find_lacks(variant, cell.policy, checks.check_graph(graph, variant, cell.layers, seeds[0]))
+        for mode, seed in itertools.product(suite.verification or ("",), seeds):
+            orders.append(order := make_order(suite, cell, graph, variant, str(mode), seed))
             if lacks:
                 missing[order.id] = lacks
     checks.check_asked()
@@ -109,40 +104,36 @@ def iter_cells(suite: Suite) -> Iterator[Cell]:
     for (phase, passed), (name, task) in itertools.product(passes.items(), suite.tasks.items()):
         owner: Address = ("tasks", name) if task.initial_states else ()
         states = task.initial_states or suite.initial_states or {"": Variant()}
-        for (state, start), (policy, acting), (setting, given) in itertools.product(
-            states.items(), policies.items(), settings.items()
-        ):
+        for state, policy, setting in itertools.product(states, policies, settings):
+            axes = {"phase": phase, "task": name, "state": state, "policy": policy, "setting": setting}
             layers: dict[Address, Variant] = {
                 ("common",): suite.common,
                 ("tasks", name): task,
-                (*owner, "initial_states", state): start,
-                ("policies", policy): acting,
-                ("settings", setting): given,
+                (*owner, "initial_states", state): states[state],
+                ("policies", policy): policies[policy],
+                ("settings", setting): settings[setting],
                 ("passes", phase): passed,
             }
-            yield Cell(phase, name, state, policy, setting, task, acting, passed, layers)
+            yield Cell(axes, task, policies[policy], passed, layers)
 
 
-def _iter_orders(suite: Suite, cell: Cell, graph: Path, variant: Variant) -> Iterator[Order]:
-    """The modes and seeds of a cell."""
-    for mode, seed in itertools.product(suite.verification or ("",), list_seeds(cell.passed.seeds or suite.seeds)):
-        axes = (cell.phase, cell.task, cell.state, cell.policy, cell.setting, str(mode))
-        order = Order(
-            id=".".join([*filter(None, axes), str(seed)]),
-            task=cell.task,
-            seed=seed,
-            graph=str(graph),
-            goal=f"{cell.task}-{seed}",
-            state=cell.state,
-            policy=cell.policy,
-            setting=cell.setting,
-            verification=str(mode),
-            phase=cell.phase,
-            variant=variant.model_dump(mode="json", exclude_defaults=True),
-            memory=cell.passed.memory,
-            scorer=suite.scorer,
-            score=cell.spec.score,
-            wall_s=suite.wall_s,
-        )
-        is_chained = cell.passed.memory is MemoryUse.ADAPTING
-        yield msgspec.structs.replace(order, chain=f"{cell.phase}/{order.lineage}") if is_chained else order
+def make_order(suite: Suite, cell: Cell, graph: str, variant: Variant, mode: str, seed: int) -> Order:
+    """The episode of a cell with a mode and a seed."""
+    axes, memory = cell.axes, cell.passed.memory
+    lineage = "/".join((axes["policy"], axes["setting"], mode))  # episodes that share experience
+    return Order(
+        id=".".join([*filter(None, (*axes.values(), mode)), str(seed)]),
+        **axes,
+        verification=mode,
+        seed=seed,
+        graph=graph,
+        goal=f"{axes['task']}-{seed}",
+        variant=variant.model_dump(mode="json", exclude_defaults=True),
+        memory=memory,
+        lineage=lineage,
+        chain=f"{axes['phase']}/{lineage}" if memory is MemoryUse.ADAPTING else "",
+        scorer=suite.scorer,
+        score=cell.task.score,
+        scored=cell.task.scored,
+        wall_s=suite.wall_s,
+    )
