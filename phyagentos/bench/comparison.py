@@ -75,6 +75,8 @@ def read_values(record: EpisodeRecord, of: Figure) -> Mapping[str, Any]:
             return record.parts
         case Figure.FIRST_PARTS:
             return record.first_parts
+        case Figure.VERIFIED:
+            return {"": bool(record.is_met) and record.verdict == "success"}
         case Figure.FIRST:
             return {"": record.is_first}
         case Figure.SESSIONS:

@@ -42,15 +42,16 @@ def score(order: Order, workspace: Workspace, report: MissionReport, statuses: S
         session = status.contract
         if session.node not in order.score or promised.setdefault(session.node, session.accept) != session.accept:
             continue  # a repair may promise something else
-        asked = {session.node: order.score[session.node]}
-        if (found := scorer.score(asked, workspace.root, workspace.evidence_of(session.id))) is None:
-            break
+        asked, bundle = {session.node: order.score[session.node]}, workspace.evidence_of(session.id)
+        found = scorer.score(asked, workspace.root, bundle) if status.execution else {session.node: False}
+        if found is None:
+            return Scored(scorer.score(order.score, workspace.root, None), {}, {})
         after[session.id] = last[session.node] = found[session.node]
         if not is_forecast_refusal(status):  # which moved nothing and was revised
             first.setdefault(session.node, found[session.node])
-    else:  # a node that was never begun is there neither first nor last
-        first, last = ({node: False for node in order.score if node in report.nodes} | each for each in (first, last))
-    return Scored(last if order.scored == "node" else scorer.score(order.score, workspace.root, None), first, after)
+    never = {node: False for node in order.score if node in report.nodes}
+    is_by_node = order.scored == "node"
+    return Scored(never | last if is_by_node else scorer.score(order.score, workspace.root, None), never | first, after)
 
 
 def record_sessions(
@@ -61,7 +62,7 @@ def record_sessions(
     records = []
     for session, status in zip(report.sessions, statuses, strict=True):
         bundle = workspace.evidence_of(session.id)
-        stages, wall_s, contacts = _measure(bundle)
+        stages, wall_s, contacts = measure(bundle)
         records.append(
             SessionRecord(
                 **{name: getattr(session, name) for name in REPORTED},
@@ -77,7 +78,7 @@ def record_sessions(
     return tuple(records)
 
 
-def _measure(bundle: Path) -> tuple[dict[str, float], float, int]:
+def measure(bundle: Path) -> tuple[dict[str, float], float, int]:
     """Where the time of a session went, by stage [ms]; its wall time [s]; contacts of robots with each other."""
     stages: dict[str, float] = {}
     spent_ms, contacts = 0.0, 0

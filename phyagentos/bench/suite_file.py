@@ -125,6 +125,8 @@ class Figure(StrEnum):
 
     FINAL = "final"
     """Share of episodes whose goal is met, as the scorer says."""
+    VERIFIED = "verified"
+    """Share of episodes whose goal is met, as the scorer and the verdict say."""
     FIRST = "first"
     """Share of episodes whose goal is met without any repair, as the scorer says."""
     PARTS = "parts"

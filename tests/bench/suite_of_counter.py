@@ -39,6 +39,38 @@ def score(parts, workspace, bundle):
 
 HEIGHT = Scorer(name="height", check=lambda located, path, condition: [], score=score)
 '''
+RIDE = """---
+skill: ride
+description: Moves the mark of a counter as a policy server says.
+kind: policy
+requires: ["visible(mark)"]
+guarantees: ["moved(mark)"]
+needs: {observations: [joint_state], actions: [joint_position], capabilities: [counting]}
+action_space: {representation: joint_position, joints: [slide], rate_hz: 50, chunk_length: 1}
+policy:
+  policy: lifter/1
+  endpoint: "tcp://127.0.0.1:PORT"
+  observations: {joint_state: {modality: proprioception, shape: [n_joints], dtype: float64, unit: rad, rate_hz: 50}}
+  inference_s: 0.1
+---
+"""
+LIFTER = '''
+"""Serves a policy: one row at the height that it was started with."""
+import sys
+from pathlib import Path
+import numpy as np
+from phyagentos.protocol.capabilities.skill_runtimes import read_skill
+from phyagentos.runtime.policies.server import serve_policy
+
+class Lifter:
+    def start(self, request):
+        pass
+
+    def infer(self, request):
+        return np.array([[float(sys.argv[1])]]), True
+
+serve_policy(Lifter(), read_skill(Path("skills/ride/SKILL.md"))[0].policy, lambda endpoint: None)
+'''
 SUITE = {
     "suite": "counting",
     "objective": "Does it count?",
@@ -55,6 +87,16 @@ def make_project(folder, **changes):
     (folder / "eye.py").write_text(EYE)
     (folder / "suite.yaml").write_text(yaml.safe_dump({**SUITE, **changes}, sort_keys=False))
     return folder
+
+
+def add_policy(folder, port):
+    """A skill whose policy is served at a port by `lifter.py HEIGHT`; the goal asks for it."""
+    (folder / "skills" / "ride").mkdir()
+    (folder / "skills" / "ride" / "SKILL.md").write_text(RIDE.replace("PORT", str(port)))
+    (folder / "lifter.py").write_text(LIFTER)
+    graph = folder / "goal_graphs" / "lift.yaml"
+    graph.write_text(graph.read_text().replace("skill: advance", "skill: ride"))
+    return f"127.0.0.1:{port}"
 
 
 def make_command(*arguments):

@@ -2,18 +2,30 @@
 
 import itertools
 import json
+import socket
 import subprocess
+import sys
 import time
 
 import pytest
 import yaml
 
+from phyagentos.bench.engines import EngineName, open_engine
 from phyagentos.bench.matrix import compile_suite
 from phyagentos.bench.records import EpisodeLog, EpisodeRecord
-from phyagentos.bench.sweep import begin_run
+from phyagentos.bench.sweep import begin_run, run_sweep
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
-from tests.bench.suite_of_counter import SUITE, call, get_environment, make_command, make_project, read_episodes
+from tests.bench.suite_of_counter import (
+    ROOT,
+    SUITE,
+    add_policy,
+    call,
+    get_environment,
+    make_command,
+    make_project,
+    read_episodes,
+)
 
 pytestmark = pytest.mark.journey
 
@@ -22,7 +34,13 @@ ACTING = {
     "no_replan": {"set": {"defaults.max_replans": 0}},
     "low": {"set": {"height_m": 0.005}},
     "strict": {"files": {"runtime_contract.yaml": {"verification.criteria": ["metric(ticks) <= 0"]}}},
+    "realtime": {"world_mode": "realtime"},
     "once": {"repair": "benchmarks.recovery_parts.baselines:NoRetry"},
+}
+MODES = {  # of one step of three, what is said of the goal, and how its session ended
+    "off": ("unverified", "unverified"),
+    "audit": ("failure", "succeeded"),
+    "enforce": ("failure", "failed"),
 }
 
 
@@ -47,8 +65,10 @@ def check_settings(records):
         "lift.no_replan.recovery.3": ("failure", 1, False),
         "lift.low.recovery.3": ("success", 1, False),  # lower than the scorer asks: a false success
         "lift.strict.recovery.3": ("failure", 3, True),
+        "lift.realtime.recovery.3": ("failure", 1, False),  # refused: a counter keeps no real time
         "lift.once.recovery.3": ("failure", 1, False),
     }
+    assert records["lift.realtime.recovery.3"]["taxon"] == "adapter"
     assert {each["taxon"] for id, each in records.items() if id.startswith(("lift.low.r", "lift.strict.r"))} == {
         "verifier"
     }
@@ -75,7 +95,7 @@ def check_report(acted):
 
 
 def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp_path):
-    folder = make_project(tmp_path / "p", seeds={"count": 3}, verification=["off"])
+    folder = make_project(tmp_path / "p", seeds=[0], verification=list(MODES))
     run = folder / "r"
     process = subprocess.Popen(
         make_command("run", "suite.yaml", "-r", "r", "-j", 1), cwd=folder, env=get_environment(), start_new_session=True
@@ -99,13 +119,14 @@ def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp
     lines = read_lines(run)
     assert is_busy
     assert lines[: len(before)] == before
-    assert sorted(json.loads(line)["id"] for line in lines) == [f"lift.off.{seed}" for seed in range(3)]
+    assert sorted(json.loads(line)["id"] for line in lines) == sorted(f"lift.{mode}.0" for mode in MODES)
     repeated = next(record for record in read_episodes(run).values() if f"{record['id']}-1" == half_done.parent.name)
     assert repeated["folder"] == f"episodes/{repeated['id']}-2", (
         "a half-done episode begins anew in a folder of its own"
     )
     assert not is_held(half_done / WATCHDOG_LOCK), "no process of the killed run is left"
-    assert {record["verdict"] for record in read_episodes(run).values()} == {"unverified"}, "its mode acts"
+    done = {record["verification"]: record for record in read_episodes(run).values()}
+    assert {mode: (each["verdict"], each["sessions"][0]["state"]) for mode, each in done.items()} == MODES
     call(folder, "resume", "r")
     assert read_lines(run) == lines
     graph = folder / "goal_graphs" / "lift.yaml"
@@ -141,6 +162,52 @@ def measure_experience(episode):
     return sum(path.stat().st_size for path in (episode / "memory").rglob("*.md"))
 
 
+def test_a_policy_is_served_while_its_episodes_run_and_no_longer(tmp_path):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    folder = make_project(tmp_path / "p", seeds=[1])
+    ready = add_policy(folder, port)
+    command = [sys.executable, "lifter.py", "0.05"]
+    suite = {**SUITE, "seeds": [1], "policies": {"lifter": {"serve": command, "ready": ready}}}
+    (folder / "suite.yaml").write_text(yaml.safe_dump(suite))
+    call(folder, "run", "suite.yaml", "-r", "r")
+    (record,) = read_episodes(folder / "r").values()
+
+    assert (record["verdict"], record["policy"], record["is_met"]) == ("success", "lifter", True)
+    assert [session["skill"] for session in record["sessions"]] == ["ride"]
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", port), 1.0)
+
+
+MOODY = """
+import os, time
+from pathlib import Path
+
+def draw(seed, folder):
+    if seed == 1:
+        os._exit(7)
+    time.sleep(600 * (seed == 2))
+    return Path("goal_graphs/lift.yaml").resolve()
+"""
+
+
+def test_an_episode_that_dies_or_hangs_has_its_record_and_the_rest_goes_on(tmp_path, monkeypatch):
+    task = {"graph": "moody:draw", "score": {"high": 0.045}}
+    folder = make_project(tmp_path / "p", tasks={"lift": task}, seeds=[0, 1, 2], wall_s=8.0)
+    (folder / "moody.py").write_text(MOODY)
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setattr("phyagentos.bench.episode.START_S", 0.0)
+    manifest = begin_run(tmp_path / "r", folder / "suite.yaml", compile_suite(folder / "suite.yaml"), SystemClock())
+    engine = open_engine(EngineName.LOCAL, 3)
+    records = {record.seed: record for record in run_sweep(tmp_path / "r", manifest, engine, {}, SystemClock())}
+
+    assert {seed: record.ended for seed, record in records.items()} == {0: "over", 1: "crashed", 2: "hung"}
+    assert "exit code 7" in records[1].error
+
+
 def test_a_comparison_is_paired_by_seed_and_ends_with_1_on_a_regression(tmp_path, monkeypatch):
     folder = make_project(tmp_path / "p", settings={name: ACTING[name] for name in ("plain", "no_replan")})
     monkeypatch.chdir(folder)
@@ -163,22 +230,23 @@ def test_what_is_asked_of_a_simulated_world_acts_too(tmp_path):
     task = {
         "graph": "tidy_table",
         "score": {"red": {"in_tray": ["red_cube", "red_tray"]}},
-        "faults": "faults.yaml",
-        "sense": "truth",
         "pictures": False,
         "set": {"defaults.max_replans": 0},
     }
+    settings = {"slip": {"faults": "faults.yaml", "sense": "truth"}, "blind": {"sense": "perceived", "prior": "none"}}
     folder = tmp_path / "p"
     folder.mkdir()
     slip = {"version": 1, "faults": [{"kind": "slip", "object": "red_cube"}]}
     (folder / "faults.yaml").write_text(yaml.safe_dump(slip))
-    suite = {**SUITE, "tasks": {"tidy": task}, "seeds": [7], "scorer": "simulator"}
+    suite = {**SUITE, "tasks": {"tidy": task}, "settings": settings, "seeds": [7], "scorer": "simulator"}
     (folder / "suite.yaml").write_text(yaml.safe_dump(suite))
-    call(folder, "run", "suite.yaml", "-r", "r", code=0)
-    (record,) = read_episodes(folder / "r").values()
+    call(folder, "run", "suite.yaml", "-r", "r", "-j", 2, code=0)
+    blind, record = (read_episodes(folder / "r")[f"tidy.{setting}.7"] for setting in ("blind", "slip"))
     bundle = folder / "r" / record["sessions"][0]["bundle"]
 
     assert (record["verdict"], record["is_met"], record["taxon"]) == ("failure", False, "execution")
     assert json.loads((bundle / "faults.json").read_text())
     assert not (bundle / "before.png").exists()
     assert not list(bundle.glob("look-*"))
+    assert (blind["verdict"], blind["is_met"], blind["taxon"]) == ("failure", False, "perception")
+    assert {session["ticks"] for session in blind["sessions"]} == {0}, "nothing has a name that the goal knows"
