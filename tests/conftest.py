@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.command_line import paos  # noqa: F401 - a fixture
 from tests.monitors.hook import silence_is_proved  # noqa: F401 - a fixture for every journey
 
 if not os.environ.get("DISPLAY"):

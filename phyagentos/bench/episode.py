@@ -24,7 +24,7 @@ import msgspec
 import yaml
 
 from phyagentos.assembly import agent_plane
-from phyagentos.assembly.paths import find_project, open_project
+from phyagentos.assembly.paths import choose_folder, find_project, open_project
 from phyagentos.assembly.planes import STOP_S
 from phyagentos.assembly.process_tuning import end_with
 from phyagentos.bench.plug_ins import FAULTS, draw, load_repair
@@ -75,7 +75,8 @@ def carry_out(job: Job, is_ended: Callable[[], bool] = lambda: False) -> Episode
 
     The process ends with the one that calls this. None when `is_ended` before there is a record.
     """
-    folder, clock = _make_folder(Path(job.run) / "episodes", job.order.id), SystemClock()
+    folder, clock = choose_folder(Path(job.run) / "episodes", job.order.id), SystemClock()
+    folder.mkdir(parents=True)  # one for each attempt: what an earlier one has left stays as it is
     (folder / ORDER).write_bytes(msgspec.json.encode(job))
     command = [sys.executable, "-m", "phyagentos.bench.episode", str(folder), str(os.getpid())]
     begin_s, at, limit_s = clock.now_s(), clock.wall_iso(), job.order.wall_s + START_S
@@ -224,20 +225,6 @@ def _fail(job: Job, folder: Path, ended: str, error: str, at: str, wall_s: float
     taxon = Taxon.TIMEOUT if ended == "hung" else Taxon.EXECUTION
     facts = {"ended": ended, "error": error, "at": at, "wall_s": round(wall_s, 3)}
     return EpisodeRecord(**_identify(job, folder) | facts, taxon=taxon, is_met=False)
-
-
-def _make_folder(parent: Path, name: str) -> Path:
-    """`<parent>/<name>-<n>`, the first that no attempt has; what an earlier one left stays as it is."""
-    parent.mkdir(parents=True, exist_ok=True)
-    number = 1
-    while True:
-        folder = parent / f"{name}-{number}"
-        try:
-            folder.mkdir()
-        except FileExistsError:
-            number += 1
-        else:
-            return folder
 
 
 def main() -> None:

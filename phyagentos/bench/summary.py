@@ -9,7 +9,7 @@ import numpy as np
 from phyagentos.bench.comparison import compare, read_values
 from phyagentos.bench.records import EpisodeRecord, Order, select
 from phyagentos.bench.report import Ask, Rate, Spread
-from phyagentos.bench.suite_file import Asked, Figure
+from phyagentos.bench.suite_file import Asked, Figure, Suite
 from phyagentos.bench.sweep import Manifest
 
 GROUPED = {"pass": "phase", "policy": "policy", "setting": "setting", "verification": "verification"}
@@ -87,7 +87,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
         return not (self.missing or self.pending) and all(each.holds for each in self.promises)
 
 
-def summarise(manifest: Manifest, records: Sequence[EpisodeRecord]) -> Summary:
+def summarise(suite: Suite, manifest: Manifest, records: Sequence[EpisodeRecord]) -> Summary:
     """The figures of a run as far as it is."""
     done = {record.id: record for record in records}
     missing = {id: "; ".join(map(str, why)) for id, why in manifest.missing.items() if id not in done}
@@ -98,11 +98,11 @@ def summarise(manifest: Manifest, records: Sequence[EpisodeRecord]) -> Summary:
             groups.setdefault((*(getattr(order, axis) for axis in GROUPED.values()), task), []).append(order)
     ordered = sorted(groups.items(), key=lambda item: [item[0][:-1], item[0][-1] == ""])
     return Summary(
-        suite=manifest.suite,
-        objective=manifest.objective,
+        suite=suite.suite,
+        objective=suite.objective,
         at=manifest.at,
         rows=tuple(_make_row(*key, orders=orders, missing=missing, done=done) for key, orders in ordered),
-        promises=tuple(_keep(asked, records) for asked in manifest.list_asked()),
+        promises=tuple(_keep(asked, records) for asked in suite.asked),
         missing=missing,
         pending=tuple(order.id for order in manifest.orders if order.id not in done and order.id not in missing),
         versions={

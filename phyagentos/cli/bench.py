@@ -147,7 +147,7 @@ def _sweep(folder: Path, manifest: "Manifest", policies: "Mapping[str, Policy]",
     total = sum(order.id not in manifest.missing for order in manifest.orders)
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     with Progress(TextColumn("{task.description}"), *columns, console=console) as progress:
-        bar = progress.add_task(manifest.suite, total=total, completed=len(done))
+        bar = progress.add_task(folder.name, total=total, completed=len(done))
         for record in run_sweep(folder, manifest, open_engine(engine, jobs), policies, SystemClock()):
             progress.advance(bar)
             mark = "met" if record.is_met else f"not met, {record.taxon}"
@@ -158,10 +158,12 @@ def _sweep(folder: Path, manifest: "Manifest", policies: "Mapping[str, Policy]",
 
 def _summarise(folder: Path) -> "Summary":
     from phyagentos.bench.records import read_records
+    from phyagentos.bench.suite_file import read_suite
     from phyagentos.bench.summary import summarise
-    from phyagentos.bench.sweep import read_manifest
+    from phyagentos.bench.sweep import SUITE, read_manifest
 
-    return summarise(read_manifest(folder), read_records(folder))
+    manifest = read_manifest(folder)
+    return summarise(read_suite(folder / SUITE)[0], manifest, read_records(folder))
 
 
 def _read_chosen(text: str) -> "list[EpisodeRecord]":

@@ -1,6 +1,5 @@
 """`paos bench` as a person uses it: settings act, a killed run goes on, passes learn, figures lead to evidence."""
 
-import itertools
 import json
 import socket
 import subprocess
@@ -12,7 +11,6 @@ import yaml
 
 from phyagentos.bench.engines import EngineName, open_engine
 from phyagentos.bench.matrix import compile_suite
-from phyagentos.bench.records import EpisodeLog, EpisodeRecord
 from phyagentos.bench.sweep import begin_run, run_sweep
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
@@ -94,7 +92,7 @@ def check_report(acted):
     assert "lift-3.high.r2" in (acted / "report.md").read_text() or "lift.plain.recovery.3" in page
 
 
-def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp_path):
+def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp_path, paos, monkeypatch):
     folder = make_project(tmp_path / "p", seeds=[0], verification=list(MODES))
     run = folder / "r"
     process = subprocess.Popen(
@@ -127,11 +125,13 @@ def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp
     assert not is_held(half_done / WATCHDOG_LOCK), "no process of the killed run is left"
     done = {record["verification"]: record for record in read_episodes(run).values()}
     assert {mode: (each["verdict"], each["sessions"][0]["state"]) for mode, each in done.items()} == MODES
-    call(folder, "resume", "r")
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(folder)
+    assert paos("bench", "resume", "r").code == 0
     assert read_lines(run) == lines
     graph = folder / "goal_graphs" / "lift.yaml"
     graph.write_text(graph.read_text().replace("Three", "Four"))
-    assert "lift.yaml: RUN_DIFFERS" in call(folder, "resume", "r", code=2).stderr
+    assert "lift.yaml: RUN_DIFFERS" in paos("bench", "resume", "r").err
 
 
 def read_lines(run):
@@ -206,23 +206,6 @@ def test_an_episode_that_dies_or_hangs_has_its_record_and_the_rest_goes_on(tmp_p
 
     assert {seed: record.ended for seed, record in records.items()} == {0: "over", 1: "crashed", 2: "hung"}
     assert "exit code 7" in records[1].error
-
-
-def test_a_comparison_is_paired_by_seed_and_ends_with_1_on_a_regression(tmp_path, monkeypatch):
-    folder = make_project(tmp_path / "p", settings={name: ACTING[name] for name in ("plain", "no_replan")})
-    monkeypatch.chdir(folder)
-    monkeypatch.syspath_prepend(folder)
-    begin_run(tmp_path / "r", folder / "suite.yaml", compile_suite(folder / "suite.yaml"), SystemClock())
-    log = EpisodeLog(tmp_path / "r")
-    for setting, seed in itertools.product(("plain", "no_replan"), range(6)):
-        facts = {"task": "lift", "setting": setting, "seed": seed, "at": "", "folder": ""}
-        log.append(EpisodeRecord(id=f"{setting}.{seed}", is_met=setting == "plain", **facts))
-    log.close()
-
-    done = call(tmp_path, "compare", "r:setting=plain", "r:setting=no_replan", code=1)
-    assert "gained 0, lost 6, p = 0.03125" in done.stdout
-    call(tmp_path, "compare", "r:setting=no_replan", "r:setting=plain")
-    assert "UNKNOWN_NAME" in call(tmp_path, "compare", "r:settings=plain", "r", code=2).stderr
 
 
 @pytest.mark.sim

@@ -14,7 +14,9 @@ from phyagentos.bench.matrix import compile_suite
 from phyagentos.bench.records import EpisodeLog, EpisodeRecord, read_records
 from phyagentos.bench.suite_file import Asked, Variant, merge
 from phyagentos.bench.summary import compute_figure
+from phyagentos.bench.sweep import begin_run
 from phyagentos.bench.taxonomy import Taxon, classify_cause, classify_problems
+from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.environments import EnvironmentSpec
 from tests.bench.suite_of_counter import SUITE, make_project
@@ -163,6 +165,22 @@ def test_a_gap_in_the_second_run_is_a_regression():
     assert not compare(runs[1], runs[0]).is_regression()
     with pytest.raises(DefinitionError, match="NOT_PAIRED"):
         compare(runs[0], [make_record("b.9", seed=9)])
+
+
+def test_a_comparison_is_paired_by_seed_and_ends_with_1_on_a_regression(read, paos, tmp_path):
+    plan = read(settings={"plain": {}, "spoilt": {}}, seeds={"count": 6})
+    begin_run(tmp_path / "r", tmp_path / "suite.yaml", plan, SystemClock())
+    log = EpisodeLog(tmp_path / "r")
+    for order in plan.orders:
+        facts = {"task": order.task, "setting": order.setting, "seed": order.seed}
+        log.append(make_record(order.id, is_met=order.setting == "plain", **facts))
+    log.close()
+
+    worse = paos("bench", "compare", "r:setting=plain", "r:setting=spoilt")
+    assert (worse.code, "gained 0, lost 6, p = 0.03125" in worse.out) == (1, True)
+    assert paos("bench", "compare", "r:setting=spoilt", "r:setting=plain").code == 0
+    wrong = paos("bench", "compare", "r:settings=plain", "r")
+    assert (wrong.code, "UNKNOWN_NAME" in wrong.err) == (2, True)
 
 
 def test_figures_are_those_of_the_records():
