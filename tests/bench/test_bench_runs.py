@@ -5,6 +5,7 @@ import socket
 import subprocess
 import sys
 import time
+import zipfile
 
 import pytest
 import yaml
@@ -233,3 +234,37 @@ def test_what_is_asked_of_a_simulated_world_acts_too(tmp_path):
     assert not list(bundle.glob("look-*"))
     assert (blind["verdict"], blind["is_met"], blind["taxon"]) == ("failure", False, "perception")
     assert {session["ticks"] for session in blind["sessions"]} == {0}, "nothing has a name that the goal knows"
+
+
+def write_wheel(folder):
+    """A package of one module, ready to install without any other."""
+    path = folder / "tiny-1.2-py3-none-any.whl"
+    files = {
+        "tiny.py": "",
+        "tiny-1.2.dist-info/METADATA": "Metadata-Version: 2.1\nName: tiny\nVersion: 1.2\n",
+        "tiny-1.2.dist-info/WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+    }
+    with zipfile.ZipFile(path, "w") as wheel:
+        for name, text in files.items():
+            wheel.writestr(name, text)
+        wheel.writestr("tiny-1.2.dist-info/RECORD", "".join(f"{name},,\n" for name in files))
+    return path
+
+
+def test_an_environment_is_made_from_its_declaration_once_it_is_asked_for(tmp_path, paos, monkeypatch):
+    monkeypatch.setenv("PHYAGENTOS_ENVIRONMENTS", str(tmp_path / "environments"))
+    monkeypatch.setenv("PIP_NO_INDEX", "1")  # nothing comes from elsewhere
+    monkeypatch.chdir(tmp_path)
+    declared = {"packages": [f"tiny @ {write_wheel(tmp_path).as_uri()}"], "imports": ["tiny"], "about": "Of a test."}
+    suite = {**SUITE, "environments": {"other": declared}}
+    (tmp_path / "suite.yaml").write_text(yaml.safe_dump(suite))
+    python = tmp_path / "environments" / "other" / "bin" / "python"
+
+    refused = paos("bench", "setup", "suite.yaml")
+    assert refused.code == 2
+    assert "would run:" in refused.err
+    assert not python.exists(), "nothing is installed unasked"
+    made = paos("bench", "setup", "suite.yaml", "--yes")
+    assert (made.code, made.out) == (0, f"environment 'other': {python}\n"), made.err
+    assert subprocess.run([python, "-c", "import tiny"], check=False).returncode == 0
+    assert paos("bench", "setup", "suite.yaml").out == "environment 'other' is whole\n"
