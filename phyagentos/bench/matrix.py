@@ -91,7 +91,7 @@ def compile_suite(path: Path) -> Plan:
             orders.append(order := make_order(suite, cell, graph, variant, str(mode), seed))
             if lacks:
                 missing[order.id] = lacks
-    checks.check_asked()
+    checks.check_asked(orders)
     if checks.problems:
         raise DefinitionError(list(dict.fromkeys(checks.problems)))
     return Plan(suite, tuple(orders), missing)

@@ -11,11 +11,13 @@ from typing import Any
 
 import msgspec
 
+from phyagentos.agent.mission.report import SessionReport
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.durable_files import sync_folder
 
 LOG = "episodes.jsonl"
-AXES = ("task", "state", "policy", "setting", "verification", "phase")  # and the seed; `phase` is the pass
+AXES = ("task", "state", "policy", "setting", "verification", "phase")  # and the seed
+BY_NAME = {"pass" if axis == "phase" else axis: axis for axis in AXES}  # as a suite names them
 
 
 class Axes(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -65,33 +67,22 @@ class Order(Axes, frozen=True, kw_only=True, omit_defaults=True):
     wall_s: float = 900.0
 
 
-class SessionRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One session of an episode.
+class SessionRecord(SessionReport, frozen=True, kw_only=True, omit_defaults=True):
+    """One session of an episode, as its goal's report tells it, and what was measured.
 
     Attributes:
-        taxon: Kind of failure; empty where the objective was met.
         bundle: Its evidence, relative to the run's folder.
+        taxon: Kind of failure; empty where the objective was met.
         is_met: Whether the part of its node is there after it, as the scorer says; None where it was not asked.
-        ticks: Control periods: actions.
         contacts: Of robots with each other, as the world noted them.
         stages_ms: Where its time went, by stage [ms].
         wall_s: Of its execution [s].
     """
 
-    id: str
-    node: str
-    attempt: int
-    skill: str
-    state: str
     bundle: str
-    ended: str = ""
-    cause: str = ""
-    reason: str = ""
     taxon: str = ""
     is_met: bool | None = None
-    ticks: int = 0
     contacts: int = 0
-    sim_time_s: float = 0.0
     stages_ms: dict[str, float] = {}
     wall_s: float = 0.0
 
@@ -208,6 +199,5 @@ def read_records(folder: Path) -> list[EpisodeRecord]:
 
 
 def select(records: Iterable[EpisodeRecord], where: dict[str, str]) -> list[EpisodeRecord]:
-    """Those that have these values on these axes; `pass` means `phase`."""
-    wanted = {"phase" if axis == "pass" else axis: value for axis, value in where.items()}
-    return [each for each in records if all(getattr(each, axis) == value for axis, value in wanted.items())]
+    """Those that have these values on these axes, by the names that a suite has for them."""
+    return [each for each in records if all(getattr(each, BY_NAME[axis]) == value for axis, value in where.items())]

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from phyagentos.agent.mission.goal_facts import is_forecast_refusal
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.bench.plug_ins import load_scorer
@@ -18,8 +20,6 @@ from phyagentos.protocol.sessions.evidence import EVENTS
 from phyagentos.protocol.sessions.lookahead import read_lookahead
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.workspace.workspace import Workspace
-
-REPORTED = ("id", "node", "attempt", "skill", "state", "ended", "cause", "reason", "ticks")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +65,11 @@ def record_sessions(
         stages, wall_s, contacts = measure(bundle)
         records.append(
             SessionRecord(
-                **{name: getattr(session, name) for name in REPORTED},
+                **msgspec.structs.asdict(session),
                 bundle=str(bundle.relative_to(run)),
                 taxon=classify(status, is_policy=session.skill in policies),
                 is_met=scored.after.get(session.id),
                 contacts=contacts,
-                sim_time_s=round(session.sim_time_s, 9),
                 stages_ms=stages,
                 wall_s=wall_s,
             )

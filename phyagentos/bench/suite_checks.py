@@ -1,7 +1,7 @@
 """What is wrong in a suite and in what it names, each at its place; nothing has run."""
 
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -12,6 +12,7 @@ from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.assembly.paths import find_project
 from phyagentos.bench.episode import change, make_overrides
 from phyagentos.bench.plug_ins import draw, load_repair, load_scorer
+from phyagentos.bench.records import BY_NAME, Order
 from phyagentos.bench.suite_file import Figure, Suite, Task, Variant, merge
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
@@ -75,20 +76,11 @@ class SuiteChecks:
                 self._graphs[key] = tuple((catalogue.targets[name], library.get_target(name)) for name in names)
         return self._graphs.get(key, ())
 
-    def check_asked(self) -> None:
+    def check_asked(self, orders: Sequence[Order]) -> None:
         """Whether what is asked for can be: axes, their values, parts, and a bound."""
-        suite = self._suite
-        states = {*suite.initial_states, *(state for task in suite.tasks.values() for state in task.initial_states)}
-        axes: dict[str, Iterable[str]] = {
-            "task": suite.tasks,
-            "state": states,
-            "policy": suite.policies,
-            "setting": suite.settings,
-            "verification": [mode.value for mode in suite.verification],
-            "pass": suite.passes,
-        }
-        parts = {part for task in suite.tasks.values() for part in task.score}
-        for index, asked in enumerate(suite.asked):
+        axes = {axis: {getattr(order, name) for order in orders} for axis, name in BY_NAME.items()}
+        parts = {part for order in orders for part in order.score}
+        for index, asked in enumerate(self._suite.asked):
             for key, where in (("where", asked.where), ("than", asked.than or {})):
                 for axis, value in where.items():
                     if axis not in axes:

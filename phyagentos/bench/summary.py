@@ -7,12 +7,12 @@ import msgspec
 import numpy as np
 
 from phyagentos.bench.comparison import compare, read_values
-from phyagentos.bench.records import EpisodeRecord, Order, select
+from phyagentos.bench.records import BY_NAME, EpisodeRecord, Order, select
 from phyagentos.bench.report import Ask, Rate, Spread
 from phyagentos.bench.suite_file import Asked, Figure, Suite
 from phyagentos.bench.sweep import Manifest
 
-GROUPED = {"pass": "phase", "policy": "policy", "setting": "setting", "verification": "verification"}
+GROUPED = ("pass", "policy", "setting", "verification")  # axes of a row, beside its task
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -95,7 +95,7 @@ def summarise(suite: Suite, manifest: Manifest, records: Sequence[EpisodeRecord]
     tasks = {order.task for order in manifest.orders}
     for order in manifest.orders:
         for task in (order.task, *([""] if len(tasks) > 1 else [])):
-            groups.setdefault((*(getattr(order, axis) for axis in GROUPED.values()), task), []).append(order)
+            groups.setdefault((*(getattr(order, BY_NAME[axis]) for axis in GROUPED), task), []).append(order)
     ordered = sorted(groups.items(), key=lambda item: [item[0][:-1], item[0][-1] == ""])
     return Summary(
         suite=suite.suite,

@@ -168,13 +168,13 @@ def _summarise(folder: Path) -> "Summary":
 
 def _read_chosen(text: str) -> "list[EpisodeRecord]":
     """Episodes of `RUN` or of `RUN:axis=value,…`."""
-    from phyagentos.bench.records import AXES, read_records, select
+    from phyagentos.bench.records import BY_NAME, read_records, select
     from phyagentos.bench.sweep import read_manifest
 
     folder, _, chosen = text.partition(":")
     read_manifest(Path(folder))
     where = dict(pair.partition("=")[::2] for pair in chosen.split(",") if pair)
     for axis in where:
-        if axis not in {*AXES, "pass"}:
-            raise DefinitionError.unknown("UNKNOWN_NAME", text, axis, (*AXES, "pass"))
+        if axis not in BY_NAME:
+            raise DefinitionError.unknown("UNKNOWN_NAME", text, axis, BY_NAME)
     return select(read_records(Path(folder)), where)
