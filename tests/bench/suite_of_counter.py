@@ -46,7 +46,8 @@ kind: policy
 requires: ["visible(mark)"]
 guarantees: ["moved(mark)"]
 needs: {observations: [joint_state], actions: [joint_position], capabilities: [counting]}
-action_space: {representation: joint_position, joints: [slide], rate_hz: 50, chunk_length: 1}
+action_space:
+  {representation: joint_position, joints: [slide], rate_hz: 50, chunk_length: 10, gripper: {closed: 0.0, open: 0.1}}
 policy:
   policy: lifter/1
   endpoint: "tcp://127.0.0.1:PORT"
@@ -55,7 +56,7 @@ policy:
 ---
 """
 LIFTER = '''
-"""Serves a policy: one row at the height that it was started with."""
+"""Serves a policy: up to the height that it is started with, in ten rows."""
 import sys
 from pathlib import Path
 import numpy as np
@@ -67,7 +68,7 @@ class Lifter:
         pass
 
     def infer(self, request):
-        return np.array([[float(sys.argv[1])]]), True
+        return np.linspace((0.0, 0.0), (float(sys.argv[1]), 0.0), 10), True
 
 serve_policy(Lifter(), read_skill(Path("skills/ride/SKILL.md"))[0].policy, lambda endpoint: None)
 '''
@@ -115,7 +116,7 @@ def call(folder, *arguments, code=0):
         env=get_environment(),
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=550,
         check=False,
     )
     assert done.returncode == code, f"{done.returncode}: {done.stdout}{done.stderr}"

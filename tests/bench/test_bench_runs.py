@@ -10,13 +10,8 @@ import zipfile
 import pytest
 import yaml
 
-from phyagentos.bench.engines import EngineName, open_engine
-from phyagentos.bench.matrix import compile_suite
-from phyagentos.bench.sweep import begin_run, run_sweep
-from phyagentos.clock import SystemClock
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
 from tests.bench.suite_of_counter import (
-    ROOT,
     SUITE,
     add_policy,
     call,
@@ -179,34 +174,6 @@ def test_a_policy_is_served_while_its_episodes_run_and_no_longer(tmp_path):
     assert [session["skill"] for session in record["sessions"]] == ["ride"]
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", port), 1.0)
-
-
-MOODY = """
-import os, time
-from pathlib import Path
-
-def draw(seed, folder):
-    if seed == 1:
-        os._exit(7)
-    time.sleep(600 * (seed == 2))
-    return Path("goal_graphs/lift.yaml").resolve()
-"""
-
-
-def test_an_episode_that_dies_or_hangs_has_its_record_and_the_rest_goes_on(tmp_path, monkeypatch):
-    task = {"graph": "moody:draw", "score": {"high": 0.045}}
-    folder = make_project(tmp_path / "p", tasks={"lift": task}, seeds=[0, 1, 2], wall_s=8.0)
-    (folder / "moody.py").write_text(MOODY)
-    monkeypatch.chdir(folder)
-    monkeypatch.syspath_prepend(folder)
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    monkeypatch.setattr("phyagentos.bench.episode.START_S", 0.0)
-    manifest = begin_run(tmp_path / "r", folder / "suite.yaml", compile_suite(folder / "suite.yaml"), SystemClock())
-    engine = open_engine(EngineName.LOCAL, 3)
-    records = {record.seed: record for record in run_sweep(tmp_path / "r", manifest, engine, {}, SystemClock())}
-
-    assert {seed: record.ended for seed, record in records.items()} == {0: "over", 1: "crashed", 2: "hung"}
-    assert "exit code 7" in records[1].error
 
 
 @pytest.mark.sim
