@@ -164,7 +164,7 @@ def test_a_policy_is_served_while_its_episodes_run_and_no_longer(tmp_path):
         port = free.getsockname()[1]
     folder = make_project(tmp_path / "p", seeds=[1])
     ready = add_policy(folder, port)
-    command = [sys.executable, "lifter.py", "0.05"]
+    command = [sys.executable, "lifter.py", "0.06"]
     suite = {**SUITE, "seeds": [1], "policies": {"lifter": {"serve": command, "ready": ready}}}
     (folder / "suite.yaml").write_text(yaml.safe_dump(suite))
     call(folder, "run", "suite.yaml", "-r", "r")
