@@ -4,6 +4,7 @@ import hashlib
 import json
 import shutil
 import zipfile
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -21,6 +22,8 @@ from phyagentos.store.retention import apply_retention
 from tests.clocks import ManualClock
 
 pytestmark = pytest.mark.journey
+
+GRAPH = Path(__file__).with_name("goal.yaml")
 
 FILES = (
     evidence.CONTRACT, evidence.SCENE_MODEL, evidence.SCENE_XML, evidence.INITIAL, evidence.TERMINAL, evidence.BEFORE,
@@ -61,7 +64,8 @@ def test_commands_and_measurements_agree_within_the_tracking_limit(calm):
 
 
 def test_a_session_with_a_fault_can_be_repeated_from_its_own_documents(plane):
-    plane.run("slip-6", seed=6)
+    once = {"defaults.max_replans": "0"}
+    plane.mission.run(GRAPH, seed=6, goal="slip-6", overrides=once)
 
     assert rerun_session(plane.workspace.root, "slip-6.red").differences == ()
 
