@@ -32,11 +32,13 @@ class Plan:
     Attributes:
         orders: Every episode, in the order of passes, tasks, initial states, policies, settings, modes and seeds.
         missing: Id of an episode -> why it cannot run here.
+        seeds_max: Of each pass; None for all.
     """
 
     suite: Suite
     orders: tuple[Order, ...]
     missing: Mapping[str, tuple[Problem, ...]]
+    seeds_max: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +75,8 @@ def find_environments(name: str) -> dict[str, EnvironmentSpec]:
     return declared if own else {name: declared[name]}
 
 
-def compile_suite(path: Path) -> Plan:
-    """Every episode of a suite, and which of them cannot run here.
+def compile_suite(path: Path, seeds_max: int | None = None) -> Plan:
+    """Every episode of a suite, or of so many seeds of each pass, and which of them cannot run here.
 
     Raises:
         DefinitionError: With every problem of the suite, and of the goal graphs, settings and faults that it names.
@@ -84,7 +86,7 @@ def compile_suite(path: Path) -> Plan:
     orders: list[Order] = []
     missing: dict[str, tuple[Problem, ...]] = {}
     for cell in iter_cells(suite):
-        seeds = list_seeds(cell.passed.seeds or suite.seeds)
+        seeds = list_seeds(cell.passed.seeds or suite.seeds)[:seeds_max]
         graph, variant = checks.resolve(cell.task, cell.axes["task"], cell.layers)
         lacks = gate.find_lacks(variant, cell.policy, checks.check_graph(graph, variant, cell.layers, seeds[0]))
         for mode, seed in itertools.product(suite.verification or ("",), seeds):
@@ -94,7 +96,7 @@ def compile_suite(path: Path) -> Plan:
     checks.check_asked(orders)
     if checks.problems:
         raise DefinitionError(list(dict.fromkeys(checks.problems)))
-    return Plan(suite, tuple(orders), missing)
+    return Plan(suite, tuple(orders), missing, seeds_max)
 
 
 def iter_cells(suite: Suite) -> Iterator[Cell]:

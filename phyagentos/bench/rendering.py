@@ -2,7 +2,7 @@
 
 import base64
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from markdown_it import MarkdownIt
 from PIL import Image
 
 from phyagentos.bench.records import EpisodeRecord
-from phyagentos.bench.report import Rate, Spread
+from phyagentos.bench.report import Rate
 from phyagentos.bench.summary import GROUPED, Row, Summary
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.markdown import render_table
@@ -28,6 +28,8 @@ th,td{border-bottom:1px solid #dde3ea;padding:.35rem .7rem;text-align:left;verti
 details{border-bottom:1px solid #e3e8ee;padding:.35rem 0}summary{cursor:pointer}.yes{color:#12703a}.no{color:#b3261e}
 img{max-width:192px;margin:.3rem .3rem .3rem 0;border:1px solid #ccd5de}code{font-size:13px}
 """
+Titled = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
+Cells = Callable[[Row], Iterable[tuple[object, ...]]]  # one line of a table each
 _TABLES = MarkdownIt("zero").enable(["heading", "table"])  # no link, picture or tag that a reason might contain
 
 
@@ -62,62 +64,49 @@ def render_html(summary: Summary, folder: Path) -> str:
     return f"<!doctype html><html lang=en><head>{head}</head><body>{body}</body></html>\n"
 
 
-def _iter_tables(summary: Summary) -> Iterator[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
-    rows, axes = summary.rows, tuple(axis for axis in GROUPED if any(row.axes[axis] for row in summary.rows))
-    is_single = all(row.task for row in rows)
+def _iter_tables(summary: Summary) -> Iterator[Titled]:
+    rows, axes = summary.rows, [axis for axis in GROUPED if any(row.axes[axis] for row in summary.rows)]
+    singles = [row for row in rows if row.task] or rows
 
-    def name(row: Row) -> tuple[str, ...]:
-        return (*(row.axes[axis] for axis in axes), row.task or "all")
+    def tell(title: str, columns: tuple[str, ...], read: Cells, rows: Sequence[Row] = rows) -> Titled:
+        named = [((*(row.axes[axis] for axis in axes), row.task or "all"), row) for row in rows]
+        cells = [(*name, *map(str, each)) for name, row in named for each in read(row)]
+        return title, (*axes, "task", *columns), cells
 
     counts = ("episodes", "missing", "pending", "false success", "false failure")
-    yield (
+    yield tell(
         "Success",
-        (*axes, "task", "final", "first", "parts, first", *counts),
-        [
+        ("final", "first", "parts, first", *counts),
+        lambda row: [
             (
-                *name(row),
-                *map(_tell_rate, (row.final, row.first, row.first_parts)),
-                *map(str, (len(row.episodes), row.missing, row.pending)),
-                *map(str, (len(row.false_successes), len(row.false_failures))),
+                *(row.final, row.first, row.first_parts, len(row.episodes), row.missing, row.pending),
+                *map(len, (row.false_successes, row.false_failures)),
             )
-            for row in rows
         ],
     )
-    asked: list[tuple[str, ...]] = [
-        (each.figure, f"{each.value:.4g}", each.asked, "yes" if each.holds else "no") for each in summary.promises
-    ]
-    yield "Asked for", ("figure", "value", "asked", "holds"), asked
-    yield (
+    asked = [(each.figure, f"{each.value:.4g}", each.asked, "yes" if each.holds else "no") for each in summary.promises]
+    yield "Asked for", ("figure", "value", "asked", "holds"), list[tuple[str, ...]](asked)
+    yield tell(
         "Actions and time",
-        (*axes, "task", "sessions", "actions an episode", "simulated [s]", "wall [s]", "an action [ms]"),
-        [
-            (*name(row), str(row.sessions), *map(_tell_spread, (row.ticks, row.sim_time_s, row.wall_s, row.action_ms)))
-            for row in rows
-        ],
+        ("sessions", "actions an episode", "simulated [s]", "wall [s]", "an action [ms]"),
+        lambda row: [(row.sessions, row.ticks, row.sim_time_s, row.wall_s, row.action_ms)],
     )
-    yield (
+    yield tell(
         "Where the time of a session goes [ms]",
-        (*axes, "task", "stage", "sessions", "median (95 %)"),
-        [
-            (*name(row), stage, str(spread.count), _tell_spread(spread))
-            for row in rows
-            if not row.task or is_single
-            for stage, spread in row.stages_ms.items()
-        ],
+        ("stage", "sessions", "median (95 %)"),
+        lambda row: [(stage, spread.count, spread) for stage, spread in row.stages_ms.items()],
+        singles,
     )
-    yield (
+    yield tell(
         "Kinds of failure",
-        (*axes, "task", "kind", "episodes", "sessions"),
-        [
-            (*name(row), kind, str(row.taxa.get(kind, 0)), str(row.missed_sessions.get(kind, 0)))
-            for row in rows
+        ("kind", "episodes", "sessions"),
+        lambda row: [
+            (kind, row.taxa.get(kind, 0), row.missed_sessions.get(kind, 0))
             for kind in sorted({*row.taxa, *row.missed_sessions})
         ],
     )
-    versions: list[tuple[str, ...]] = [
-        (what, at, str(count)) for what, each in summary.versions.items() for at, count in each.items()
-    ]
-    yield "Versions", ("what", "version", "episodes"), versions
+    versions = [(what, at, str(n)) for what, each in summary.versions.items() for at, n in each.items()]
+    yield "Versions", ("what", "version", "episodes"), list[tuple[str, ...]](versions)
     yield "Missing", ("episode", "why"), list(summary.missing.items())
     failed = ("episode", "verdict", "scorer", "kind", "session", "bundle", "why")
     notable = [_tell(record) for record in summary.episodes if _is_notable(record)]
@@ -127,14 +116,6 @@ def _iter_tables(summary: Summary) -> Iterator[tuple[str, tuple[str, ...], list[
 def _tell_counts(summary: Summary) -> str:
     ended, missing, pending = len(summary.episodes), len(summary.missing), len(summary.pending)
     return f"{ended} episodes ended, {missing} are missing, {pending} are pending"
-
-
-def _tell_rate(rate: Rate) -> str:
-    return str(rate) if rate.trials else "-"
-
-
-def _tell_spread(spread: Spread) -> str:
-    return f"{spread.median:.4g} (95 %: {spread.p95:.4g})" if spread.count else "-"
 
 
 def _is_notable(record: EpisodeRecord) -> bool:

@@ -44,6 +44,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
         project: Working folder, in which names were looked up.
         missing: Id of an episode -> why it cannot run here.
         files: Path -> SHA-256 of the suite, its goal graphs and its faults.
+        seeds_max: Of each pass; None for all.
     """
 
     source: str
@@ -52,6 +53,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     orders: tuple[Order, ...]
     missing: dict[str, tuple[Problem, ...]]
     files: dict[str, str]
+    seeds_max: int | None = None
 
 
 def begin_run(folder: Path, source: Path, plan: Plan, clock: Clock) -> Manifest:
@@ -209,5 +211,6 @@ def _describe(source: Path, plan: Plan, at: str, project: Path) -> Manifest:
         at=at,
         orders=plan.orders,
         missing=dict(plan.missing),
+        seeds_max=plan.seeds_max,
         files={path: hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in paths},
     )

@@ -37,6 +37,7 @@ def run(
     ] = None,
     jobs: Jobs = 1,
     engine: Where = EngineName.LOCAL,
+    seeds: Annotated[int | None, typer.Option(help="Only so many seeds of each pass.", min=1)] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check, name what is missing, and run nothing.")] = False,
 ) -> int:
     """Run a suite: check it, name what is missing here, carry every episode out, report."""
@@ -46,7 +47,7 @@ def run(
     from phyagentos.clock import SystemClock
 
     path = find_suite(suite)
-    plan = compile_suite(path)
+    plan = compile_suite(path, seeds)
     print_missing(plan.missing)
     if dry_run:
         print_result(f"{len(plan.orders)} episodes, {len(plan.missing)} missing")
@@ -62,7 +63,8 @@ def resume(folder: Folder, jobs: Jobs = 1, engine: Where = EngineName.LOCAL) -> 
     from phyagentos.bench.matrix import compile_suite
     from phyagentos.bench.sweep import continue_run, read_manifest
 
-    plan = compile_suite(Path(read_manifest(folder).source))
+    known = read_manifest(folder)
+    plan = compile_suite(Path(known.source), known.seeds_max)
     manifest = continue_run(folder, plan)
     print_missing(manifest.missing)
     return _sweep(folder, manifest, plan.suite.policies, jobs, engine)

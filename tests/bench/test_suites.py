@@ -54,6 +54,13 @@ def test_the_matrix_is_the_product_of_its_axes_in_order(read):
     assert plan.orders[-1].goal == "again-6"
 
 
+def test_of_each_pass_only_the_first_seeds_are_run_where_so_many_are_asked_for(read, tmp_path):
+    read(seeds={"first": 5, "count": 9}, passes={"own": {"seeds": [3, 1, 2]}, "common": {}})
+    plan = compile_suite(tmp_path / "suite.yaml", 2)
+
+    assert [order.id for order in plan.orders] == ["own.tidy.3", "own.tidy.1", "common.tidy.5", "common.tidy.6"]
+
+
 def test_of_two_axes_that_say_the_same_the_later_one_is_heard():
     merged = merge(
         [
