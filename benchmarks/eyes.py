@@ -15,6 +15,7 @@ from phyagentos.bench.scorers.simulator_state import REST_SPEED_M_S, read_end
 ROBOTS = Path(__file__).resolve().parents[1] / "robots"
 GAP_M = 0.006  # between what rests on each other, contact softness and a small tilt included
 LEVEL_COS = 0.985  # ten degrees
+FLOOR_SLACK_M = 0.004
 POSED_RAD, POSED_S, REST_RAD_S = 0.05, 0.9, 0.05  # of a posture: how near, how long before the end, how still
 BASE_JOINTS = ["base_x", "base_y", "base_yaw"]
 
@@ -26,6 +27,27 @@ def is_borne(folder: Path, load: str, carrier: str, half_m: Sequence[float], hei
     place = rotation.T @ (data.body(load).xpos - data.body(carrier).xpos)
     is_over = abs(place[0]) <= half_m[0] and abs(place[1]) <= half_m[1]
     return bool(rotation[2, 2] > LEVEL_COS and is_over and abs(place[2] - height_m) <= GAP_M)
+
+
+def is_in_place(folder: Path, thing: str, place: str, center_m: Sequence[float], half_m: Sequence[float]) -> bool:
+    """Whether the box of a free body lies at rest in the interior of a place, on its floor.
+
+    Args:
+        folder: An evidence bundle.
+        thing: Body name of a free body whose first geometry is a box.
+        place: Body name of a body with an interior.
+        center_m: (3,) middle of the interior in the frame of the place [m].
+        half_m: (3,) half extents of the interior [m].
+    """
+    model, data = read_end(folder)
+    body, base, half = model.body(thing), model.body(place), np.array(half_m)
+    geom, dof = body.geomadr[0], body.dofadr[0]
+    corners = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, 8) * model.geom_size[geom][:, None]
+    world = data.geom_xpos[geom][:, None] + data.geom_xmat[geom].reshape(3, 3) @ corners
+    local = data.xmat[base.id].reshape(3, 3).T @ (world - data.xpos[base.id][:, None]) - np.array(center_m)[:, None]
+    within = np.all(np.abs(local[:2].mean(axis=1)) < half[:2])
+    at_rest = np.linalg.norm(data.qvel[dof : dof + 3]) < REST_SPEED_M_S
+    return bool(within and -half[2] - FLOOR_SLACK_M < local[2].min() < half[2] and at_rest)
 
 
 def is_posed(

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from benchmarks.eyes import is_in_place
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.planes import start_watch
-from phyagentos.bench.scorers.simulator_state import is_in_place
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.settings.perception import Sensing
 

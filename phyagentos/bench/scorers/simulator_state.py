@@ -3,7 +3,6 @@
 It loads `scene.mjb` and `terminal.npz` with MuJoCo and numpy alone; nothing of the framework that acted is imported.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 
 RIM_MARGIN_M = 0.002
 REST_SPEED_M_S = 0.05
-FLOOR_SLACK_M = 0.004
 
 
 def is_in_tray(folder: Path, cube: str, tray: str) -> bool:
@@ -34,27 +32,6 @@ def is_in_tray(folder: Path, cube: str, tray: str) -> bool:
     half_m = float(model.geom_size[model.body_geomadr[cube_id]].min())
     low_enough = position[2] - half_m < upper[2] - RIM_MARGIN_M
     return inside and bool(low_enough) and bool(position[2] > lower[2]) and at_rest
-
-
-def is_in_place(folder: Path, thing: str, place: str, center_m: Sequence[float], half_m: Sequence[float]) -> bool:
-    """Whether the box of a free body lies at rest in the interior of a place, on its floor.
-
-    Args:
-        folder: An evidence bundle.
-        thing: Body name of a free body whose first geometry is a box.
-        place: Body name of a body with an interior.
-        center_m: (3,) middle of the interior in the frame of the place [m].
-        half_m: (3,) half extents of the interior [m].
-    """
-    model, data = read_end(folder)
-    body, base, half = model.body(thing), model.body(place), np.array(half_m)
-    geom, dof = body.geomadr[0], body.dofadr[0]
-    corners = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, 8) * model.geom_size[geom][:, None]
-    world = data.geom_xpos[geom][:, None] + data.geom_xmat[geom].reshape(3, 3) @ corners
-    local = data.xmat[base.id].reshape(3, 3).T @ (world - data.xpos[base.id][:, None]) - np.array(center_m)[:, None]
-    within = np.all(np.abs(local[:2].mean(axis=1)) < half[:2])
-    at_rest = np.linalg.norm(data.qvel[dof : dof + 3]) < REST_SPEED_M_S
-    return bool(within and -half[2] - FLOOR_SLACK_M < local[2].min() < half[2] and at_rest)
 
 
 def read_end(folder: Path) -> tuple[mujoco.MjModel, mujoco.MjData]:
