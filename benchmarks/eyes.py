@@ -61,6 +61,8 @@ def is_posed(
         held_s: That time [s].
         still_rad_s: How fast a joint at rest may be; one that is pushed sways [rad/s].
     """
+    if not (folder / "trajectory.npz").exists():
+        return False  # its worker was lost: nothing was measured
     model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
     joints, wanted = [model.joint(name) for name in posture_rad], np.array(list(posture_rad.values()))
     with np.load(folder / "terminal.npz") as terminal, np.load(folder / "trajectory.npz") as course:
