@@ -52,27 +52,28 @@ class Cell:
     layers: Mapping[Address, Variant]
 
 
+def list_suites() -> dict[str, Path]:
+    """Suites in `benchmarks/suites/` of the libraries, by name."""
+    roots = reversed(Library.open(Path.cwd()).roots)  # the first one with a name has it
+    return {path.stem: path for root in roots for path in sorted((root / FOLDER).glob("*.yaml"))}
+
+
 def find_suite(name: Path) -> Path:
-    """The file of a suite: a path, or a name in `benchmarks/suites/` of the libraries; raises `UNKNOWN_FILE`."""
-    if name.is_file():
-        return name
-    roots = Library.open(Path.cwd()).roots
-    found = next((path for root in roots if (path := root / FOLDER / f"{name}.yaml").is_file()), None)
-    if found is None:
-        known = {path.stem for root in roots for path in (root / FOLDER).glob("*.yaml")}
+    """The file of a suite: a path, or a name; raises `UNKNOWN_FILE`."""
+    known = {} if name.is_file() else list_suites()
+    if not name.is_file() and name.stem not in known:
         raise DefinitionError.unknown("UNKNOWN_FILE", str(name), name.stem, known)
-    return found
+    return known.get(name.stem, name)
 
 
 def find_environments(name: str) -> dict[str, EnvironmentSpec]:
     """Environments of a suite, by the suite's file or name, or one by its own name; raises `UNKNOWN_NAME`."""
-    roots = Library.open(Path.cwd()).roots
-    files = [path for root in roots for path in sorted((root / FOLDER).glob("*.yaml"))]
-    own = [path for path in (Path(name), *files) if path.is_file() and (path == Path(name) or path.stem == name)]
-    declared = {key: spec for path in own[:1] or files for key, spec in read_suite(path)[0].environments.items()}
-    if not own and name not in declared:
-        raise DefinitionError.unknown("UNKNOWN_NAME", "paos bench setup", name, {*declared, *(p.stem for p in files)})
-    return declared if own else {name: declared[name]}
+    if Path(name).is_file() or name in (known := list_suites()):
+        return read_suite(find_suite(Path(name)))[0].environments
+    declared = {key: spec for path in known.values() for key, spec in read_suite(path)[0].environments.items()}
+    if name not in declared:
+        raise DefinitionError.unknown("UNKNOWN_NAME", "paos bench setup", name, {*declared, *known})
+    return {name: declared[name]}
 
 
 def compile_suite(path: Path, seeds_max: int | None = None) -> Plan:
