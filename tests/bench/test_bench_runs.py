@@ -200,7 +200,7 @@ def test_what_is_asked_of_a_simulated_world_acts_too(tmp_path):
     assert not (bundle / "before.png").exists()
     assert not list(bundle.glob("look-*"))
     assert (blind["verdict"], blind["is_met"], blind["taxon"]) == ("failure", False, "perception")
-    assert {session["ticks"] for session in blind["sessions"]} == {0}, "nothing has a name that the goal knows"
+    assert not any(session.get("ticks") for session in blind["sessions"]), "nothing has a name that the goal knows"
 
 
 def write_wheel(folder):
