@@ -29,12 +29,12 @@ pytestmark = pytest.mark.journey
 
 
 @pytest.fixture
-def graph(tmp_path):
-    """`tidy_table` with two of its three cubes."""
+def graph(tmp_path_factory):
+    """`tidy_table` with two of its three cubes; beside the folder on which a disk is mounted."""
     data = yaml.safe_load(TIDY_TABLE.read_text())
     del data["sessions"]["blue"]
     data["accept"] = [text for text in data["accept"] if "blue" not in text]
-    path = tmp_path / "tidy_table.yaml"
+    path = tmp_path_factory.mktemp("graph") / "tidy_table.yaml"
     path.write_text(yaml.safe_dump(data))
     return path
 
