@@ -25,7 +25,7 @@ def encode(array: NDArray[Any]) -> dict[bytes, Any]:
 
 def decode(value: dict[bytes, Any]) -> NDArray[Any]:
     """The array of such a map."""
-    return np.frombuffer(value[b"data"], dtype=value[b"dtype"]).reshape(value[b"shape"])
+    return np.frombuffer(value[b"data"], dtype=value[b"dtype"]).reshape(value[b"shape"]).copy()
 
 
 def receive(connection: ServerConnection) -> None:

@@ -24,7 +24,6 @@ from target_server.body import Body, Entity, Joint, State, Triple
 from target_server.server import main
 from target_server.wire import Refusal
 
-STILL = 0.01  # slower than this a joint is at rest [1/s]
 HALT_STEPS = 400
 
 
@@ -85,13 +84,14 @@ class Thing:
 
 @dataclass(frozen=True)
 class Zone:
-    """A region about the point at three places of the observation from `observation` on, and off it by `offset_m`.
+    """A region about the point at three places of the observation from `observation` on, the world's without, and off
+    it by `offset_m`.
 
     Attributes:
         half_m: Half extents [m].
     """
 
-    observation: int
+    observation: int | None = None
     offset_m: Triple = (0.0, 0.0, 0.0)
     half_m: Triple = (0.0, 0.0, 0.0)
 
@@ -108,6 +108,7 @@ class Settings:
             all scenes are alike.
         signals: Name of an observation -> its first place in the environment's own, and the one behind its last.
         step_s: What one `env.step` takes [s]; so many in a command: `steps_per_command`.
+        still: Slower than this a joint is at rest [1/s]; above what noise of the observation makes.
         tcp_m: (3,) the tool with all joints at zero [m].
         outcomes: File to which a line is appended after each session: `success` so far in the episode, `at_end` that of
             its last step, `completed` the environment's own list of completed parts, and `steps`.
@@ -126,6 +127,7 @@ class Settings:
     entities: Mapping[str, Thing] = field(default_factory=dict)
     regions: Mapping[str, Zone] = field(default_factory=dict)
     signals: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    still: float = 0.01
     tcp_m: Triple = (0.0, 0.0, 0.0)
     outcomes: str = ""
 
@@ -200,8 +202,11 @@ class GymnasiumBody(Body):
     def list_regions(self) -> Sequence[Mapping[str, Any]]:
         found = []
         for name, each in self._settings.regions.items():
-            at = self._seen[each.observation : each.observation + 3] + each.offset_m
-            found.append({"name": name, "pose": {"position_m": at.tolist()}, "half_m": each.half_m})
+            at = each.observation
+            about = np.zeros(3) if at is None else self._seen[at : at + 3]
+            found.append(
+                {"name": name, "pose": {"position_m": (about + each.offset_m).tolist()}, "half_m": each.half_m}
+            )
         return found
 
     def list_signals(self) -> Mapping[str, Sequence[float]]:
@@ -222,7 +227,7 @@ class GymnasiumBody(Body):
         self._wanted = np.array(dials)
         for _ in range(HALT_STEPS):
             self.stay()
-            if max(map(abs, self.read().qd), default=0.0) < STILL or self._over:
+            if max(map(abs, self.read().qd), default=0.0) < self._settings.still or self._over:
                 return
 
     def note_end(self, session: str) -> None:
