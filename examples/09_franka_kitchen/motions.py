@@ -147,10 +147,12 @@ def plan(arm: Arm, seen: Array, task: str) -> list[Array]:
     motion.move(np.array([tip_m[0], min(tip_m[1], 0.45), tip_m[2]]), speed_m_s=0.5)
     at_m = {name: sites(site).xpos.copy() for name, site in HANDLES.items()}[task]
     if task in {"bottom burner", "top burner"}:
-        motion.move(at_m - 0.14 * AHEAD, RIGHT, speed_m_s=0.5, roll_rad=1.3)
-        motion.move(at_m + 0.015 * AHEAD, RIGHT, roll_rad=1.3)
+        turned_rad = -float(arm.data.joint(KNOBS[task]).qpos[0])
+        across, left_rad = np.cos(turned_rad) * RIGHT - np.sin(turned_rad) * UP, KNOB_RAD - turned_rad
+        motion.move(at_m - 0.14 * AHEAD, across, speed_m_s=0.5, roll_rad=left_rad)
+        motion.move(at_m + 0.015 * AHEAD, across, roll_rad=left_rad)
         motion.grip(CLOSED_M)
-        motion.roll(1.3, 18)
+        motion.roll(left_rad, 18)
     elif task == "kettle":
         motion.move(at_m - 0.16 * AHEAD, UP, speed_m_s=0.5)
         motion.move(at_m, UP)
@@ -176,6 +178,8 @@ def plan(arm: Arm, seen: Array, task: str) -> list[Array]:
     return motion.rows
 
 
+KNOB_RAD = 1.3  # beyond what is asked for: the fingers slip
+KNOBS = {"bottom burner": "knob_Joint_2", "top burner": "knob_Joint_4"}
 HANDLES = {
     "bottom burner": "knob2_site", "top burner": "knob4_site", "light switch": "light_site",
     "slide cabinet": "slide_site", "hinge cabinet": "hinge_site2", "kettle": "kettle_site",

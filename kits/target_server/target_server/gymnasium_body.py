@@ -31,7 +31,8 @@ HALT_STEPS = 400
 class Motor:
     """How one joint is moved and measured.
 
-    The action is set_point_gain q_d + gain (q_d - q) + velocity_gain qd_d, cut to the bounds of the action space.
+    The action is set_point_gain q_d + gain (q_d - q) + velocity_gain qd_d, cut to the bounds of the action space; where
+    it holds still, hold_gain is added to gain.
 
     Attributes:
         action: Its place in the action.
@@ -46,6 +47,7 @@ class Motor:
     set_point_gain: float = 0.0
     gain: float = 0.0
     velocity_gain: float = 0.0
+    hold_gain: float = 0.0
     velocity: float = math.inf
     rest: float = 0.0
     axis: Triple = (0.0, 0.0, 0.0)
@@ -84,10 +86,11 @@ class Thing:
 
 @dataclass(frozen=True)
 class Zone:
-    """A region about the point at three places of the observation from `observation` on, the world's without, and off
-    it by `offset_m`.
+    """A region about a point of the observation.
 
     Attributes:
+        observation: First of its three places; None for the world's origin.
+        offset_m: From there to the middle of the region [m].
         half_m: Half extents [m].
     """
 
@@ -218,7 +221,7 @@ class GymnasiumBody(Body):
         return "TARGET_LIMIT" if self._over else ""
 
     def stay(self) -> None:
-        self._act(np.zeros(len(self._motors)))
+        self._act(np.zeros(len(self._motors)), is_held=True)
 
     def halt(self, category: int) -> None:
         dials = [
@@ -256,7 +259,7 @@ class GymnasiumBody(Body):
                 raise TypeError(f"an action space {space}; boxes, discrete ones and maps of boxes are possible")
             self._low, self._high = flat.low, flat.high
 
-    def _act(self, qd: "Sequence[float] | NDArray[np.float64]") -> None:
+    def _act(self, qd: "Sequence[float] | NDArray[np.float64]", *, is_held: bool = False) -> None:
         """One step of the environment; an episode that is over stands still."""
         self._steps += 1
         self._before = self._seen
@@ -264,7 +267,8 @@ class GymnasiumBody(Body):
             return
         settings, vector = self._settings, np.clip(np.zeros(len(self._low)), self._low, self._high)
         for each, q, wanted, speed in zip(self._motors, self._read_q(), self._wanted, qd, strict=True):
-            towards = each.gain * (wanted - q) + each.velocity_gain * speed
+            gain = each.gain + each.hold_gain if is_held else each.gain
+            towards = gain * (wanted - q) + each.velocity_gain * speed
             vector[each.action] = each.set_point_gain * wanted + towards
         if settings.gripper is not None:
             grip, share = settings.gripper, self._width_m / settings.gripper.width_m
