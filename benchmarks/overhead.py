@@ -4,9 +4,10 @@
     python -m benchmarks.overhead --worlds meta_world --rounds 5
 
 The path is that of a session in its worker: a skill that has its set-points ready, safety guard, receive log, driver,
-socket, the kit's own checks, the environment's step, the report back, and what is kept for the evidence; one command is
+socket, the kit's own checks, the environment's step, the report back, and what is kept for the evidence; a command is
 one step. It is timed from turn to turn of the session's loop. Nothing is planned, seen or asked of a policy meanwhile.
-The bare loop calls `env.step` in the environment's own Python. Both take turns, a round each, with small smooth motions.
+The bare loop calls `env.step` in the environment's own Python, with the same actions. Both take turns, a round each.
+Where other programs want the processors, `chrt -r 5` keeps them out of it.
 """
 
 import argparse
@@ -66,6 +67,8 @@ BARE = Path(__file__).parent / "overhead_parts" / "bare.py"
 WARM = 20  # steps of each round that are not counted
 SWAY, RISE_S = 0.02, 1.0  # amplitude [m or rad], and how long it grows
 
+Row = tuple[list[float], list[float], float]  # positions, velocities, opening
+
 
 @dataclass(slots=True)
 class Sway:
@@ -73,6 +76,7 @@ class Sway:
 
     context: SkillContext
     left: int
+    rows: list[Row]
     _time_s: float = field(default=0.0, init=False)
 
     def tick(self) -> TickResult:
@@ -92,6 +96,8 @@ class Sway:
             qd_rad_s=np.outer(rate * np.sin(phase) + 2.0 * size * np.cos(phase), ones),
             gripper_width_m=np.full(commands.n_steps, commands.gripper_width_m),
         )
+        widths = points.gripper_width_m.tolist()
+        self.rows += zip(points.q_rad.tolist(), points.qd_rad_s.tolist(), widths, strict=True)
         return TickResult(SkillStatus.RUNNING, points, "sway", goes_on=self.left > 1)
 
     def wait(self, timeout_s: float) -> None:
@@ -115,12 +121,15 @@ class Sway:
         """Nothing is open."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SwayLoader(SkillLoader):
-    """Opens it for every session."""
+    """Opens it for every session; `rows` has what was commanded."""
+
+    rows: list[Row] = field(default_factory=list)
 
     @override
     def open(self, session: Session, plan: Any, context: SkillContext) -> SkillRuntime:
-        return Sway(context, int(session.parameters["steps"]))
+        return Sway(context, int(session.parameters["steps"]), self.rows)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,11 +138,13 @@ class World:
 
     Attributes:
         python: Of the environment.
+        settings: Of its body in the kit.
         open: Its driver.
     """
 
     scene: str
     python: Path
+    settings: dict[str, Any]
     profile: TargetProfile
     limits: TargetLimits
     library: Library
@@ -149,6 +160,7 @@ def open_meta_world(environments: Path, folder: Path) -> Iterator[World]:
     (folder / "gymnasium.yaml").write_text(yaml.safe_dump(settings | {"python": str(python.absolute())}))
     profile = read_target(robot / "target.yaml")
     yield World(
+        settings=settings | {"target": profile.target, "step_s": profile.physics_step_s},
         scene=SCENES["meta_world"],
         python=python,
         profile=profile,
@@ -170,6 +182,7 @@ def open_libero(environments: Path, folder: Path) -> Iterator[World]:
             return RemoteDriver(profile, channel, server.key)
 
         yield World(
+            settings={"target": profile.target, "scene": scene, "velocity_rad_s": profile.arm.velocity_rad_s},
             scene=scene,
             python=python,
             profile=profile,
@@ -182,29 +195,28 @@ def open_libero(environments: Path, folder: Path) -> Iterator[World]:
 OPENERS = {"meta_world": open_meta_world, "libero": open_libero}
 
 
-def time_bare(name: str, world: World, steps: int, seed: int) -> list[float]:
-    """How long each step took in a loop of its own [ms]."""
-    command = [world.python, BARE, name, world.scene, str(steps), str(seed)]
+def time_bare(name: str, world: World, rows: Sequence[Row], seed: int) -> list[float]:
+    """How long each step took in a loop of its own, with these set-points [ms]."""
+    asked = {"world": name, "settings": world.settings, "scene": world.scene, "seed": seed, "rows": rows}
     environment = os.environ | {"PYTHONPATH": str(KIT)}
-    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    done = subprocess.run(
+        [world.python, BARE], env=environment, input=json.dumps(asked), stdout=subprocess.PIPE, text=True, check=True
+    )
     found: list[float] = json.loads(done.stdout.splitlines()[-1])
     return found[WARM:]
 
 
-def time_path(world: World, steps: int, seed: int, folder: Path) -> list[float]:
-    """How long each turn of a session took [ms]."""
+def time_path(world: World, steps: int, seed: int, folder: Path) -> tuple[list[float], Sequence[Row]]:
+    """How long each turn of a session took [ms], and the rows of set-points that it commanded."""
     clock = SystemClock()
+    skills = SwayLoader(planner=cast("Any", None), library=world.library, registry=build_registry(world.library))
     target = ServedTarget(world.open(), ReceiveLog(folder / "received.jsonl"))
     try:
         handle = TargetSessionHandle(Loopback(target), world.limits, sees_truth=True)
         name, scene = world.profile.target, Scene(name=world.scene, seed=seed, episode=f"sway-{seed}")
         runner = SessionRunner(
-            target=Embodiment(
-                handle=handle, world=TrueWorld(name, handle), profile=world.profile, limits=world.limits
-            ),
-            skills=SwayLoader(
-                planner=cast("Any", None), library=world.library, registry=build_registry(world.library)
-            ),
+            target=Embodiment(handle=handle, world=TrueWorld(name, handle), profile=world.profile, limits=world.limits),
+            skills=skills,
             bundles=Bundles(folder),
             clock=clock,
         )
@@ -222,7 +234,7 @@ def time_path(world: World, steps: int, seed: int, folder: Path) -> list[float]:
             raise RuntimeError(f"{execution.ended}: {execution.message}")
     finally:
         target.close()
-    return (1e3 * np.diff(stamps[WARM:])).tolist()
+    return (1e3 * np.diff(stamps[WARM:])).tolist(), skills.rows
 
 
 def _make_session(target: str, scene: Scene, steps: int) -> Session:
@@ -246,9 +258,10 @@ def measure(name: str, given: argparse.Namespace) -> dict[str, float]:
     bare, path = list[float](), list[float]()
     with tempfile.TemporaryDirectory() as folder, OPENERS[name](given.environments, Path(folder)) as world:
         for number in range(given.rounds):
-            bare += time_bare(name, world, given.steps, number)
             (where := Path(folder) / f"round{number}").mkdir()
-            path += time_path(world, given.steps, number, where)
+            took_ms, rows = time_path(world, given.steps, number, where)
+            path += took_ms
+            bare += time_bare(name, world, rows, number)
     both = {"bare": bare, "path": path}
     figures = {f"{name}_{which}_{at}_ms": _quantile(each, at) for which, each in both.items() for at in ("p50", "p99")}
     added = {at: figures[f"{name}_path_{at}_ms"] - figures[f"{name}_bare_{at}_ms"] for at in ("p50", "p99")}

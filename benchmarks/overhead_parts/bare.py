@@ -1,45 +1,43 @@
-"""A bare loop over an environment, in its own Python: prints how long each step took [ms], as JSON.
+"""A bare loop over an environment, in its own Python, with the actions of a session: how long each `env.step` took.
 
-    python bare.py meta_world TASK STEPS SEED        python bare.py libero SUITE/NUMBER STEPS SEED
+    python bare.py < JSON      # {"world", "settings", "scene", "seed", "rows"}; prints a list [ms] as JSON
+
+The kit's body turns each row of set-points into an action, as on the path; what that takes is not counted.
 """
 
 import json
 import sys
 import time
-
-import numpy as np
-
-
-def open_meta_world(task, seed):
-    """The environment, begun anew, and the length of its actions."""
-    import gymnasium
-    import metaworld  # noqa: F401 - registers it
-
-    env = gymnasium.make("Meta-World/MT1", env_name=task, seed=seed, disable_env_checker=True)
-    env.reset(seed=seed)
-    return env, 4
+from typing import Any
 
 
-def open_libero(scene, seed):
-    """As the target of the kit opens it."""
-    from target_server.libero_body import LiberoBody, Settings
+def open_body(world: str, settings: dict[str, Any]) -> Any:
+    """The body of the kit."""
+    if world == "libero":
+        from target_server import libero_body
 
-    body = LiberoBody(Settings("libero", scene, [1.0] * 7))
-    body.load(scene, seed, b"")
-    return body._env, 7
+        return libero_body.LiberoBody(libero_body.Settings(**settings))
+    from target_server import gymnasium_body
+
+    return gymnasium_body.GymnasiumBody(gymnasium_body.make_settings(settings))
 
 
-def main():
-    world, name, steps, seed = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
-    env, width = {"meta_world": open_meta_world, "libero": open_libero}[world](name, seed)
-    took_ms = []
-    for step in range(steps):
-        action = np.zeros(width, dtype=np.float32)
-        action[:3] = 0.3 * np.sin(0.1 * step + np.arange(3))
-        action[-1] = -1.0
+def main() -> None:
+    """Read what is asked for, and time it."""
+    asked = json.load(sys.stdin)
+    body, took_ms = open_body(asked["world"], asked["settings"]), list[float]()
+    body.load(asked["scene"], asked["seed"], b"")
+    step = body._env.step
+
+    def time_step(action: Any) -> Any:
         began_s = time.perf_counter()
-        env.step(action)
+        result = step(action)
         took_ms.append(1e3 * (time.perf_counter() - began_s))
+        return result
+
+    body._env.step = time_step
+    for q, qd, width_m in asked["rows"]:
+        body.step(q, qd, width_m)
     print(json.dumps(took_ms))
 
 

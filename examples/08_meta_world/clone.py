@@ -25,7 +25,7 @@ NAMES = ("w1", "b1", "w2", "b2", "w3", "b3")
 
 
 def describe(seen: Array) -> Array:
-    """Features (..., 28) of observations (..., 39): hand, fingers, first thing, goal, and how they lie to each other."""
+    """Features (..., 26) of observations (..., 39): hand, fingers, thing, goal, and how they lie to each other."""
     hand, fingers, thing, goal = seen[..., :3], seen[..., 3:4], seen[..., 4:11], seen[..., 36:39]
     moved = (seen[..., :3] - seen[..., 18:21], seen[..., 4:7] - seen[..., 22:25])
     apart = (thing[..., :3] - hand, goal - hand, goal - thing[..., :3])

@@ -25,12 +25,12 @@ def write_project(folder: Path, table: dict[str, Any]) -> Path:
     robot = yaml.safe_load((HERE / "robots" / "sawyer" / "gymnasium.yaml").read_text())
     bodies = {name: {"kind": each["kind"], "shapes": [SOLID]} for name, each in robot["entities"].items()}
     regions = dict.fromkeys(robot["regions"], NOWHERE)
-    for task, accept in table["tasks"].items():
+    for task, accept in table["accept"].items():
         scene = {"scene": task, "bodies": bodies, "regions": regions, "cameras": {}, "settle_s": 0.0}
         dump(folder / "scenes" / f"{task}.yaml", scene)
         dump(folder / "goal_graphs" / f"{name_of(task)}.yaml", make_graph(task, accept))
-    names, experts = map(name_of, table["tasks"]), str(HERE / "experts.py")
-    suite = table["suite"]
+    names, experts = map(name_of, table["accept"]), str(HERE / "experts.py")
+    suite = table["template"]
     for policy in suite["policies"].values():
         policy["serve"] = [experts if word == "EXPERTS" else word for word in policy["serve"]]
     tasks = {name: {"graph": f"goal_graphs/{name}.yaml", "score": {"act": "success"}} for name in names}
@@ -39,12 +39,12 @@ def write_project(folder: Path, table: dict[str, Any]) -> Path:
 
 
 def make_graph(task: str, accept: list[str]) -> dict[str, Any]:
-    """One attempt of the expert, and what must be true afterwards."""
+    """One node of the expert, and what must be true at its end."""
     words = task.removesuffix("-v3").replace("-", " ")
     act = {"objective": words, "skill": "expert", "target": "hand", "accept": accept}
     return {
         "goal": name_of(task), "objective": words, "scene": task, "targets": {"hand": "sawyer"},
-        "defaults": {"timeout_s": 7.0, "max_replans": 0}, "sessions": {"act": act},
+        "defaults": {"timeout_s": 7.0, "max_replans": 2}, "sessions": {"act": act},
     }  # fmt: skip
 
 

@@ -121,10 +121,11 @@ def _read(name: str, now: Observation, stream: Stream) -> np.ndarray:
     if name not in _OF_STATE and name not in now.signals:
         raise ExecutionError("OBSERVATION_UNAVAILABLE", f"the target measures no {name!r} for a session")
     value = np.asarray(_OF_STATE[name](now.target) if name in _OF_STATE else now.signals[name], dtype=stream.dtype)
-    if name not in _OF_STATE and value.size != math.prod(map(int, stream.shape)):
-        raise ExecutionError(
-            "OBSERVATION_UNAVAILABLE", f"{name!r} has {value.size} numbers; {stream.shape} is declared"
-        )
+    if name not in _OF_STATE:
+        shape = tuple(len(now.target.q_rad) if length == "n_joints" else length for length in stream.shape)
+        if value.size != math.prod(shape):
+            raise ExecutionError("OBSERVATION_UNAVAILABLE", f"{name!r} has {value.size} numbers; {shape} is declared")
+        value = value.reshape(shape)
     if not np.isfinite(value).all():
         raise ExecutionError("OBSERVATION_UNAVAILABLE", f"{name!r} is no number")
     return value
