@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 FIRST_SEED, STEPS, NOISE = 1000, 300, 0.6
-HIDDEN, BATCH, RATE, UPDATES = 128, 512, 1e-3, 6000
+HIDDEN, BATCH, RATE, UPDATES = 128, 256, 1e-3, 5000
 NAMES = ("w1", "b1", "w2", "b2", "w3", "b3")
 
 

@@ -1,15 +1,19 @@
-"""Serves Meta-World's scripted experts over openpi's wire, from an environment that has them.
+"""Serves Meta-World's scripted experts, or what was learnt of them, over openpi's wire, from their environment.
 
-    build/metaworld/bin/python examples/08_meta_world/experts.py [--port 8765]
+    build/metaworld/bin/python examples/08_meta_world/experts.py [--port 8765] [--clones clones.npz]
 
 The words of a session name its task: "drawer close" is asked of the expert of `drawer-close-v3`. An expert sees the
 environment's observation (39,) and answers with one action (4,): three changes in hundredths of a metre, and the effort
-of the fingers, 1 closing.
+of the fingers, 1 closing. With `--clones`, networks that `clone.py` has trained answer instead.
 """
 
 import argparse
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
 from typing import Any
 
+import clone
 import msgpack
 import numpy as np
 from metaworld.policies import ENV_POLICY_MAP
@@ -28,20 +32,36 @@ def decode(value: dict[bytes, Any]) -> NDArray[Any]:
     return np.frombuffer(value[b"data"], dtype=value[b"dtype"]).reshape(value[b"shape"]).copy()
 
 
-def receive(connection: ServerConnection) -> None:
+Act = Callable[[NDArray[Any]], NDArray[Any]]
+
+
+def list_experts() -> dict[str, Act]:
+    """By task; they have no memory."""
+    return {task: expert().get_action for task, expert in ENV_POLICY_MAP.items()}
+
+
+def read_clones(path: Path) -> dict[str, Act]:
+    """The networks of a file, by task."""
+    nets: dict[str, dict[str, NDArray[Any]]] = {}
+    with np.load(path) as arrays:
+        for key, array in arrays.items():
+            task, name = key.split("/")
+            nets.setdefault(task, {})[name] = array.astype(np.float64)
+    return {task: partial(clone.apply, net) for task, net in nets.items()}
+
+
+def receive(known: Mapping[str, Act], connection: ServerConnection) -> None:
     """One episode."""
     connection.send(msgpack.packb({"policy": "metaworld/experts"}))
-    experts: dict[str, Any] = {}
     try:
         for message in connection:
             asked = msgpack.unpackb(message)
             task = f"{asked['prompt'].replace(' ', '-')}-v3"
-            if task not in ENV_POLICY_MAP:
-                connection.send(f"no expert of {task!r}; there are {', '.join(sorted(ENV_POLICY_MAP))}")
+            if task not in known:
+                connection.send(f"nothing is known of {task!r}; there are {', '.join(sorted(known))}")
                 continue
-            expert = experts.setdefault(task, ENV_POLICY_MAP[task]())
-            action = expert.get_action(decode(asked["observation/state"]))
-            connection.send(msgpack.packb({"actions": encode(np.clip(action, -1.0, 1.0).astype(np.float64)[None])}))
+            action = np.clip(known[task](decode(asked["observation/state"])), -1.0, 1.0)
+            connection.send(msgpack.packb({"actions": encode(action.astype(np.float64)[None])}))
     except ConnectionClosed:
         return
 
@@ -50,7 +70,10 @@ def main() -> None:
     """Serve until interrupted."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--port", type=int, default=8765)
-    with serve(receive, "127.0.0.1", parser.parse_args().port, compression=None) as server:
+    parser.add_argument("--clones", type=Path, help="weights of `clone.py`")
+    given = parser.parse_args()
+    known = read_clones(given.clones) if given.clones else list_experts()
+    with serve(partial(receive, known), "127.0.0.1", given.port, compression=None) as server:
         server.serve_forever()
 
 
