@@ -194,9 +194,11 @@ class PolicySkillRuntime:
         return self._bridge_gap() if self._parts.is_realtime and self._commands else None
 
     def _looks_met(self) -> bool:
-        """Whether the acceptance was seen to hold; looked at when it is due."""
+        """Whether the acceptance was seen to hold after something was commanded; looked at when it is due."""
         context, every_s = self._context, self._how.until_met_s
-        if every_s is not None and not self._is_met and context.time_s >= self._look_due_s - TIME_TOLERANCE_S:
+        if every_s is None or self._is_met or not self._commands:
+            return self._is_met
+        if context.time_s >= self._look_due_s - TIME_TOLERANCE_S:
             self._look_due_s = context.time_s + every_s
             self._is_met = is_met(context.session, context.world.observe(WORLD), context.initial)
         return self._is_met
