@@ -153,12 +153,6 @@ def plan(arm: Arm, seen: Array, task: str) -> list[Array]:
         motion.move(at_m + 0.015 * AHEAD, across, roll_rad=left_rad)
         motion.grip(CLOSED_M)
         motion.roll(left_rad, 18)
-    elif task == "kettle":
-        motion.move(at_m - 0.16 * AHEAD, UP, speed_m_s=0.5)
-        motion.move(at_m, UP)
-        motion.grip(CLOSED_M)
-        for ahead_m, up_m in ((0.0, 0.03), (0.2, 0.03), (0.4, 0.03), (0.4, 0.0)):
-            motion.move(at_m + ahead_m * AHEAD + up_m * UP + 0.1 * ahead_m * RIGHT, UP, speed_m_s=0.2)
     elif task == "hinge cabinet":
         motion.move(at_m - 0.15 * AHEAD, RIGHT, speed_m_s=0.5)
         motion.move(at_m + 0.025 * AHEAD, RIGHT)
@@ -182,7 +176,7 @@ KNOB_RAD = 1.3  # beyond what is asked for: the fingers slip
 KNOBS = {"bottom burner": "knob_Joint_2", "top burner": "knob_Joint_4"}
 HANDLES = {
     "bottom burner": "knob2_site", "top burner": "knob4_site", "light switch": "light_site",
-    "slide cabinet": "slide_site", "hinge cabinet": "hinge_site2", "kettle": "kettle_site",
+    "slide cabinet": "slide_site", "hinge cabinet": "hinge_site2",
 }  # fmt: skip
 
 

@@ -89,12 +89,12 @@ class Zone:
     """A region about a point of the observation.
 
     Attributes:
-        observation: First of its three places; None for the world's origin.
+        observation: First of its three places.
         offset_m: From there to the middle of the region [m].
         half_m: Half extents [m].
     """
 
-    observation: int | None = None
+    observation: int
     offset_m: Triple = (0.0, 0.0, 0.0)
     half_m: Triple = (0.0, 0.0, 0.0)
 
@@ -205,11 +205,8 @@ class GymnasiumBody(Body):
     def list_regions(self) -> Sequence[Mapping[str, Any]]:
         found = []
         for name, each in self._settings.regions.items():
-            at = each.observation
-            about = np.zeros(3) if at is None else self._seen[at : at + 3]
-            found.append(
-                {"name": name, "pose": {"position_m": (about + each.offset_m).tolist()}, "half_m": each.half_m}
-            )
+            at = self._seen[each.observation : each.observation + 3] + each.offset_m
+            found.append({"name": name, "pose": {"position_m": at.tolist()}, "half_m": each.half_m})
         return found
 
     def list_signals(self) -> Mapping[str, Sequence[float]]:
