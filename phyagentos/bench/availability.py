@@ -53,9 +53,9 @@ def can_connect(ready: str) -> bool:
 
 def _find_policy_lacks(policy: Policy) -> list[Problem]:
     if policy.serve:
-        found = shutil.which(policy.serve[0])
+        found = shutil.which(policy.command[0])
         expected, hint = "a program of a policy server", "Install it, or name another one under `serve`."
-        return [] if found else [Problem("POLICY_MISSING", policy.serve[0], "no such program", expected, hint)]
+        return [] if found else [Problem("POLICY_MISSING", policy.command[0], "no such program", expected, hint)]
     if policy.ready and not can_connect(policy.ready):
         hint = "Start it, or let the suite start it: `serve`."
         return [Problem("POLICY_MISSING", policy.ready, "no answer", "a policy server that listens", hint)]

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 import pydantic
 
-from phyagentos.protocol.capabilities.environments import EnvironmentSpec
+from phyagentos.protocol.capabilities.environments import EnvironmentSpec, find_python
 from phyagentos.protocol.documents.schema import Authored, Located, read_yaml, validate
 from phyagentos.protocol.settings.perception import Prior, Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
@@ -55,11 +55,19 @@ class Policy(Variant):
 
     Attributes:
         serve: Command of its server, which runs while the episodes do; none where another one serves it, or none does.
+            Where it begins with `python`, that is the Python of the policy's `environment`, if it has one.
         ready: Host and port that are connected to before the first episode.
     """
 
     serve: tuple[str, ...] = ()
     ready: str = pydantic.Field(default="", pattern=r"^$|^[^\s:]+:\d+$")
+
+    @property
+    def command(self) -> tuple[str, ...]:
+        """What is started."""
+        if self.environment is None or self.serve[:1] != ("python",):
+            return self.serve
+        return (str(find_python(self.environment).absolute()), *self.serve[1:])
 
 
 class Seeds(Authored):

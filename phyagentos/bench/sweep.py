@@ -182,7 +182,7 @@ def _serving(policies: Sequence[Policy], project: Path, clock: Clock) -> Iterato
     served = [policy for policy in policies if policy.serve]
     quiet: Any = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "start_new_session": True}
     servers = [
-        subprocess.Popen(policy.serve, cwd=project, preexec_fn=end_with_us, **quiet)  # noqa: PLW1509 - no thread yet
+        subprocess.Popen(policy.command, cwd=project, preexec_fn=end_with_us, **quiet)  # noqa: PLW1509 - no thread yet
         for policy in served
     ]
     try:
@@ -191,7 +191,7 @@ def _serving(policies: Sequence[Policy], project: Path, clock: Clock) -> Iterato
             while policy.ready and not can_connect(policy.ready):
                 if clock.now_s() > until_s or server.poll() is not None:
                     raise ExecutionError(
-                        "POLICY_MISSING", f"{' '.join(policy.serve)} does not listen at {policy.ready}"
+                        "POLICY_MISSING", f"{' '.join(policy.command)} does not listen at {policy.ready}"
                     )
                 clock.sleep(0.1)
         yield

@@ -13,7 +13,8 @@ from phyagentos.bench.engines import EngineName, open_engine
 from phyagentos.bench.environments import find_lacks, plan_setup
 from phyagentos.bench.matrix import compile_suite
 from phyagentos.bench.records import EpisodeLog, EpisodeRecord, read_records
-from phyagentos.bench.suite_file import Asked, Variant, merge
+from phyagentos.bench.scorers.outcomes import FILE, OUTCOMES
+from phyagentos.bench.suite_file import Asked, Policy, Variant, merge
 from phyagentos.bench.summary import compute_figure
 from phyagentos.bench.sweep import begin_run, run_sweep
 from phyagentos.bench.taxonomy import Taxon, classify_cause, classify_problems
@@ -245,3 +246,27 @@ def test_a_suite_that_ships_compiles(path):
     assert plan.orders
     assert json.loads(msgspec.json.encode(plan.orders[0]))["id"] == plan.orders[0].id
     assert os.fspath(path.stem) == plan.suite.suite
+
+
+def test_what_an_environment_says_counts_after_the_session_asked_about_or_after_the_last_one(tmp_path):
+    path = tmp_path / FILE
+    path.parent.mkdir()
+    lines = [
+        {"session": "g.a", "success": False, "completed": ["door"]},
+        {"session": "g.b", "success": True, "completed": ["door", "lamp"]},
+    ]
+    path.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    parts = {"a": "door", "b": "lamp", "all": "success"}
+
+    assert OUTCOMES.score(parts, tmp_path, None) == {"a": True, "b": True, "all": True}
+    assert OUTCOMES.score(parts, tmp_path, tmp_path / "evidence" / "g.a") == {"a": True, "b": False, "all": False}
+    assert OUTCOMES.score(parts, tmp_path, tmp_path / "evidence" / "g.c") == {"a": False, "b": False, "all": False}
+
+
+def test_a_policy_is_served_by_the_python_of_its_environment(monkeypatch, tmp_path):
+    monkeypatch.setenv("PHYAGENTOS_ENVIRONMENTS", str(tmp_path))
+    own = {"environment": "there", "serve": ("python", "serve.py")}
+
+    assert Policy(**own).command == (str(tmp_path / "there" / "bin" / "python"), "serve.py")
+    assert Policy(**{**own, "serve": ("other", "serve.py")}).command == ("other", "serve.py")
+    assert Policy(serve=("python", "serve.py")).command == ("python", "serve.py")

@@ -30,10 +30,12 @@ from phyagentos.runtime.actions.chunks import iter_periods, run_up
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.actions.set_points import Array, SetPoints
 from phyagentos.runtime.actions.violations import Violation
+from phyagentos.runtime.execution.already_met import is_met
 from phyagentos.runtime.execution.commands import compute_brake
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf import FailureCode
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
+from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient
 from phyagentos.runtime.policies.ensemble import TemporalEnsemble
@@ -86,7 +88,8 @@ class PolicySkillRuntime:
         self._asked_from = self._before, self._velocity
         self._shown_at_s = 0.0  # of the present chunk
         self._chunks = self._commands = self._empty = 0
-        self._is_last = False
+        self._is_last = self._is_met = False
+        self._look_due_s = 0.0
         self._is_outdated = False  # what was asked for before a pause
         self._has_braked = False  # so that the policy, which did not, may speak of an arm in motion
         self._keeps_past = any(stream.history > 1 for stream in parts.descriptor.observations.values())
@@ -111,7 +114,8 @@ class PolicySkillRuntime:
             self._commands += 1
             return TickResult(SkillStatus.RUNNING, points, LEAF)
         if self._is_last:
-            message = f"the policy reported done after {self._commands} control periods"
+            why = "the acceptance was seen to hold" if self._is_met else "the policy reported done"
+            message = f"{why} after {self._commands} control periods"
             self._note(Status.SUCCESS.value, message=message)
             return TickResult(SkillStatus.SUCCEEDED, None, LEAF)
         return TickResult(SkillStatus.RUNNING, None, LEAF, thinking=True)
@@ -170,7 +174,8 @@ class PolicySkillRuntime:
     def _choose(self) -> SetPoints | None:
         """The next control period: of the present chunk, or one that brakes."""
         how = self._how
-        if how.duration_s is not None and self._commands * self._period_s >= how.duration_s - TIME_TOLERANCE_S:
+        spent_s = self._commands * self._period_s
+        if (how.duration_s is not None and spent_s >= how.duration_s - TIME_TOLERANCE_S) or self._looks_met():
             self._drop()
             self._is_last = True
             return self._brake()
@@ -185,6 +190,16 @@ class PolicySkillRuntime:
         if self._periods:
             return self._periods.popleft()
         return self._bridge_gap() if self._parts.is_realtime and self._commands else None
+
+    def _looks_met(self) -> bool:
+        """Whether the acceptance was seen to hold after something was commanded; looked at when it is due."""
+        context, every_s = self._context, self._how.until_met_s
+        if every_s is None or self._is_met or not self._commands:
+            return self._is_met
+        if context.time_s >= self._look_due_s - TIME_TOLERANCE_S:
+            self._look_due_s = context.time_s + every_s
+            self._is_met = is_met(context.session, context.world.observe(WORLD), context.initial)
+        return self._is_met
 
     def _bridge_gap(self) -> SetPoints | None:
         """What is commanded while the next chunk is late."""

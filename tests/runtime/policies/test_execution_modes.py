@@ -1,5 +1,7 @@
 """Each field of `policy.execution` decides what is commanded when; without it the same policy moves another way."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -190,6 +192,20 @@ def test_an_answer_to_what_was_shown_before_a_pause_is_not_carried_out_after_it(
     assert [request.sequence for request in stand.asked] == [0, 1, 2]
     assert stand.asked[2].rows_done == done + 1
     assert len(stand.joint) > done + 1
+
+
+@pytest.mark.parametrize(("every_s", "stops_at"), [(None, 68), (0.02, 10), (0.1, 10), (0.16, 16)])
+def test_a_policy_counts_as_done_once_a_look_shows_that_the_acceptance_holds(profile, monkeypatch, every_s, stops_at):
+    """The stand's world is the number of commands; ten of them meet the acceptance."""
+    monkeypatch.setattr("phyagentos.runtime.policies.policy_runtime.is_met", lambda session, now, before: now >= 10)
+    stand = Stand(profile, walk(profile, last=3), execution={"until_met_s": every_s}, **LOCKSTEP)
+    stand.context.world = SimpleNamespace(observe=lambda need: len(stand.joint))
+    stand.context.initial = 0
+
+    assert stand.run() is SkillStatus.SUCCEEDED
+    assert stand.speed[-1] == 0.0 or every_s is None, "it comes to rest before it ends"
+    moved = [index for index, speed in enumerate(stand.speed) if speed]
+    assert len(moved) == pytest.approx(stops_at, abs=2)
 
 
 def test_a_pause_within_the_last_chunk_is_no_end_of_it(profile):
