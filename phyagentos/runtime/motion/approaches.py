@@ -1,10 +1,10 @@
 """Approaches from wanted tool poses: the posture above, the straight line down, and their contacts.
 
-Compiled inverse kinematics screens many seeds; mink polishes the nearest candidates and solves their lines.
+Compiled inverse kinematics screens many seeds and follows lines; mink polishes the nearest candidates.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,22 +77,46 @@ class _Hover:
     q_rad: Array
 
 
-def draw_seeds(kinematics: Kinematics, q_rad: Array, home_rad: Array, seed: int) -> list[Array]:
-    """Start postures for the inverse: here, home, near home, anywhere; in that order. A base begins where it stands."""
-    chain = kinematics.chain
-    rng = np.random.default_rng(seed)
-    if chain.slides:
-        home_rad = np.concatenate((q_rad[: len(BASE_JOINTS)], home_rad[len(BASE_JOINTS) :]))
-    near = home_rad + rng.normal(0.0, NEAR_HOME_SPREAD_RAD, (NEAR_HOME_SEEDS, len(home_rad)))
-    anywhere = rng.uniform(chain.q_min_rad, chain.q_max_rad, (UNIFORM_SEEDS, len(home_rad)))
-    return [np.clip(q, chain.q_min_rad, chain.q_max_rad) for q in (q_rad, home_rad, *near, *anywhere)]
+class Screen:
+    """Compiled inverse kinematics from start postures `seeds` (k, n_joints): here, home, near home, anywhere.
+
+    A base begins where it stands. What was found is kept: ways that differ in their openings share tool poses.
+    """
+
+    def __init__(self, kinematics: Kinematics, q_rad: Array, home_rad: Array, seed: int) -> None:
+        self._chain = chain = kinematics.chain
+        rng = np.random.default_rng(seed)
+        if chain.slides:
+            home_rad = np.concatenate((q_rad[: len(BASE_JOINTS)], home_rad[len(BASE_JOINTS) :]))
+        near = home_rad + rng.normal(0.0, NEAR_HOME_SPREAD_RAD, (NEAR_HOME_SEEDS, len(home_rad)))
+        anywhere = rng.uniform(chain.q_min_rad, chain.q_max_rad, (UNIFORM_SEEDS, len(home_rad)))
+        self.seeds = np.clip(np.vstack((q_rad, home_rad, near, anywhere)), chain.q_min_rad, chain.q_max_rad)
+        self._found: dict[bytes, tuple[int, list[Array]]] = {}  # seeds that were tried, and what they led to
+
+    def iter_postures(self, world_T_tcp: Array, job: Job, has_one: Callable[[], bool]) -> Iterator[Array]:
+        """Postures (n_joints,) of a tool pose in the order of the seeds; those anywhere unless the caller `has_one`."""
+        key, index = world_T_tcp.tobytes(), 0
+        tried, found = self._found.get(key, (0, []))
+        for stop in (len(self.seeds) - UNIFORM_SEEDS, len(self.seeds)):
+            while True:
+                if index == len(found):
+                    before, (tried, q) = tried, self._chain.solve_first(world_T_tcp, self.seeds[:stop], tried)
+                    job.screened += tried - before
+                    found += [] if q is None else [q]
+                    self._found[key] = tried, found
+                    if q is None:
+                        break
+                yield found[index]
+                index += 1
+            if has_one():
+                return
 
 
 def find_approaches(
     ways: Sequence[Way],
     *,
     q_rad: Array,
-    seeds: Sequence[Array],
+    screen: Screen,
     kinematics: Kinematics,
     scene: PlanningScene,
     job: Job,
@@ -100,7 +124,7 @@ def find_approaches(
 ) -> list[Approach]:
     """At most `count` approaches, the nearest to `q_rad` in joint space first; reasons of rejection go to the job."""
     with job.stage("ik"):
-        hovers = [hover for way in ways for hover in _find_hovers(way, seeds, kinematics, scene, job)]
+        hovers = [hover for way in ways for hover in _find_hovers(way, screen, kinematics, scene, job)]
     hovers.sort(key=lambda hover: float(np.linalg.norm(hover.q_rad - q_rad)))
     found: list[Approach] = []
     taken: Counter[str] = Counter()
@@ -123,9 +147,7 @@ def find_approaches(
     return found
 
 
-def _find_hovers(
-    way: Way, seeds: Sequence[Array], kinematics: Kinematics, scene: PlanningScene, job: Job
-) -> list[_Hover]:
+def _find_hovers(way: Way, screen: Screen, kinematics: Kinematics, scene: PlanningScene, job: Job) -> list[_Hover]:
     """Postures above a way that are free and whose way down looks open at its end."""
     job.checkpoint()
     bounds = scene.robot.bounds
@@ -134,13 +156,7 @@ def _find_hovers(
         return []
     hovers: list[_Hover] = []
     reached = False
-    for index, start in enumerate(seeds):
-        if index >= 2 + NEAR_HOME_SEEDS and hovers:
-            break
-        q = kinematics.chain.solve(way.start, start)
-        job.screened += 1
-        if q is None:
-            continue
+    for q in screen.iter_postures(way.start, job, lambda: bool(hovers)):
         reached = True
         job.reached += 1
         if any(np.abs(q - other.q_rad).max() < SAME_POSTURE_RAD for other in hovers):

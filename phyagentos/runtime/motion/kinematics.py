@@ -17,7 +17,6 @@ from phyagentos.runtime.motion.robot_model import RobotModel
 
 LINE_STEP_M = 0.01
 LINE_STEP_RAD = 0.1
-JUMP_MAX_RAD = 0.35  # a larger step between neighbours on a line is another branch of the inverse
 POSE_JOINTS = 6  # fewer reach a pose only as exactly as the axes of a model are parallel
 _DT_S = 0.1  # scales the velocity limits of the program only; convergence does not depend on it
 
@@ -86,16 +85,12 @@ class Kinematics:
 
         None where the line leaves the workspace or jumps to another branch.
         """
-        line, solved = [np.array(start_rad)], Differential(0, 0.0, 0.0)
-        start = self.chain.compute_tcp(line[0])
-        for pose in interpolate_poses(start, end, LINE_STEP_M, LINE_STEP_RAD)[1:]:
-            onward = 2.0 * line[-1] - line[-2] if len(line) > 1 else line[-1]  # at an even pace: saves a program
-            found = self.solve(pose, np.clip(onward, self.chain.q_min_rad, self.chain.q_max_rad), least=1, most=25)
-            if found is None or np.abs(found.q_rad - line[-1]).max() > JUMP_MAX_RAD:
-                return None
-            line.append(found.q_rad)
-            solved = combine(solved, found.solved)
-        return Solution(np.array(line), solved)
+        poses = interpolate_poses(self.chain.compute_tcp(start_rad), end, LINE_STEP_M, LINE_STEP_RAD)
+        found = self.chain.follow(poses, start_rad, (self.polished.position_m, self.polished.rotation_rad))
+        if found is None:
+            return None
+        rows, steps, off_m, off_rad = found
+        return Solution(rows, Differential(steps, _round(off_m), _round(off_rad)))
 
 
 def _round(error: float) -> float:

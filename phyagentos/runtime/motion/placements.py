@@ -18,7 +18,7 @@ import numpy as np
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, turn
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.predicates.geometry import compute_extent
-from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approaches
+from phyagentos.runtime.motion.approaches import Screen, Way, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.packing import find_joint_sites
@@ -107,9 +107,9 @@ class _Search:
     def run(self, groups: list[Sites], attitudes: Mapping[int, Array]) -> list[Approach]:
         """Approaches to the first sites that have any: without a fall, of an earlier group, with the fingers wide."""
         placing, request, job = self.placing, self.placing.request, self.job
-        seeds = draw_seeds(self.kinematics, request.q_rad, self.scene.robot.home_rad, request.seed)
+        screen = Screen(self.kinematics, request.q_rad, self.scene.robot.home_rad, request.seed)
         search = partial(
-            find_approaches, q_rad=request.q_rad, seeds=seeds, kinematics=self.kinematics, scene=self.scene, job=job
+            find_approaches, q_rad=request.q_rad, screen=screen, kinematics=self.kinematics, scene=self.scene, job=job
         )
         turned = {degrees: _turn(degrees, placing, self.tilt) for degrees in attitudes}
         found: list[Approach] = []

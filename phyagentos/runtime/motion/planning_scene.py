@@ -37,6 +37,7 @@ ROOM_BIT = 4
 PARKED_M = (0.0, 0.0, -10.0)
 SWEEP = 4  # openings that stand for a range: at most 13 mm apart, as thick as a finger; walls are inflated
 _CACHE_SIZE = 8
+_SPREADS = 64  # openings at which the places of the fingers are kept
 _COPY = "/opening"  # in the name of a body that stands for a finger
 _GEOM_TYPES = {
     ShapeKind.BOX: mujoco.mjtGeom.mjGEOM_BOX,
@@ -73,6 +74,7 @@ class PlanningScene:
             for index in range(SWEEP if payload_shapes else 1)
             for body in (self._model.body(_name_copy(name, index)),)
         ]
+        self._places: dict[tuple[float, float], tuple[Array, Array]] = {}  # of all fingers, by the openings
         self._spread: tuple[float, float] | None = None  # openings at which the fingers stand
         self.obstacles: list[Entity] = []
         self.crowd: dict[str, list[Array]] = {}
@@ -123,9 +125,13 @@ class PlanningScene:
         if self._spread == (low_m, high_m):
             return
         self._spread = low_m, high_m
-        openings = np.linspace(high_m, low_m, SWEEP) if low_m < high_m else (high_m,) * SWEEP
-        for body, index, track in self._fingers:
-            self._model.body_pos[body], self._model.body_quat[body] = track.place(float(openings[index]))
+        if self._spread not in self._places:
+            openings = np.linspace(high_m, min(low_m, high_m), SWEEP)
+            placed = [track.place(float(openings[index])) for _, index, track in self._fingers]
+            places = np.array([p for p, _ in placed]).reshape(-1, 3), np.array([q for _, q in placed]).reshape(-1, 4)
+            self._places = dict([*self._places.items(), (self._spread, places)][-_SPREADS:])
+        bodies = [body for body, _, _ in self._fingers]
+        self._model.body_pos[bodies], self._model.body_quat[bodies] = self._places[self._spread]
 
     def _resize(self, name: str, shapes: Shapes) -> None:
         """Give a body's solids the sizes of shapes, and the bounds by which MuJoCo passes over them."""

@@ -74,8 +74,10 @@ def interpolate_poses(start: Array, end: Array, step_m: float, step_rad: float) 
     way_m = end[:3, 3] - start[:3, 3]
     steps = max(float(np.linalg.norm(way_m)) / step_m, float(np.linalg.norm(turned_rad)) / step_rad)
     k = max(2, 1 + int(np.ceil(steps)))
+    shares, angle_rad = np.linspace(0.0, 1.0, k), max(float(np.linalg.norm(turned_rad)), 1e-12)
+    K = np.cross(turned_rad / angle_rad, np.eye(3)).T
+    turns = shares[:, None, None] * angle_rad
     poses = np.repeat(start[None], k, axis=0)
-    for pose, fraction in zip(poses, np.linspace(0.0, 1.0, k), strict=True):
-        pose[:3, :3] = start[:3, :3] @ turn(fraction * turned_rad)
-        pose[:3, 3] += fraction * way_m
+    poses[:, :3, :3] = start[:3, :3] @ (np.eye(3) + np.sin(turns) * K + (1.0 - np.cos(turns)) * K @ K)
+    poses[:, :3, 3] += shares[:, None] * way_m
     return poses
