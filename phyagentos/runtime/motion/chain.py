@@ -244,11 +244,11 @@ def _solve(start, target, fine, frames, parents, slides, tool, tcp, q_min, q_max
         _solve_cholesky(H, e)
         largest = 0.0
         for i in range(n):
-            step = 0.0
+            by = 0.0
             for r in range(6):
-                step += J[r, i] * e[r]
-            J[0, i] = step
-            largest = max(largest, abs(step))
+                by += J[r, i] * e[r]
+            J[0, i] = by
+            largest = max(largest, abs(by))
         scale = 1.0 if largest < 0.5 else 0.5 / largest
         for i in range(n):
             q[i] = min(q_max[i], max(q_min[i], q[i] + scale * J[0, i]))
