@@ -98,11 +98,11 @@ def check_that_solvers_are_named(folder):
             assert all(0 < goal["hover"]["iterations"] < 10 for goal in stages["goals"] if "hover" in goal)
             assert all(goal["hover"]["position_error_m"] < 1e-7 for goal in stages["goals"] if "hover" in goal)
         else:
-            solved = {"toppra": "Ok", "casadi": "solved"}  # what is carried is shaped
+            solved = {"toppra": "Ok", "casadi": "solved"}  # what is carried is shaped where it is heavy
             assert stages["scaling"]["status"] == solved[stages["scaling"]["solver"]]
             assert (stages["scaling"]["solver"] == "casadi") <= ("unshaped_grip_share" in stages["scaling"])
-            assert stages.get("path", {}).get("planner", "") in ("", "straight", "RRTConnect")
-    assert any(stages.get("scaling", {}).get("solver") == "casadi" for _, stages in answers)
+            assert stages.get("path", {}).get("planner", "") in ("", "straight", "RRT-Connect on spheres")
+    assert any("grip_share" in stages.get("scaling", {}) for _, stages in answers)
 
 
 def test_the_same_seed_gives_the_same_bits(build_world, build):

@@ -4,8 +4,9 @@ Compiled inverse kinematics screens many seeds and follows lines; mink polishes 
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
@@ -71,12 +72,6 @@ class Way:
         return blocked
 
 
-@dataclass(frozen=True, slots=True)
-class _Hover:
-    way: Way
-    q_rad: Array
-
-
 class Screen:
     """Compiled inverse kinematics from start postures `seeds` (k, n_joints): here, home, near home, anywhere.
 
@@ -91,25 +86,17 @@ class Screen:
         near = home_rad + rng.normal(0.0, NEAR_HOME_SPREAD_RAD, (NEAR_HOME_SEEDS, len(home_rad)))
         anywhere = rng.uniform(chain.q_min_rad, chain.q_max_rad, (UNIFORM_SEEDS, len(home_rad)))
         self.seeds = np.clip(np.vstack((q_rad, home_rad, near, anywhere)), chain.q_min_rad, chain.q_max_rad)
-        self._found: dict[bytes, tuple[int, list[Array]]] = {}  # seeds that were tried, and what they led to
+        self._found: dict[tuple[bytes, bool], Array] = {}
 
-    def iter_postures(self, world_T_tcp: Array, job: Job, has_one: Callable[[], bool]) -> Iterator[Array]:
-        """Postures (n_joints,) of a tool pose in the order of the seeds; those anywhere unless the caller `has_one`."""
-        key, index = world_T_tcp.tobytes(), 0
-        tried, found = self._found.get(key, (0, []))
-        for stop in (len(self.seeds) - UNIFORM_SEEDS, len(self.seeds)):
-            while True:
-                if index == len(found):
-                    before, (tried, q) = tried, self._chain.solve_first(world_T_tcp, self.seeds[:stop], tried)
-                    job.screened += tried - before
-                    found += [] if q is None else [q]
-                    self._found[key] = tried, found
-                    if q is None:
-                        break
-                yield found[index]
-                index += 1
-            if has_one():
-                return
+    def find_postures(self, world_T_tcp: Array, job: Job, *, anywhere: bool) -> Array:
+        """Distinct postures (m, n_joints) of a tool pose, from the seeds anywhere or from the others."""
+        key = world_T_tcp.tobytes(), anywhere
+        if key not in self._found:
+            seeds = self.seeds[-UNIFORM_SEEDS:] if anywhere else self.seeds[:-UNIFORM_SEEDS]
+            self._found[key], reached = self._chain.solve_all(world_T_tcp, seeds, SAME_POSTURE_RAD)
+            job.screened += len(seeds)
+            job.reached += reached
+        return self._found[key]
 
 
 def find_approaches(
@@ -122,67 +109,65 @@ def find_approaches(
     job: Job,
     count: int,
 ) -> list[Approach]:
-    """At most `count` approaches, the nearest to `q_rad` in joint space first; reasons of rejection go to the job."""
-    with job.stage("ik"):
-        hovers = [hover for way in ways for hover in _find_hovers(way, screen, kinematics, scene, job)]
-    hovers.sort(key=lambda hover: float(np.linalg.norm(hover.q_rad - q_rad)))
+    """At most `count` approaches, the nearest to `q_rad` in joint space first; reasons of rejection go to the job.
+
+    Contacts are checked in that order, so that no more postures are checked than are wanted. Seeds anywhere serve the
+    ways of which no posture above was free.
+    """
     found: list[Approach] = []
-    taken: Counter[str] = Counter()
-    for hover in hovers:
-        if len(found) == count:
-            break
-        way = hover.way
-        if taken[way.label] < POSTURES_PER_WAY and (line := _find_line(hover, kinematics, scene, job)) is not None:
-            taken[way.label] += 1
-            found.append(
-                Approach(
-                    label=way.label,
-                    tcp_end=compute_pose(way.end),
-                    line_rad=line,
-                    site=way.site,
-                    release_m=way.openings_m[1],
-                    fall_m=way.fall_m,
-                )
-            )
+    taken, reached = Counter[str](), set[int]()
+    left = {index for index, way in enumerate(ways) if _is_within_bounds(way, scene, job)}
+    closed = set[int]()
+    for anywhere in (False, True):
+        with job.stage("ik"):
+            tried = sorted(left - closed)
+            postures = {index: screen.find_postures(ways[index].start, job, anywhere=anywhere) for index in tried}
+        reached |= {index for index, rows in postures.items() if len(rows)}
+        hovers = [(float(np.linalg.norm(q - q_rad)), index, q) for index, rows in postures.items() for q in rows]
+        for _, index, q in sorted(hovers, key=itemgetter(0, 1)):
+            way = ways[index]
+            if len(found) == count:
+                return found
+            if index in closed or taken[way.label] == POSTURES_PER_WAY:
+                continue
+            with job.stage("check"):
+                reason, is_closed = _find_obstruction(way, q, kinematics, scene)
+            closed |= {index} if is_closed else set()
+            if reason:
+                job.rejected[reason] += 1
+                continue
+            left.discard(index)
+            approach = _find_line(way, q, kinematics, scene, job)
+            if approach is not None:
+                taken[way.label] += 1
+                found.append(approach)
+    if unreached := left - reached:
+        job.rejected["ik"] += len(unreached)
     return found
 
 
-def _find_hovers(way: Way, screen: Screen, kinematics: Kinematics, scene: PlanningScene, job: Job) -> list[_Hover]:
-    """Postures above a way that are free and whose way down looks open at its end."""
-    job.checkpoint()
-    bounds = scene.robot.bounds
-    if wall := find_wall(bounds, way.end[:3, 3]) or find_wall(bounds, way.start[:3, 3]):
+def _find_obstruction(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningScene) -> tuple[str, bool]:
+    """Why a posture above a way is not free, or its end is not; and whether that is so for every posture."""
+    blocked = scene.sweep(q_rad, way.openings_m[0], scene.robot.profile.gripper.max_width_m)
+    if not blocked:
+        end = kinematics.chain.solve(way.end, q_rad)
+        if end is None:
+            return "line", False
+        blocked = way.find_blocked(end, 0.0, scene)
+    return name_pair(blocked[0]) if blocked else "", any(map(scene.is_of_tool_pose, blocked))
+
+
+def _is_within_bounds(way: Way, scene: PlanningScene, job: Job) -> bool:
+    wall = find_wall(scene.robot.bounds, way.end[:3, 3]) or find_wall(scene.robot.bounds, way.start[:3, 3])
+    if wall:
         job.rejected[name_pair((scene.robot.tool, wall))] += 1
-        return []
-    hovers: list[_Hover] = []
-    reached = False
-    for q in screen.iter_postures(way.start, job, lambda: bool(hovers)):
-        reached = True
-        job.reached += 1
-        if any(np.abs(q - other.q_rad).max() < SAME_POSTURE_RAD for other in hovers):
-            continue
-        blocked = scene.sweep(q, way.openings_m[0], scene.robot.profile.gripper.max_width_m)
-        if not blocked:
-            end = kinematics.chain.solve(way.end, q)
-            if end is None:
-                job.rejected["line"] += 1
-                continue
-            blocked = way.find_blocked(end, 0.0, scene)
-        if blocked:
-            job.rejected[name_pair(blocked[0])] += 1
-            if any(scene.is_of_tool_pose(pair) for pair in blocked):
-                break
-            continue
-        hovers.append(_Hover(way, q))
-    if not reached:
-        job.rejected["ik"] += 1
-    return hovers
+    return not wall
 
 
-def _find_line(hover: _Hover, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Array | None:
-    way = hover.way
+def _find_line(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Approach | None:
+    """The approach whose line begins near a posture (n_joints,); None where that is cut off or touches something."""
     with job.stage("ik"):
-        start = kinematics.solve(way.start, hover.q_rad, kinematics.polished)
+        start = kinematics.solve(way.start, q_rad, kinematics.polished)
         found = None if start is None else kinematics.solve_line(start.q_rad, way.end)
     if start is None or found is None:
         job.rejected["line"] += 1
@@ -196,4 +181,11 @@ def _find_line(hover: _Hover, kinematics: Kinematics, scene: PlanningScene, job:
                 job.rejected[name_pair(blocked[0])] += 1
                 return None
     job.goals.append(GoalPosture(way.label, found.solved, start.solved))
-    return line
+    return Approach(
+        label=way.label,
+        tcp_end=compute_pose(way.end),
+        line_rad=line,
+        site=way.site,
+        release_m=way.openings_m[1],
+        fall_m=way.fall_m,
+    )

@@ -64,17 +64,18 @@ class Chain:
 
     def solve(self, world_T_tcp: Array, start_rad: Array) -> Array | None:
         """A posture within 1e-4 m and 1e-3 rad of a tool pose, found from `start_rad`, or None."""
-        return self.solve_first(world_T_tcp, np.asarray(start_rad, dtype=np.float64)[None])[1]
+        rows, _ = self.solve_all(world_T_tcp, np.asarray(start_rad, dtype=np.float64)[None], 0.0)
+        return rows[0] if len(rows) else None
 
-    def solve_first(self, world_T_tcp: Array, starts_rad: Array, index: int = 0) -> tuple[int, Array | None]:
-        """The same from the first row of `starts_rad` (k, n_joints), from `index` on, that leads to one.
+    def solve_all(self, world_T_tcp: Array, starts_rad: Array, apart_rad: float) -> tuple[Array, int]:
+        """Postures (m, n_joints) that starts (k, n_joints) lead to, of which a joint differs by `apart_rad` or more.
 
-        Also returns the index after that row.
+        Also returns how many starts led to one, like it or not.
         """
-        q = np.empty(starts_rad.shape[1])
-        target, starts = np.ascontiguousarray(world_T_tcp[:3]), np.ascontiguousarray(starts_rad)
-        index, is_reached = _solve_first(starts, index, target, q, *self._tree)
-        return index, q if is_reached else None
+        rows = np.empty_like(starts_rad)
+        target = np.ascontiguousarray(world_T_tcp[:3])
+        count, reached = _solve_all(np.ascontiguousarray(starts_rad), target, apart_rad, rows, *self._tree)
+        return rows[:count], reached
 
     def follow(
         self, poses: Array, start_rad: Array, fine: tuple[float, float]
@@ -171,16 +172,19 @@ def _compute_tool_links(path, frames, parents, slides, tool, carrier):  # type: 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve_first(starts, index, target, q, frames, parents, slides, tool, tcp, q_min, q_max):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Write into `q` what the first start from `index` on leads to; the index after it, and whether there is one."""
-    for i in range(index, len(starts)):
-        found, _, _, _, is_reached = _solve(
-            starts[i], target, REACHED, frames, parents, slides, tool, tcp, q_min, q_max
-        )
-        if is_reached:
-            q[:] = found
-            return i + 1, True
-    return len(starts), False
+def _solve_all(starts, target, apart, rows, frames, parents, slides, tool, tcp, q_min, q_max):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Write into `rows` what the starts lead to, once each; how many these are, and how many starts led to one."""
+    count, reached = 0, 0
+    for i in range(len(starts)):
+        q, _, _, _, is_reached = _solve(starts[i], target, REACHED, frames, parents, slides, tool, tcp, q_min, q_max)
+        reached += 1 if is_reached else 0
+        is_new = is_reached
+        for k in range(count):
+            is_new = is_new and np.abs(q - rows[k]).max() >= apart
+        if is_new:
+            rows[count] = q
+            count += 1
+    return count, reached
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

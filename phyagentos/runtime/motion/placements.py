@@ -7,9 +7,9 @@ between the walls of a container, the entity is let go as little above its floor
 falls.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from itertools import product
 
 import msgspec
@@ -56,8 +56,7 @@ def find_placements(
         footprint = measure_footprint(held, DOWN @ tilt @ tcp_T_entity[:3, :3])
         attitudes = _list_attitudes(tilt @ tcp_T_entity[:3, :3])
         placing = Placing(request, space, held, footprint, world_T_tcp[:3, 3])
-        fitted = (fit_tight(placing, attitudes, group, job) for group in find_sites(placing, attitudes, job))
-        groups = [group for group in fitted if group]
+        groups = [fit_tight(placing, attitudes, group, job) for group in find_sites(placing, attitudes, job)]
         joint = find_joint_sites(placing, attitudes)
     open_m, held_m = scene.robot.profile.gripper.max_width_m, request.payload.width_m
     low_m, high_m = compute_extent(held, tuple(tcp_T_entity[1, :3].tolist()))
@@ -65,7 +64,7 @@ def find_placements(
     releases_m = (open_m, min(open_m, held_m + RELEASE_M), min(open_m, held_m + LEAST_RELEASE_M))[is_part:]
     search = _Search(placing, tilt, releases_m, kinematics, scene, job)
     found = search.run([joint], attitudes) or search.run(groups, attitudes)
-    if (not found and set(job.rejected) - OUT_OF_REACH) or not groups:
+    if (not found and set(job.rejected) - OUT_OF_REACH) or not any(groups):
         with job.stage("sites"):
             finer = _list_attitudes(tilt @ tcp_T_entity[:3, :3], FINE_DEG)
             standing = find_standing_sites(placing, finer, job)
@@ -111,16 +110,16 @@ class _Search:
         search = partial(
             find_approaches, q_rad=request.q_rad, screen=screen, kinematics=self.kinematics, scene=self.scene, job=job
         )
-        turned = {degrees: _turn(degrees, placing, self.tilt) for degrees in attitudes}
+        turned = {degrees: cache(partial(_turn, degrees, placing, self.tilt)) for degrees in attitudes}
         found: list[Approach] = []
         for fall_m, sites, release_m in product(_list_falls(placing), groups, self.releases_m):
             for site in (each for each in sites if not (each.is_tight and fall_m)):
-                ways = [
+                ways = (
                     way
                     for way in _ways_to(site, turned, placing, release_m, fall_m)
                     if not {way.label, site.name} & set(request.avoid)
-                ]
-                for batch in ([way] for way in ways) if request.count == 1 else (ways,):
+                )
+                for batch in ([way] for way in ways) if request.count == 1 else (list(ways),):
                     found += search(batch, count=request.count - len(found))
                     if len(found) >= request.count:
                         break
@@ -160,13 +159,13 @@ def _turn(degrees: int, placing: Placing, tilt: Array) -> tuple[Array, Array]:
 
 
 def _ways_to(
-    site: Site, turned: Mapping[int, tuple[Array, Array]], placing: Placing, release_m: float, fall_m: float
+    site: Site, turned: Mapping[int, Callable[[], tuple[Array, Array]]], placing: Placing, release_m: float, fall_m: float
 ) -> Iterator[Way]:
     request = placing.request
     entity_T_tcp = compute_inverse(compute_matrix(request.payload.tcp_T_entity))
     tolerate = frozenset((PAYLOAD, name) for name in placing.space.supports)
     for degrees in turned if site.yaws is None else site.yaws:
-        attitude, from_site_m = turned[degrees]
+        attitude, from_site_m = turned[degrees]()
         entity = attitude.copy()
         entity[:3, 3] = site.point_m + from_site_m
         site_pose = compute_pose(entity)

@@ -160,6 +160,8 @@ class PlanningScene:
 
     def _find_crowding(self, q_rad: Array) -> list[str]:
         """Other robots that are too near in a posture (n_joints,)."""
+        if not self.crowd_checks:
+            return []
         crowding = [name for name, is_clear in self.crowd_checks.items() if not is_clear(q_rad)]
         self.crowded_by.update(crowding)
         return crowding

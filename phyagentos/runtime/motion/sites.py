@@ -198,7 +198,7 @@ def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> li
         if sites:
             break
     if not space.walled:
-        return [Sites(iter(sites))] if sites else []
+        return [Sites(iter(sites))]
     packed = Sites(
         site
         for degrees, R in attitudes.items()
@@ -207,8 +207,7 @@ def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> li
     is_single = np.all(space.half_m < 2.0 * footprint.outer_m + 0.5 * TILE_GAP_M + GAP_M) and np.isinf(farthest_m)
     is_wide = float(np.prod(space.half_m)) > ROOM_SHARE * float(np.prod(footprint.half_m + GAP_M))
     comes_first = is_single and (is_wide or placing.request.coming)
-    groups = [packed, Sites(iter(sites))] if comes_first else [Sites(iter(sites)), packed]
-    return [group for group in groups if group]
+    return [packed, Sites(iter(sites))] if comes_first else [Sites(iter(sites)), packed]
 
 
 def list_neighbours(placing: Placing, *, without: Collection[str] = ()) -> list[Box]:
