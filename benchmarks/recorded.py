@@ -173,7 +173,7 @@ def _keep(tap: TappedConnection, handle: TargetSessionHandle, ended: Ended) -> R
     seen = tap.observation
     assert seen is not None
     first = wire.Step(time_s=seen.time_s, target=seen.target, tracking_error_rad=0.0)
-    before = (first, *tap.steps[:-1])
+    before = (first, *tap.steps)[: len(tap.commands)]
     return Recording(
         description=handle.describe(),
         commands=tuple(zip(tap.commands, before, strict=True)),
