@@ -12,7 +12,6 @@ import numpy as np
 
 from phyagentos.geometry import compute_pose
 from phyagentos.protocol.capabilities.targets import BASE_JOINTS
-from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
@@ -40,7 +39,7 @@ class Way:
         hover_m: Distance from `end` at which the straight line begins [m].
         openings_m: Of the fingers when they hold, and when they do not.
         tolerate: Pairs whose contact is intended within `tolerate_m` [m] of the end.
-        site: Pose of the held entity after a place.
+        site: (4, 4) pose of the held entity after a place.
         fall_m: How far it falls there when it is let go.
         is_clear: Whether the fingers keep off what is tolerated while they are open.
         back: (3,) unit direction in the world from `end` to where the line begins.
@@ -52,7 +51,7 @@ class Way:
     openings_m: tuple[float, float]
     tolerate: frozenset[Pair]
     tolerate_m: float
-    site: Pose | None = None
+    site: Array | None = None
     fall_m: float = 0.0
     is_clear: bool = False
     back: tuple[float, ...] = (0.0, 0.0, 1.0)
@@ -65,7 +64,7 @@ class Way:
     def find_blocked(self, q_rad: Array, left_m: float, scene: PlanningScene) -> list[Pair]:
         """Pairs that must not touch in a posture (n_joints,) of the line, `left_m` before its end."""
         tolerate = self.tolerate if left_m <= self.tolerate_m else frozenset()
-        blocked = [pair for pair in scene.sweep(q_rad, *self.openings_m) if pair not in tolerate]
+        blocked = scene.sweep(q_rad, *self.openings_m, tolerate)
         if self.is_clear and not blocked:
             open_m = self.openings_m[1]
             blocked = scene.sweep(q_rad, open_m, open_m)
@@ -87,6 +86,7 @@ class Screen:
         anywhere = rng.uniform(chain.q_min_rad, chain.q_max_rad, (UNIFORM_SEEDS, len(home_rad)))
         self.seeds = np.clip(np.vstack((q_rad, home_rad, near, anywhere)), chain.q_min_rad, chain.q_max_rad)
         self._found: dict[tuple[bytes, bool], Array] = {}
+        self._latest_rad = self.seeds[0]
 
     def find_postures(self, world_T_tcp: Array, job: Job, *, anywhere: bool) -> Array:
         """Distinct postures (m, n_joints) of a tool pose, from the seeds anywhere or from the others."""
@@ -97,6 +97,12 @@ class Screen:
             job.screened += len(seeds)
             job.reached += reached
         return self._found[key]
+
+    def find_any(self, world_T_tcp: Array) -> Array | None:
+        """A posture (n_joints,) of a tool pose, sought where the one before was found; None where that fails."""
+        found = self._chain.solve(world_T_tcp, self._latest_rad)
+        self._latest_rad = self._latest_rad if found is None else found
+        return found
 
 
 def find_approaches(
@@ -116,15 +122,18 @@ def find_approaches(
     """
     found: list[Approach] = []
     taken, reached = Counter[str](), set[int]()
-    left = {index for index, way in enumerate(ways) if _is_within_bounds(way, scene, job)}
+    with job.stage("check"):
+        left = {index for index, way in enumerate(ways) if not _is_closed(way, screen, scene, job)}
     closed = set[int]()
     for anywhere in (False, True):
         with job.stage("ik"):
-            tried = sorted(left - closed)
-            postures = {index: screen.find_postures(ways[index].start, job, anywhere=anywhere) for index in tried}
-        reached |= {index for index, rows in postures.items() if len(rows)}
-        hovers = [(float(np.linalg.norm(q - q_rad)), index, q) for index, rows in postures.items() for q in rows]
-        for _, index, q in sorted(hovers, key=itemgetter(0, 1)):
+            hovers = []
+            for index in sorted(left - closed):
+                rows = screen.find_postures(ways[index].start, job, anywhere=anywhere)
+                away = np.linalg.norm(rows - q_rad, axis=1).tolist()
+                hovers += [(*each, index) for each in zip(away, rows, strict=True)]
+        reached |= {index for _, _, index in hovers}
+        for _, q, index in sorted(hovers, key=itemgetter(0)):
             way = ways[index]
             if len(found) == count:
                 return found
@@ -157,11 +166,32 @@ def _find_obstruction(way: Way, q_rad: Array, kinematics: Kinematics, scene: Pla
     return name_pair(blocked[0]) if blocked else "", any(map(scene.is_of_tool_pose, blocked))
 
 
-def _is_within_bounds(way: Way, scene: PlanningScene, job: Job) -> bool:
-    wall = find_wall(scene.robot.bounds, way.end[:3, 3]) or find_wall(scene.robot.bounds, way.start[:3, 3])
-    if wall:
-        job.rejected[name_pair((scene.robot.tool, wall))] += 1
-    return not wall
+def _is_closed(way: Way, screen: Screen, scene: PlanningScene, job: Job) -> bool:
+    """Whether the tool is out of its bounds or touches something at the end of a way, whatever the arm's posture."""
+    bounds, tool = scene.robot.bounds, scene.robot.tool
+    walls = find_wall(bounds, way.end[:3, 3]) or find_wall(bounds, way.start[:3, 3])
+    end = None if walls else screen.find_any(way.end)
+    pairs = [] if end is None else way.find_blocked(end, 0.0, scene)
+    closed = [(tool, walls)] if walls else [pair for pair in pairs if scene.is_of_tool_pose(pair)]
+    job.rejected.update(map(name_pair, closed[:1]))
+    return bool(closed)
+
+
+def _find_obstruction(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningScene) -> tuple[str, bool]:
+    """Why a posture above a way is not free, or its end is not; and whether that is so for every posture."""
+    blocked = scene.sweep(q_rad, way.openings_m[0], scene.robot.profile.gripper.max_width_m)
+    if not blocked:
+        end = kinematics.chain.solve(way.end, q_rad)
+        if end is None:
+            return "line", False
+        blocked = way.find_blocked(end, 0.0, scene)
+    return name_pair(blocked[0]) if blocked else "", any(map(scene.is_of_tool_pose, blocked))
+
+
+def _is_within_bounds(poses: tuple[Array, Array], scene: PlanningScene, job: Job) -> bool:
+    walls = [wall for pose in poses if (wall := find_wall(scene.robot.bounds, pose[:3, 3]))]
+    job.rejected.update(name_pair((scene.robot.tool, wall)) for wall in walls[:1])
+    return not walls
 
 
 def _find_line(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Approach | None:
@@ -185,7 +215,7 @@ def _find_line(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningSc
         label=way.label,
         tcp_end=compute_pose(way.end),
         line_rad=line,
-        site=way.site,
+        site=None if way.site is None else compute_pose(way.site),
         release_m=way.openings_m[1],
         fall_m=way.fall_m,
     )

@@ -15,7 +15,7 @@ from itertools import product
 import msgspec
 import numpy as np
 
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, turn
+from phyagentos.geometry import compute_inverse, compute_matrix, turn
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.approaches import Screen, Way, find_approaches
@@ -159,7 +159,11 @@ def _turn(degrees: int, placing: Placing, tilt: Array) -> tuple[Array, Array]:
 
 
 def _ways_to(
-    site: Site, turned: Mapping[int, Callable[[], tuple[Array, Array]]], placing: Placing, release_m: float, fall_m: float
+    site: Site,
+    turned: Mapping[int, Callable[[], tuple[Array, Array]]],
+    placing: Placing,
+    release_m: float,
+    fall_m: float,
 ) -> Iterator[Way]:
     request = placing.request
     entity_T_tcp = compute_inverse(compute_matrix(request.payload.tcp_T_entity))
@@ -168,7 +172,7 @@ def _ways_to(
         attitude, from_site_m = turned[degrees]()
         entity = attitude.copy()
         entity[:3, 3] = site.point_m + from_site_m
-        site_pose = compute_pose(entity)
+        site_pose = entity.copy()
         entity[2, 3] += DROP_M + fall_m
         end = entity @ entity_T_tcp
         yield Way(

@@ -117,19 +117,20 @@ class SphereModel:
         self._clusters = list(iter_clusters(robot, chain))
         self._pairs = _find_pairs(model, [int(b) for b in range(1, model.nbody) if model.body_geomnum[b]], chain)
         self._shrink = self._calibrate(robot)
+        self._clusters.append((chain.tool, _WALL, np.append(chain.tcp[:, 3], BALL_M)[None]))
+        self._bounds = [bound_spheres(cover) for _, _, cover in self._clusters]
 
     def build_arrays(self, scene: PlanningScene) -> SphereArrays:
         """The arrays for the scene as posed now, payload included."""
-        clusters, pairs, shrink = list(self._clusters), list(self._pairs), list(self._shrink)
-        last = self._chain.tool
+        clusters, bounds, pairs, shrink = self._clusters, self._bounds, self._pairs, self._shrink
         if scene.payload_shapes:
-            tcp = np.vstack((self._chain.tcp, (0.0, 0.0, 0.0, 1.0)))
+            last, tcp = self._chain.tool, np.vstack((self._chain.tcp, (0.0, 0.0, 0.0, 1.0)))
             cover = [move_spheres(cover_shape(s), compute_matrix(s.pose)) for s in scene.payload_shapes]
-            links = [link for link, _, _ in clusters]
-            pairs += [(i, len(clusters)) for i, link in enumerate(links) if not last - self._wrist < link <= last]
-            shrink += [0.0] * (len(pairs) - len(shrink))
-            clusters.append((last, _ALL, move_spheres(np.vstack(cover), tcp @ scene.tcp_T_payload)))
-        clusters.append((last, _WALL, np.append(self._chain.tcp[:, 3], BALL_M)[None]))
+            held = move_spheres(np.vstack(cover), tcp @ scene.tcp_T_payload)
+            links = [link for link, _, _ in clusters[:-1]]
+            met = [(i, len(clusters)) for i, link in enumerate(links) if not last - self._wrist < link <= last]
+            pairs, shrink = [*pairs, *met], [*shrink, *[0.0] * len(met)]
+            clusters, bounds = [*clusters, (last, _ALL, held)], [*bounds, bound_spheres(held)]
         boxes, kinds = _box_obstacles(scene)
         return SphereArrays(
             frames=self._chain.frames,
@@ -138,7 +139,7 @@ class SphereModel:
             spheres=np.vstack([cover for _, _, cover in clusters]),
             first=np.cumsum([0, *(len(cover) for _, _, cover in clusters)]),
             link=np.array([link for link, _, _ in clusters]),
-            bounds=np.array([bound_spheres(cover) for _, _, cover in clusters]),
+            bounds=np.array(bounds),
             meets=np.array([meets for _, meets, _ in clusters]),
             pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
             shrink=np.array(shrink),

@@ -149,8 +149,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.motion.approaches",
-                "for pair in scene.sweep(q_rad, *self.openings_m)",
-                "for pair in scene.sweep(q_rad, self.openings_m[1], self.openings_m[1])",
+                "scene.sweep(q_rad, *self.openings_m, tolerate)",
+                "scene.sweep(q_rad, self.openings_m[1], self.openings_m[1], tolerate)",
             ),
         ),
         tests=("tests/runtime/motion/test_grasps.py::test_a_thing_whose_walls_open_fingers_would_straddle_is_refused",),
