@@ -3,10 +3,11 @@
     python benchmarks/planning.py
     python benchmarks/planning.py --count 8 panda ur5e
 
-Sets: grasps and placements of `tidy_table` as sessions asked for them; a can in and out of a shelf; postures in a random
-clutter. A query is what a skill asks: tool poses first (inverse kinematics, lines, contacts), then the motion to one of
-them. OMPL gets the motions of the very queries, with the goals that were found. Times are of the processor, one thread;
-wall time stands beside them. VAMP is another machine's, as measured once: its build needs sources that no registry has.
+Sets: grasps and placements of `tidy_table` as sessions asked for them; a can into a shelf and out of it; postures in a
+random clutter. A query is what a skill asks: tool poses first (inverse kinematics, lines, contacts), then the motion to
+one of them. OMPL gets the motions of the very queries, with the goals that were found. Times are of the processor, one
+thread; wall time stands beside them. VAMP's are of another machine, measured once: its package builds from sources that
+its registry does not hold.
 """
 
 import argparse
@@ -86,12 +87,16 @@ class Tally:
     @property
     def missed(self) -> int:
         """Queries that the peer solves and we do not."""
-        return sum(each.length_rad != each.length_rad and each.peer_length_rad == each.peer_length_rad for each in self.answers)
+        return sum(
+            each.length_rad != each.length_rad and each.peer_length_rad == each.peer_length_rad for each in self.answers
+        )
 
     def compare(self, ours: str, theirs: str) -> float:
         """How many times faster we are in the median, of queries that both solve."""
         both = [e for e in self.answers if e.length_rad == e.length_rad and e.peer_length_rad == e.peer_length_rad]
-        return median(getattr(e, theirs) for e in both) / median(getattr(e, ours) for e in both) if both else float("nan")
+        return (
+            median(getattr(e, theirs) for e in both) / median(getattr(e, ours) for e in both) if both else float("nan")
+        )
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """A peer of motion planning: OMPL's RRT-Connect and its simplifier, where each validity of a state is a call of MuJoCo.
 
-It gets what our planner gets: joints and limits, the planning model with its allowed collisions, all goals as roots, the
-direct motion first, resolution, range and budget, then the same rounding, timing and exact check, as often.
+It gets what our planner gets: joints and limits, the planning model with its allowed collisions, all goals as roots,
+the direct motion first, resolution, range and budget, then the same rounding, timing and exact check, as often.
 """
 
 from collections.abc import Iterator

@@ -18,6 +18,7 @@ from typing import Annotated
 
 import typer
 from packaging.requirements import Requirement
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -25,6 +26,7 @@ from phyagentos.cli.console import CleanConsole
 from phyagentos.cli.outcome import Exit, ExitCode, print_json
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.capabilities.library import Library
 from phyagentos.store.edits.exchange import exchange
 from phyagentos.store.statistics import measure_sync
 from phyagentos.store.watch import Watch
@@ -73,12 +75,16 @@ STYLES = {Grade.FINE: "green", Grade.WEAK: "yellow", Grade.BROKEN: "bold red"}
 
 def examine_machine(
     folder: Annotated[Path, typer.Argument(help="Where workspaces will stand.")] = Path(),
+    warm: Annotated[
+        bool,
+        typer.Option("--warm", help="Check nothing: compile every kernel that is not kept yet, about half a minute."),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON list on stdout.")] = False,
 ) -> None:
     """Check this machine: graphics, locks, file events, clock, versions, ports, disk; print each fix."""
     if not folder.is_dir():
         raise DefinitionError.of("UNKNOWN_FOLDER", str(folder), expected="a folder that exists")
-    findings = list(iter_findings(folder, SystemClock()))
+    findings = [warm_kernels(SystemClock())] if warm else list(iter_findings(folder, SystemClock()))
     if as_json:
         print_json(findings)
     else:
@@ -109,6 +115,35 @@ def _build_table(findings: list[Finding]) -> Table:
     for each in findings:
         table.add_row(each.subject, Text(each.grade, STYLES[each.grade]), Text(each.found), Text(each.fix))
     return table
+
+
+def warm_kernels(clock: Clock) -> Finding:
+    """Compile what numba compiles, and show what it is at; without a terminal, one line before the first kernel."""
+    from phyagentos.assembly.kernels import compile_kernels
+
+    console, began_s = CleanConsole(stderr=True, highlight=False), clock.now_s()
+    columns = (
+        SpinnerColumn(),
+        TextColumn("compiling kernel {task.completed}: {task.description}"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("", total=None)
+
+        def tell(name: str) -> None:
+            if progress.disable and not progress.tasks[task].completed:
+                console.print("compiling kernels, about half a minute, once for this version")
+            progress.update(task, advance=1, description=name)
+
+        try:
+            kernels = compile_kernels(Library.open(), tell)
+        except RuntimeError as error:
+            fix = "Set NUMBA_CACHE_DIR to a folder that you may write to: no process of a run starts without one."
+            return Finding("kernels", Grade.BROKEN, str(error), fix)
+    found = (
+        f"{kernels.compiled} compiled in {clock.now_s() - began_s:.1f} s, {kernels.kept} kept, below {kernels.folder}"
+    )
+    return Finding("kernels", Grade.FINE, found)
 
 
 def check_python() -> Finding:
