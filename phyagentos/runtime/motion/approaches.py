@@ -135,8 +135,6 @@ def find_approaches(
         reached |= {index for _, _, index in hovers}
         for _, q, index in sorted(hovers, key=itemgetter(0)):
             way = ways[index]
-            if len(found) == count:
-                return found
             if index in closed or taken[way.label] == POSTURES_PER_WAY:
                 continue
             with job.stage("check"):
@@ -150,20 +148,11 @@ def find_approaches(
             if approach is not None:
                 taken[way.label] += 1
                 found.append(approach)
+            if len(found) == count:
+                return found
     if unreached := left - reached:
         job.rejected["ik"] += len(unreached)
     return found
-
-
-def _find_obstruction(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningScene) -> tuple[str, bool]:
-    """Why a posture above a way is not free, or its end is not; and whether that is so for every posture."""
-    blocked = scene.sweep(q_rad, way.openings_m[0], scene.robot.profile.gripper.max_width_m)
-    if not blocked:
-        end = kinematics.chain.solve(way.end, q_rad)
-        if end is None:
-            return "line", False
-        blocked = way.find_blocked(end, 0.0, scene)
-    return name_pair(blocked[0]) if blocked else "", any(map(scene.is_of_tool_pose, blocked))
 
 
 def _is_closed(way: Way, screen: Screen, scene: PlanningScene, job: Job) -> bool:
@@ -186,12 +175,6 @@ def _find_obstruction(way: Way, q_rad: Array, kinematics: Kinematics, scene: Pla
             return "line", False
         blocked = way.find_blocked(end, 0.0, scene)
     return name_pair(blocked[0]) if blocked else "", any(map(scene.is_of_tool_pose, blocked))
-
-
-def _is_within_bounds(poses: tuple[Array, Array], scene: PlanningScene, job: Job) -> bool:
-    walls = [wall for pose in poses if (wall := find_wall(scene.robot.bounds, pose[:3, 3]))]
-    job.rejected.update(name_pair((scene.robot.tool, wall)) for wall in walls[:1])
-    return not walls
 
 
 def _find_line(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Approach | None:

@@ -7,9 +7,9 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from phyagentos.runtime.motion.path import Checker, Path, Query
+from phyagentos.runtime.motion.path import SHORTCUTS, Checker, Path, Query, find_straight
 from phyagentos.runtime.motion.requests import Array
-from phyagentos.runtime.motion.tree_search import RANGE_RAD
+from phyagentos.runtime.motion.tree_search import RANGE_RAD, cut, measure
 
 
 class _EdgeValidator(ob.MotionValidator):  # type: ignore[misc]
@@ -22,8 +22,10 @@ class _EdgeValidator(ob.MotionValidator):  # type: ignore[misc]
         return bool(self._checker.edge_is_free(np.array(first[0:n]), np.array(second[0:n])))
 
 
-def search(query: Query, checker: Checker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
-    """One run, whose corners are not shortened; None where it finds none in the query's iterations."""
+def find_exact_path(query: Query, checker: Checker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
+    """The direct way, else one search whose corners are shortened; None where it finds none in its iterations."""
+    if straight := find_straight(query, checker):
+        return straight
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     ou.RNG.setSeed(1 + seed % (2**31 - 2))
     n = len(query.start_rad)
@@ -59,9 +61,23 @@ def search(query: Query, checker: Checker, seed: int, should_cancel: Callable[[]
     if not problem.hasExactSolution():
         return None
     rows = np.array([state[0:n] for state in problem.getSolutionPath().getStates()])
-    goal = int(np.argmin(np.linalg.norm(query.goals_rad - rows[-1], axis=1)))
+    goal = query.find_goal(rows[-1])
     rows[0], rows[-1] = query.start_rad, query.goals_rad[goal]
-    return Path(rows, goal, iterations, planner.getName())
+    rows = shorten(rows, checker, query.weights, np.random.default_rng(seed))
+    return Path(rows, goal, iterations, "RRT-Connect on the exact model")
+
+
+def shorten(rows_rad: Array, checker: Checker, weights: Array, rng: np.random.Generator) -> Array:
+    """Replace random parts of a path (k, n_joints) by straight motions where these are free."""
+    rows, along = rows_rad, measure(rows_rad, weights)
+    for fractions in np.sort(rng.random((SHORTCUTS, 2)), axis=1):
+        if len(rows) < 3:
+            break
+        i, j, a, b = cut(rows, along, *(fractions * along[-1]), weights)
+        if i < j and checker.edge_is_free(a, b):
+            rows = np.concatenate((rows[:i], a[None], b[None], rows[j:]))
+            along = measure(rows, weights)
+    return rows
 
 
 def _allocate(information: ob.SpaceInformation, q_rad: Array) -> ob.State:

@@ -151,14 +151,18 @@ def _search(
 ) -> tuple[_Search, Path | None]:
     """A path, and how it was sought at last."""
     query, checker = search.query, search.checker
-    path = find_path(query, checker, seed, should_cancel)
-    if path is not None or not isinstance(checker, SphereChecker):
-        return search, path
-    if scene.crowd:
-        alone = SphereChecker(checker.arrays.leave_alone())
-        if find_path(query, alone, seed, should_cancel) is not None:
-            return search, None
-    return replace(search, checker=scene, name="exact"), find_path(query, scene, seed, should_cancel)
+    if isinstance(checker, SphereChecker):
+        path = find_path(query, checker, seed, should_cancel)
+        if path is not None:
+            return search, path
+        if scene.crowd:
+            alone = SphereChecker(checker.arrays.leave_alone())
+            if find_path(query, alone, seed, should_cancel) is not None:
+                return search, None
+        search = replace(search, checker=scene, name="exact")
+    from phyagentos.runtime.motion.exact_search import find_exact_path  # OMPL: only where it is used
+
+    return search, find_exact_path(query, search.checker, seed, should_cancel)
 
 
 def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows: TimeRows, job: Job) -> Timed | None:

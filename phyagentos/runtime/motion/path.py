@@ -1,4 +1,4 @@
-"""Collision-free paths by RRT-Connect, shortened and rounded: compiled on spheres, OMPL's on the exact model.
+"""Collision-free paths by RRT-Connect on spheres, shortened and rounded.
 
 All goals are roots of the goal tree. The budget is a number of iterations, so that the same seed gives the same path.
 The shortest of several cheap searches is kept: asymptotically optimal planners took 50 to 300 ms for what three starts
@@ -6,16 +6,17 @@ give in 5.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from operator import itemgetter
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
-from phyagentos.runtime.motion.tree_search import RESOLUTION_RAD, cut, grow_path, measure, shorten_path
+from phyagentos.runtime.motion.tree_search import RESOLUTION_RAD, grow_path, measure, shorten_path
 
 ITERATIONS = 4_000
 ITERATIONS_CROWDED = 2_000  # where another robot is near: the leaf waits, and asks again
@@ -56,6 +57,16 @@ class Query:
     weights: Array
     iterations: int
 
+    @property
+    def order(self) -> NDArray[np.intp]:
+        """(m,) goals, the nearest first."""
+        away = np.linalg.norm(self.weights * (self.goals_rad - self.start_rad), axis=1)
+        return np.argsort(away, kind="stable")
+
+    def find_goal(self, q_rad: Array) -> int:
+        """The goal at a posture (n_joints,)."""
+        return int(np.argmin(np.linalg.norm(self.goals_rad - q_rad, axis=1)))
+
 
 @dataclass(frozen=True, slots=True)
 class Path:
@@ -73,22 +84,15 @@ class Path:
     planner: str = "straight"
 
 
-def find_path(query: Query, checker: Checker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
-    """The direct way to the nearest goal that has one, else the shortest of a few searches, else None."""
-    away = np.linalg.norm(query.weights * (query.goals_rad - query.start_rad), axis=1)
-    order = np.argsort(away, kind="stable")
-    for goal in order.tolist():
-        if checker.edge_is_free(query.start_rad, query.goals_rad[goal]):
-            return Path(np.array((query.start_rad, query.goals_rad[goal])), goal)
-    if not isinstance(checker, SphereChecker):
-        return _search_exactly(query, checker, seed, should_cancel)
+def find_path(query: Query, checker: SphereChecker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
+    """The direct way to the nearest goal that has one, else the shortest of a few searches on spheres, else None."""
+    if straight := find_straight(query, checker):
+        return straight
     found: list[tuple[float, Array, int]] = []
+    goals, bounds = query.goals_rad[query.order], (query.q_min_rad, query.q_max_rad)
     for start in range(STARTS):
         rng = np.random.default_rng((seed, start))
-        bounds = query.q_min_rad, query.q_max_rad
-        grown = grow_path(
-            query.start_rad, query.goals_rad[order], bounds, checker.arrays, rng, query.iterations, should_cancel
-        )
+        grown = grow_path(query.start_rad, goals, bounds, checker.arrays, rng, query.iterations, should_cancel)
         if grown is None:
             break
         rows = shorten_path(grown[0], np.sort(rng.random((SHORTCUTS, 2)), axis=1), RESOLUTION_RAD, checker.arrays)
@@ -96,39 +100,20 @@ def find_path(query: Query, checker: Checker, seed: int, should_cancel: Callable
     if not found:
         return None
     _, rows, iterations = min(found, key=itemgetter(0))
-    return Path(rows, _find_goal(query, rows), iterations, "RRT-Connect on spheres")
+    return Path(rows, query.find_goal(rows[-1]), iterations, "RRT-Connect on spheres")
 
 
-def _search_exactly(query: Query, checker: Checker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
-    from phyagentos.runtime.motion.exact_search import search  # OMPL: only where it is used
-
-    found = search(query, checker, seed, should_cancel)
-    if found is None:
-        return None
-    rows = shorten(found.rows_rad, checker, query.weights, np.random.default_rng(seed))
-    return replace(found, rows_rad=rows, goal=_find_goal(query, rows))
-
-
-def _find_goal(query: Query, rows_rad: Array) -> int:
-    return int(np.argmin(np.linalg.norm(query.goals_rad - rows_rad[-1], axis=1)))
+def find_straight(query: Query, checker: Checker) -> Path | None:
+    """The direct way to the nearest goal that has one."""
+    for goal in query.order.tolist():
+        if checker.edge_is_free(query.start_rad, query.goals_rad[goal]):
+            return Path(np.array((query.start_rad, query.goals_rad[goal])), goal)
+    return None
 
 
 def compute_length(rows_rad: Array) -> float:
     """Length of a path (k, n_joints) in joint space [rad]."""
     return float(np.linalg.norm(np.diff(rows_rad, axis=0), axis=1).sum())
-
-
-def shorten(rows_rad: Array, checker: Checker, weights: Array, rng: np.random.Generator) -> Array:
-    """Replace random parts of a path (k, n_joints) by straight motions where these are free."""
-    rows, along = rows_rad, measure(rows_rad, weights)
-    for fractions in np.sort(rng.random((SHORTCUTS, 2)), axis=1):
-        if len(rows) < 3:
-            break
-        i, j, a, b = cut(rows, along, *(fractions * along[-1]), weights)
-        if i < j and checker.edge_is_free(a, b):
-            rows = np.concatenate((rows[:i], a[None], b[None], rows[j:]))
-            along = measure(rows, weights)
-    return rows
 
 
 def round_corners(rows_rad: Array, checker: Checker) -> Array:

@@ -112,9 +112,9 @@ class PlanningScene:
         self.crowd, self.crowd_checks, self.crowded_by = {}, {}, set()
 
     def sweep(self, q_rad: Array, low_m: float, high_m: float, tolerate: Collection[Pair] = frozenset()) -> list[Pair]:
-        """Pairs that touch in a posture (n_joints,), but for some, at an opening of the fingers from `low_m` to `high_m`.
+        """Pairs that touch in a posture (n_joints,), but for those to `tolerate`.
 
-        That is the widest one [m] at which any do.
+        That is at the widest opening of the fingers, from `high_m` down to `low_m` [m], at which any do.
         """
         stands_for_all = self.payload_shapes or low_m == high_m  # with a payload there are copies of the fingers
         for opening_m in (high_m,) if stands_for_all else _list_openings(low_m, high_m):

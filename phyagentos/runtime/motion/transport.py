@@ -92,9 +92,9 @@ def time_carry(
 ) -> Timed:
     """The motion through rows (k, n_joints), from rest to rest, that respects what it carries.
 
-    Toppra's motion is returned if it does so already and either it `keeps_toppra`, the load is `LIGHT_SHARE` of the grip
-    at most, or the shaped one takes `LONGER`: joints that turn a corner between two knots faster than they may stretch
-    all of it.
+    Toppra's motion is returned if it does so already and either it `keeps_toppra`, uses `LIGHT_SHARE` of the grip at
+    most, or the shaped one takes `LONGER`: joints that turn a corner between two knots faster than they may stretch all
+    of it.
     """
     rows = drop_duplicates(rows_rad, SPACING_RAD)
     timed = time_path(rows_rad, limits)
