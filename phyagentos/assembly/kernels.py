@@ -54,7 +54,7 @@ def compile_kernels(library: Library, tell: Callable[[str], None]) -> Kernels:
     """
     with event.install_listener("numba:compile", _Listener(tell)):
         _use_kernels(library)
-    statistics = [each.stats for each in _iter_kernels()]
+    statistics = [each.stats for each in iter_kernels()]
     return Kernels(
         compiled=sum(sum(each.cache_misses.values()) for each in statistics),
         kept=sum(sum(each.cache_hits.values()) for each in statistics),
@@ -92,7 +92,7 @@ def _use_kernels(library: Library) -> None:
     pipeline.sense(frames, physics.read_target({}), Scene(name=SCENE, seed=0, episode="kernels"), 1.0)
 
 
-def _iter_kernels() -> Iterator[Any]:
+def iter_kernels() -> Iterator[Any]:
     """Every compiled function of this package that was imported, once."""
     modules = [module for name, module in sys.modules.items() if name.startswith("phyagentos.")]
     found = {id(value): value for module in modules for value in vars(module).values() if is_jitted(value)}

@@ -23,7 +23,7 @@ from rich.table import Table
 from rich.text import Text
 
 from phyagentos.cli.console import CleanConsole
-from phyagentos.cli.outcome import Exit, ExitCode, print_json
+from phyagentos.cli.outcome import ExitCode, print_json
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
@@ -80,7 +80,7 @@ def examine_machine(
         typer.Option("--warm", help="Check nothing: compile every kernel that is not kept yet, about half a minute."),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON list on stdout.")] = False,
-) -> None:
+) -> ExitCode:
     """Check this machine: graphics, locks, file events, clock, versions, ports, disk; print each fix."""
     if not folder.is_dir():
         raise DefinitionError.of("UNKNOWN_FOLDER", str(folder), expected="a folder that exists")
@@ -89,8 +89,8 @@ def examine_machine(
         print_json(findings)
     else:
         CleanConsole(highlight=False).print(_build_table(findings))
-    if any(each.grade is Grade.BROKEN for each in findings):
-        raise Exit(ExitCode.GOAL_NOT_MET)
+    is_broken = any(each.grade is Grade.BROKEN for each in findings)
+    return ExitCode.GOAL_NOT_MET if is_broken else ExitCode.GOAL_MET
 
 
 def iter_findings(folder: Path, clock: Clock) -> Iterator[Finding]:

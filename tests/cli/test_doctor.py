@@ -81,13 +81,3 @@ def test_a_folder_that_cannot_be_written_is_broken_and_the_other_checks_go_on(tm
 
     assert grades["syncs"] is Grade.BROKEN
     assert grades["locks"] is Grade.FINE
-
-
-def test_after_warming_no_plan_and_no_look_compiles_anything(tmp_path, paos):
-    """One process warms; what the kernels of another one load is there already, and is not compiled once more."""
-    first, again = (paos("doctor", tmp_path, "--warm", "--json") for _ in range(2))
-    (found,) = json.loads(again.out)
-
-    assert (first.code, again.code) == (0, 0)
-    assert found["grade"] == "fine"
-    assert found["found"].startswith("0 compiled")
