@@ -163,12 +163,20 @@ def compute_links(q, frames, parents, slides, links):  # type: ignore[no-untyped
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def copy_row(row, place):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Write `row` (n,) into `place`; an assignment to a slice compiles its errors' messages, which takes seconds."""
+    for i in range(len(row)):
+        place[i] = row[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _compute_tool_links(path, frames, parents, slides, tool, carrier):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Write `world_T_link` (k, 3, 4) of the link with the tool in each posture of a path into `carrier`."""
     links = np.empty_like(frames)
     for k in range(len(path)):
         compute_links(path[k], frames, parents, slides, links)
-        carrier[k] = links[tool]
+        for r in range(3):
+            copy_row(links[tool, r], carrier[k, r])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -182,7 +190,7 @@ def _solve_all(starts, target, apart, rows, frames, parents, slides, tool, tcp, 
         for k in range(count):
             is_new = is_new and np.abs(q - rows[k]).max() >= apart
         if is_new:
-            rows[count] = q
+            copy_row(q, rows[count])
             count += 1
     return count, reached
 
@@ -201,7 +209,7 @@ def _follow(rows, poses, fine, frames, parents, slides, tool, tcp, q_min, q_max)
         steps, farthest, most = steps + taken, max(farthest, off_m), max(most, off_rad)
         if not is_reached or np.abs(q - rows[k - 1]).max() > JUMP_MAX_RAD:
             return steps, farthest, most, False
-        rows[k] = q
+        copy_row(q, rows[k])
     return steps, farthest, most, True
 
 
@@ -237,7 +245,8 @@ def _solve(start, target, fine, frames, parents, slides, tool, tcp, q_min, q_max
             J[2, i] = L[0, 2] * dy - L[1, 2] * dx
             J[3, i], J[4, i], J[5, i] = L[0, 2], L[1, 2], L[2, 2]
             if i < slides:
-                J[:3, i], J[3:, i] = L[:, 2], 0.0
+                for r in range(3):
+                    J[r, i], J[r + 3, i] = L[r, 2], 0.0
         damping = 1e-4 + 1e-2 * min(1.0, position_error**2 + rotation_error**2)
         for r in range(6):
             for c in range(r + 1):

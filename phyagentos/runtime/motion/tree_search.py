@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from phyagentos.runtime.motion.chain import copy_row
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.sphere_checker import edge_is_free, measure_edge
 from phyagentos.runtime.motion.sphere_model import SphereArrays
@@ -88,7 +89,8 @@ def _extend(nodes, parents, sizes, tree, target, reach, resolution, m):  # type:
         new = nodes[tree, near] + share * (target - nodes[tree, near])
         if not edge_is_free(nodes[tree, near], new, resolution, m):
             return result
-        nodes[tree, sizes[tree]], parents[tree, sizes[tree]] = new, near
+        copy_row(new, nodes[tree, sizes[tree]])
+        parents[tree, sizes[tree]] = near
         near, left = sizes[tree], left - abs(reach)
         sizes[tree] += 1
         result = 0
@@ -124,7 +126,12 @@ def shorten_path(rows, fractions, resolution, m):  # type: ignore[no-untyped-def
         i, j, a, b = cut(rows, along, fractions[s, 0] * along[-1], fractions[s, 1] * along[-1], m.weights)
         if i < j and edge_is_free(a, b, resolution, m):
             shorter = np.empty((len(rows) - (j - i) + 2, rows.shape[1]))
-            shorter[:i], shorter[i], shorter[i + 1], shorter[i + 2 :] = rows[:i], a, b, rows[j:]
+            for k in range(i):
+                copy_row(rows[k], shorter[k])
+            copy_row(a, shorter[i])
+            copy_row(b, shorter[i + 1])
+            for k in range(j, len(rows)):
+                copy_row(rows[k], shorter[k - j + i + 2])
             rows = shorter
             along = measure(rows, m.weights)
     return rows
@@ -144,10 +151,12 @@ def cut(rows, along, low, high, weights):  # type: ignore[no-untyped-def]  # noq
     """Points (n_joints,) at two distances along a path and the corners after them; equal corners: nothing to gain."""
     ends, points = np.zeros(2, np.int64), np.zeros((2, rows.shape[1]))
     for k, distance in enumerate((low, high)):
-        end = min(np.searchsorted(along, distance, side="right"), len(rows) - 1)
+        end = 1
+        while end < len(rows) - 1 and along[end] <= distance:
+            end += 1
         ends[k] = end
         fraction = min(1.0, (distance - along[end - 1]) / max(along[end] - along[end - 1], 1e-12))
-        points[k] = rows[end - 1] + fraction * (rows[end] - rows[end - 1])
+        copy_row(rows[end - 1] + fraction * (rows[end] - rows[end - 1]), points[k])
     if measure_edge(points[0], points[1], weights) >= 0.98 * (high - low):
         return ends[1], ends[1], points[0], points[1]
     return ends[0], ends[1], points[0], points[1]
