@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.path import (
@@ -190,12 +191,19 @@ def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows
 
 def thin_out(rows_rad: Array) -> Array:
     """As few rows of a motion (k, n_joints) as leave no joint more than `FINE_RAD`, or one row, between two of them."""
-    turned = [0.0, *np.abs(np.diff(rows_rad, axis=0)).max(axis=1).cumsum().tolist(), np.inf]
+    turned = np.abs(np.diff(rows_rad, axis=0)).max(axis=1).cumsum()
+    kept: Array = rows_rad[_keep_apart(np.concatenate(((0.0,), turned, (np.inf,))), FINE_RAD)]
+    return kept
+
+
+@njit(cache=True, error_model="numpy")
+def _keep_apart(turned, apart):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - compiled
+    """Indices of a rising series before each that is more than `apart` from the one kept before; the first is kept."""
     kept = [0]
-    for row, following in enumerate(turned[2:], start=1):
-        if following - turned[kept[-1]] > FINE_RAD:
+    for row in range(1, len(turned) - 1):
+        if turned[row + 1] - turned[kept[-1]] > apart:
             kept.append(row)
-    return rows_rad[kept]
+    return np.array(kept)
 
 
 def _exceeds_limits(q_rad: Array, scene: PlanningScene) -> bool:
