@@ -5,15 +5,11 @@ numba keeps machine code in `NUMBA_CACHE_DIR`, else in `__pycache__` beside the 
 written, in the user's own cache.
 """
 
-import os.path
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numba.core import event
-from numba.extending import is_jitted
 from typing_extensions import override
 
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
@@ -22,44 +18,31 @@ from phyagentos.protocol.sessions.session import Scene
 ROBOT, SCENE = "panda", "tabletop/cubes_and_trays"  # any would do: types differ between none
 
 
-@dataclass(frozen=True, slots=True)
-class Kernels:
-    """How many kernels were compiled now, how many were kept from before, and the folder below which they are kept."""
-
-    compiled: int
-    kept: int
-    folder: str
-
-
+@dataclass
 class _Listener(event.Listener):  # type: ignore[misc]
-    def __init__(self, tell: Callable[[str], None]) -> None:
-        self._tell = tell
+    tell: Callable[[str], None]
 
     @override
     def on_start(self, event: "event.Event") -> None:
         function = event.data["dispatcher"].py_func
         if function.__module__.startswith("phyagentos"):
-            self._tell(function.__name__.strip("_"))
+            self.tell(function.__name__.strip("_"))
 
     @override
     def on_end(self, event: "event.Event") -> None:
         """The next one is told of."""
 
 
-def compile_kernels(library: Library, tell: Callable[[str], None]) -> Kernels:
+def compile_kernels(library: Library, tell: Callable[[str], None]) -> str:
     """Compile each kernel that is not kept yet; `tell` is called with its name as that begins.
 
-    Raises:
-        RuntimeError: numba found no folder that can be written.
+    Returns where those of planning are kept; RuntimeError where numba found no folder that can be written.
     """
     with event.install_listener("numba:compile", _Listener(tell)):
         _use_kernels(library)
-    statistics = [each.stats for each in iter_kernels()]
-    return Kernels(
-        compiled=sum(sum(each.cache_misses.values()) for each in statistics),
-        kept=sum(sum(each.cache_hits.values()) for each in statistics),
-        folder=os.path.commonpath([each.cache_path for each in statistics]),
-    )
+    from phyagentos.runtime.motion.chain import compute_links
+
+    return str(compute_links.stats.cache_path)
 
 
 def _use_kernels(library: Library) -> None:
@@ -90,10 +73,3 @@ def _use_kernels(library: Library) -> None:
     frames = Frames(tuple(each.capture(data, 1.0, np.random.default_rng(0)) for each in cameras.values()))
     pipeline = Pipeline(build_inventory(spec), RobotMask(profile, folder), ROBOT)
     pipeline.sense(frames, physics.read_target({}), Scene(name=SCENE, seed=0, episode="kernels"), 1.0)
-
-
-def iter_kernels() -> Iterator[Any]:
-    """Every compiled function of this package that was imported, once."""
-    modules = [module for name, module in sys.modules.items() if name.startswith("phyagentos.")]
-    found = {id(value): value for module in modules for value in vars(module).values() if is_jitted(value)}
-    yield from (each for each in found.values() if each.py_func.__module__.startswith("phyagentos."))

@@ -18,12 +18,11 @@ from typing import Annotated
 
 import typer
 from packaging.requirements import Requirement
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
 from phyagentos.cli.console import CleanConsole
-from phyagentos.cli.outcome import ExitCode, print_json
+from phyagentos.cli.outcome import ExitCode, print_json, print_note
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
@@ -118,32 +117,26 @@ def _build_table(findings: list[Finding]) -> Table:
 
 
 def warm_kernels(clock: Clock) -> Finding:
-    """Compile what numba compiles, and show what it is at; without a terminal, one line before the first kernel."""
+    """Compile what numba compiles; a terminal shows which kernel it is at, anything else that it began."""
     from phyagentos.assembly.kernels import compile_kernels
 
-    console, began_s = CleanConsole(stderr=True, highlight=False), clock.now_s()
-    columns = (
-        SpinnerColumn(),
-        TextColumn("compiling kernel {task.completed}: {task.description}"),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("", total=None)
+    began_s, names = clock.now_s(), list[str]()
+    with CleanConsole(stderr=True).status("looking at kernels") as status:
 
         def tell(name: str) -> None:
-            if progress.disable and not progress.tasks[task].completed:
-                console.print("compiling kernels, about half a minute, once for this version")
-            progress.update(task, advance=1, description=name)
+            if not names and not status.console.is_terminal:
+                print_note("compiling kernels, half a minute, once for this version")
+            names.append(name)
+            status.update(f"compiling kernel {len(names)}, {name}, {clock.now_s() - began_s:.0f} s")
 
         try:
-            kernels = compile_kernels(Library.open(), tell)
+            folder = compile_kernels(Library.open(), tell)
         except RuntimeError as error:
             fix = "Set NUMBA_CACHE_DIR to a folder that you may write to: no process of a run starts without one."
             return Finding("kernels", Grade.BROKEN, str(error), fix)
-    found = (
-        f"{kernels.compiled} compiled in {clock.now_s() - began_s:.1f} s, {kernels.kept} kept, below {kernels.folder}"
+    return Finding(
+        "kernels", Grade.FINE, f"{len(names)} compiled in {clock.now_s() - began_s:.1f} s, kept below {folder}"
     )
-    return Finding("kernels", Grade.FINE, found)
 
 
 def check_python() -> Finding:
