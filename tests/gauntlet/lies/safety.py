@@ -135,8 +135,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.motion.planning_scene",
-                "openings = np.linspace(high_m, low_m, SWEEP) if low_m < high_m else (high_m,) * SWEEP",
-                "openings = np.full(SWEEP, self.robot.profile.gripper.max_width_m)",
+                "openings_m = _list_openings(min(low_m, high_m), high_m)",
+                "openings_m = [self.robot.profile.gripper.max_width_m] * SWEEP",
             ),
         ),
         tests=(
