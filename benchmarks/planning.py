@@ -40,6 +40,7 @@ from phyagentos.runtime.motion.requests import Motion, MotionRequest
 
 ARMS = ("panda", "fr3", "ur5e", "iiwa14", "gen3", "xarm7")
 SETS = ("recorded", "hard", "clutter")
+CHECKS = {"check": "verification"}  # of a motion; that of tool poses are contacts of postures and lines
 WAIT_S = 120.0
 VAMP_MS = {"recorded": 0.07 + 0.10, "hard": 0.115 + 0.22}  # RRT-Connect and simplification, medians on its own Panda
 
@@ -101,7 +102,7 @@ class Tally:
 
 @contextmanager
 def time_lines() -> Iterator[list[float]]:
-    """CPU time [ms] of each straight line of the tool that inverse kinematics follows; they count as its stage."""
+    """CPU time [ms] of each straight line of the tool that inverse kinematics follows, a part of its stage."""
     spent: list[float] = []
     follow = Kinematics.solve_line
 
@@ -124,11 +125,11 @@ def answer(query: Query, planner: MotionPlanner, peer: OmplPeer) -> Answered:
         between_s = process_time()
         motion = planner.answer(query.move)
         ended_s, wall_s = process_time(), perf_counter() - wall_s
-    stages = Counter({"lines": sum(lines), "ik": -sum(lines)})
-    for each in (found, motion):
-        stages.update({} if each is None else each.timing.ms)
+    stages = Counter({CHECKS.get(name, name): ms for name, ms in motion.timing.ms.items()})
+    stages.update({} if found is None else found.timing.ms)
     total_ms = 1e3 * (ended_s - began_s)
     stages["rest"] = total_ms - sum(stages.values())
+    stages["lines, of ik and place"] = sum(lines)
     path = motion.stages.path if isinstance(motion, Motion) else None
     theirs = peer.answer(query.move)
     return Answered(
@@ -145,7 +146,7 @@ def answer(query: Query, planner: MotionPlanner, peer: OmplPeer) -> Answered:
 
 
 def measure_arm(robot: Robot, count: int, seed: int, tallies: Mapping[str, Tally], console: Console) -> Query:
-    """Make the sets with a planner of their own, then let fresh ones answer; returns the first recorded query."""
+    """Make the sets with a planner of their own, then let a fresh one answer; returns the first recorded query."""
     maker = MotionPlanner(robot.profile, robot.folder)
     draws: dict[str, Callable[[], list[Query]]] = {
         "recorded": lambda: record_queries(robot, maker, count, seed),
@@ -153,10 +154,11 @@ def measure_arm(robot: Robot, count: int, seed: int, tallies: Mapping[str, Tally
         "clutter": lambda: draw_clutter_queries(maker, count, seed),
     }
     drawn = {name: draw() for name, draw in draws.items()}
+    planner = MotionPlanner(robot.profile, robot.folder, CpuClock())
+    planner.warm_up()
+    peer = OmplPeer(planner.robot, robot.profile)
     for name, queries in drawn.items():
-        planner = MotionPlanner(robot.profile, robot.folder, CpuClock())
-        planner.warm_up()
-        peer, own = OmplPeer(planner.robot, robot.profile), Tally()
+        own = Tally()
         own.answers += (answer(query, planner, peer) for query in queries)
         tallies[name].answers += own.answers
         console.print(describe(f"{robot.profile.target}, {name}", own))
