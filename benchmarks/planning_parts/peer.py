@@ -28,9 +28,9 @@ from phyagentos.runtime.motion.tree_search import RANGE_RAD, RESOLUTION_RAD
 
 @dataclass(slots=True)
 class Found:
-    """What the peer found: length of its path [rad], NaN where it found none, and CPU time [ms] by stage."""
+    """What the peer found: length of its path [rad], if any, and CPU time [ms] by stage."""
 
-    length_rad: float = float("nan")
+    length_rad: float | None = None
     ms: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
