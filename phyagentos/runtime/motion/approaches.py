@@ -125,7 +125,7 @@ def find_approaches(
     with job.stage("check"):
         left = {index for index, way in enumerate(ways) if not _is_closed(way, screen, scene, job)}
     closed = set[int]()
-    for anywhere in (False, True):
+    for anywhere in (False, True) if left else ():
         with job.stage("ik"):
             hovers = []
             for index in sorted(left - closed):
