@@ -40,7 +40,7 @@ from phyagentos.runtime.motion.requests import Motion, MotionRequest
 
 ARMS = ("panda", "fr3", "ur5e", "iiwa14", "gen3", "xarm7")
 SETS = ("recorded", "hard", "clutter")
-CHECKS = {"check": "verification"}  # of a motion; that of tool poses are contacts of postures and lines
+CHECKS = {"check": "verification"}  # of a motion; of tool poses it is the contacts of postures and lines
 WAIT_S = 120.0
 VAMP_MS = {"recorded": 0.07 + 0.10, "hard": 0.115 + 0.22}  # RRT-Connect and simplification, medians on its own Panda
 

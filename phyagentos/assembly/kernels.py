@@ -1,8 +1,7 @@
 """Compiles what numba compiles, once for a machine and a version of the source, so that no goal waits for it.
 
-A robot plans, its world is looked at and believed, so that each kernel is compiled for the types that sessions pass.
-numba keeps machine code in `NUMBA_CACHE_DIR`, else in `__pycache__` beside the source, else, where that cannot be
-written, in the user's own cache.
+A robot plans, its world is looked at and believed: each kernel is compiled for the types that sessions pass. numba keeps
+machine code in `NUMBA_CACHE_DIR`, or beside the source, or, where that cannot be written, in the user's own cache.
 """
 
 from collections.abc import Callable
@@ -39,13 +38,10 @@ def compile_kernels(library: Library, tell: Callable[[str], None]) -> str:
     Returns where those of planning are kept; RuntimeError where numba found no folder that can be written.
     """
     with event.install_listener("numba:compile", _Listener(tell)):
-        _use_kernels(library)
-    from phyagentos.runtime.motion.chain import compute_links
-
-    return str(compute_links.stats.cache_path)
+        return _use_kernels(library)
 
 
-def _use_kernels(library: Library) -> None:
+def _use_kernels(library: Library) -> str:
     """One plan, one look through every camera, one belief; the guard's kernels compile at import."""
     import phyagentos.runtime.actions.guard_kernels  # noqa: F401 - numba may refuse when a module is imported
     from phyagentos.protocol.settings.sensors import read_sensors
@@ -53,19 +49,17 @@ def _use_kernels(library: Library) -> None:
     from phyagentos.runtime.drivers.mujoco.physics import Physics
     from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
     from phyagentos.runtime.models.robot import read_profile
+    from phyagentos.runtime.motion.chain import compute_links
     from phyagentos.runtime.motion.planner import MotionPlanner
     from phyagentos.runtime.perception.inventory import build_inventory
     from phyagentos.runtime.perception.pipeline import Pipeline
     from phyagentos.runtime.perception.robot_mask import RobotMask
     from phyagentos.runtime.targets.wire import Frames
 
-    path = library.get_target(ROBOT)
-    MotionPlanner.open(path).warm_up()
-    profile, folder = read_profile(path)
-    spec, sensors = (
-        read_scene(library.get_scene(SCENE)),
-        read_sensors(find_shipped_root() / "protocol" / "sensors.yaml"),
-    )
+    profile, folder = read_profile(library.get_target(ROBOT))
+    MotionPlanner(profile, folder).warm_up()
+    sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
+    spec = read_scene(library.get_scene(SCENE))
     physics = Physics.alone(profile, folder, spec, seed=0)
     physics.start(spec.settle_s)
     physics.look()
@@ -73,3 +67,4 @@ def _use_kernels(library: Library) -> None:
     frames = Frames(tuple(each.capture(data, 1.0, np.random.default_rng(0)) for each in cameras.values()))
     pipeline = Pipeline(build_inventory(spec), RobotMask(profile, folder), ROBOT)
     pipeline.sense(frames, physics.read_target({}), Scene(name=SCENE, seed=0, episode="kernels"), 1.0)
+    return str(compute_links.stats.cache_path)

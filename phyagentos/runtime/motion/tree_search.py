@@ -126,12 +126,8 @@ def shorten_path(rows, fractions, resolution, m):  # type: ignore[no-untyped-def
         i, j, a, b = cut(rows, along, fractions[s, 0] * along[-1], fractions[s, 1] * along[-1], m.weights)
         if i < j and edge_is_free(a, b, resolution, m):
             shorter = np.empty((len(rows) - (j - i) + 2, rows.shape[1]))
-            for k in range(i):
-                copy_row(rows[k], shorter[k])
-            copy_row(a, shorter[i])
-            copy_row(b, shorter[i + 1])
-            for k in range(j, len(rows)):
-                copy_row(rows[k], shorter[k - j + i + 2])
+            for k in range(len(shorter)):
+                copy_row(rows[k] if k < i else a if k == i else b if k == i + 1 else rows[k + j - i - 2], shorter[k])
             rows = shorter
             along = measure(rows, m.weights)
     return rows
