@@ -1,7 +1,7 @@
 """Compiles what numba compiles, once for a machine and a version of the source, so that no goal waits for it.
 
-A robot plans, its world is looked at and believed: each kernel is compiled for the types that sessions pass. numba keeps
-machine code in `NUMBA_CACHE_DIR`, or beside the source, or, where that cannot be written, in the user's own cache.
+A robot plans, its world is looked at and believed: each kernel is compiled for the types that sessions pass. numba
+keeps it in `NUMBA_CACHE_DIR`, or beside the source, or, where that cannot be written, in the user's own cache.
 """
 
 from collections.abc import Callable

@@ -57,7 +57,7 @@ def load_kernels(q_rad: Array, arrays: SphereArrays) -> None:
     """Load or compile both searches: a motion (n_joints,) that is direct needs neither."""
     rows, rng = q_rad + np.array((0.0, 0.1, 0.0))[:, None], np.random.default_rng(0)
     grow_path(rows[0], rows[1:], (q_rad, rows[1]), arrays, rng, 1, lambda: False)
-    shorten_path(rows, rng.random((1, 2)), RESOLUTION_RAD, arrays)
+    measure(shorten_path(rows, rng.random((1, 2)), RESOLUTION_RAD, arrays), arrays.weights)
 
 
 def _trace(nodes: Array, parents: NDArray[np.int64], tree: int, bridge: NDArray[np.int64]) -> Array:
