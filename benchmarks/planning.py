@@ -11,6 +11,7 @@ its registry does not hold.
 """
 
 import argparse
+import gc
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -146,6 +147,8 @@ def measure_arm(robot: Robot, count: int, seed: int, sets: Mapping[str, Answers]
     planner = MotionPlanner(robot.profile, robot.folder, CpuClock())
     planner.warm_up()
     peer = OmplPeer(planner.robot, robot.profile)
+    gc.collect()
+    gc.freeze()  # what simulations have left, which a planner's own process does not search for garbage
     for name, queries in drawn.items():
         own = [answer(query, planner, peer) for query in queries]
         sets[name].extend(own)
