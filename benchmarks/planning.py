@@ -154,6 +154,7 @@ def measure_arm(robot: Robot, count: int, seed: int, sets: Mapping[str, Answers]
         sets[name].extend(own)
         shown = (f"{len(pick(own, kind))} in {Spread.of(pick(own, kind)).median:.1f} ms" for kind in ("ms", "peer_ms"))
         console.print(f"{robot.profile.target}, {name}, {count} queries: {', OMPL from goals '.join(shown)}")
+    gc.unfreeze()
     return drawn["recorded"][0]
 
 
