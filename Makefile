@@ -22,7 +22,7 @@ DRIVERS := build/drivers
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 13
 
-setup: $(STAMP) pictures  ## create .venv and install the project in it
+setup: $(STAMP) pictures $(VENV)/.kernels  ## create .venv and install the project in it
 
 $(STAMP): pyproject.toml
 	@test -x $(BIN)/python || { echo "setup: creating $(VENV) with $(PYTHON)"; $(PYTHON) -m venv $(VENV); }
@@ -32,6 +32,10 @@ $(STAMP): pyproject.toml
 
 pictures: $(STAMP)
 	@tools/ensure_pictures $(BIN)/python
+
+$(VENV)/.kernels: $(STAMP) $(shell grep -rl "import njit" phyagentos --include='*.py')
+	@$(BIN)/paos doctor --warm
+	@touch $@
 
 demo: setup  ## tidy a table while a cube slips out of the fingers: verify, replan, verify again
 	@rm -rf $(DEMO_SPACE)
