@@ -71,7 +71,8 @@ def main() -> int:
             key = (record.task, record.setting)
             groups[key].append((run, record))
             false_successes += record.is_false_success
-            bodies |= {key: session.target for session in record.sessions}
+            if record.sessions:
+                bodies[key] = record.sessions[0].target
     figures = {"false_successes": float(false_successes), "arms_at_95_percent": 0.0, "others_below_95_percent": 0.0}
     for key, records in sorted(groups.items()):
         body = bodies.get(key, key[1])
