@@ -42,7 +42,7 @@ class Choice:
         skills: Only sessions of these skills; of any, without.
         target: Only sessions of this target; empty for the one that there is.
         cameras: Whose recorded pictures are wanted.
-        entities: Whose pose, as believed before the first command, is wanted.
+        entities: Whose pose, as believed before the first command, is wanted: things, or parameters that name one.
         fps: Steps a second; 0 for the control rate.
     """
 
@@ -210,7 +210,7 @@ def _read(bundle: Path, status: SessionStatus, choice: Choice, fps: int, width: 
         verdict=decided,
         state=measured[rows[:-1], :width].astype(np.float32),
         action=commanded[rows[1:], :width].astype(np.float32),
-        world=_read_world(bundle, choice.entities),
+        world=_read_world(bundle, [str(status.contract.parameters.get(name, name)) for name in choice.entities]),
         pictures=_read_pictures(bundle, choice.cameras, grid_s[:-1]),
     )
 
