@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import msgspec
@@ -29,11 +29,11 @@ from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.repair.looking import propose_looking
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.agent.repair.retrying import propose_retry
-from phyagentos.assembly.agent_plane import MemoryUse
+from phyagentos.assembly.agent_plane import Agent, MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
+from phyagentos.assembly.planes import start_watch
 from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
 from phyagentos.bench.scorers.simulator_state import is_in_tray
-from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId
 
@@ -127,26 +127,37 @@ def serving(python: str, policy: str) -> Iterator[None]:
             server.terminate()
 
 
-def run(policy: str, arm: str, seeds: Sequence[int], base: Path, known: list[Record], told: Console) -> None:
-    """Every task and seed of a policy under one arm, in one warm runtime plane; appends to the records."""
+def list_wanted(policy: str, arm: str, seeds: Sequence[int], known: Sequence[Record]) -> list[tuple[str, int]]:
+    """Tasks and seeds without a record; builtin skills are asked where the first session of the policy missed."""
     done = {(each.policy, each.task, each.arm, each.seed) for each in known}
-    missed = {(each.task, each.seed) for each in known if each.policy == policy and each.arm == "final" and not each.first}
+    missed = {(r.task, r.seed) for r in known if r.policy == policy and r.arm == "final" and not r.first}
     wanted = [(task, seed) for seed in seeds for task in TASKS if (policy, task, arm, seed) not in done]
-    wanted = [each for each in wanted if arm != "builtin" or each in missed]
-    if not wanted:
-        return
-    workspace = open_project(base / f"{policy}_{arm}", EXAMPLE)
-    graphs = {task: write_graph(task, arm, base) for task in TASKS}
-    with open_bench(workspace, SystemClock(), memory_use=MemoryUse.NONE, policy=ARMS[arm]()) as agent:
-        for task, seed in wanted:
-            goal = GoalId(f"{policy}-{task}-{arm}-{seed}-{len(known)}")
-            report = agent.mission.run(graphs[task], seed=seed, goal=goal)
-            known.append(record(workspace.evidence, report, policy=policy, task=task, arm=arm))
-            with (base / "records.jsonl").open("ab") as file:
-                file.write(msgspec.json.encode(known[-1]) + b"\n")
-            last = known[-1]
-            line = f"{policy} {task} {seed} {arm}: first {last.first}, met {last.met}, {len(last.skills)} sessions"
-            told.print(f"{line}; {last.reason[:160]}", style="dim", highlight=False, markup=False)
+    return [each for each in wanted if arm != "builtin" or each in missed]
+
+
+def pursue(agent: Agent, evidence: Path, graph: Path, seed: int, **run: str) -> Record:
+    """One goal, as the world shows it in the end."""
+    goal = GoalId("-".join([*run.values(), str(seed)]))
+    return record(evidence, agent.mission.run(graph, seed=seed, goal=goal), **run)
+
+
+def run_arms(given: argparse.Namespace, base: Path, known: list[Record], told: Console) -> None:
+    """Every policy under every arm, in one warm runtime plane; each goal gets its line in records.jsonl."""
+    seeds, clock = range(given.first_seed, given.first_seed + given.seeds), SystemClock()
+    workspace = open_project(base / f"workspace-{len(list(base.glob('workspace-*')))}", EXAMPLE)
+    with start_watch(workspace).running(clock) as plane, (base / "records.jsonl").open("ab", buffering=0) as file:
+        for arm in given.arms:
+            how = {"memory_use": MemoryUse.NONE, "policy": ARMS[arm](), "is_runtime_alive": plane.is_alive}
+            with open_agent(workspace, clock, by="bench", **how) as agent:
+                for policy in given.policies:
+                    wanted = list_wanted(policy, arm, seeds, known)
+                    with serving(given.server_python, policy) if wanted else nullcontext():
+                        for task, seed in wanted:
+                            graph, run = write_graph(task, arm, base), {"policy": policy, "task": task, "arm": arm}
+                            known.append(last := pursue(agent, workspace.evidence, graph, seed, **run))
+                            file.write(msgspec.json.encode(last) + b"\n")
+                            ended = f"first {last.first}, met {last.met}, {len(last.skills)} sessions; {last.reason[:160]}"
+                            told.print(f"{policy} {task} {seed} {arm}: {ended}", highlight=False, markup=False)
 
 
 def compute_p(records: Sequence[Record]) -> float:
@@ -206,11 +217,7 @@ def main() -> int:
         kept = base / "records.jsonl"
         lines = kept.read_bytes().splitlines() if kept.is_file() else []
         records = [msgspec.json.decode(line, type=Record) for line in lines]
-        for policy in given.policies:
-            with serving(given.server_python, policy):
-                for arm in given.arms:
-                    seeds = range(given.first_seed, given.first_seed + given.seeds)
-                    run(policy, arm, seeds, base, records, Console(stderr=True))
+        run_arms(given, base, records, Console(stderr=True))
         figures = show(Console(), records)
     line, holds = format_outcome(figures, ASKED)
     print(line)

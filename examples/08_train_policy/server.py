@@ -20,11 +20,11 @@ from phyagentos.runtime.policies.wire import Infer, Start
 
 MODEL_S, PERIOD_S = 0.04, 0.02  # between rows of the model, and between those of an answer
 VELOCITY_RAD_S = 0.8 * np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])  # of the robot's limits
-ACCELERATION_RAD_S2 = 0.7 * np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
+ACCELERATION_RAD_S2 = 0.6 * np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
 STIFFNESS_RAD_S = 12.0  # natural frequency of the tracker [rad/s]
 OPEN_M, HALF_OPEN_M = 0.08, 0.04
-STILL_RAD = 0.02  # rows that lead nowhere, with an open hand, are the last ones
-PICTURE = (96, 72)  # width, height
+STILL_RAD = 0.02  # rows that lead nowhere are the last ones; so are those that follow when the hand has let go
+PICTURE = (64, 48)  # width, height
 
 
 class Tracker:
@@ -66,10 +66,10 @@ class TrainedPolicy:
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         self._model = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
         self._sees = self._model.get_inputs()[2].name
-        self._tracker, self._seen = Tracker(), np.zeros(0)
+        self.start(Start("", "", {}, 0))
 
     def start(self, request: Start) -> None:
-        self._tracker, self._seen = Tracker(), np.zeros(0)
+        self._tracker, self._seen, self._hand, self._has_closed = Tracker(), np.zeros(0), OPEN_M, False
 
     def infer(self, request: Infer) -> tuple[np.ndarray, bool]:
         shown = request.observations
@@ -80,9 +80,10 @@ class TrainedPolicy:
         wanted = self._model.run(None, fed | {self._sees: self._seen})[0][0].astype(np.float64)
         rows = self._tracker.follow(wanted[:, :-1], request.rows_done, joints)
         hand = np.where(np.repeat(wanted[:, -1], 2) > HALF_OPEN_M, OPEN_M, 0.0)
-        is_last = bool(opening[0] > OPEN_M - 0.005 and (hand > 0).all() and np.ptp(wanted[:, :-1], axis=0).max() < STILL_RAD)
-        is_last = is_last and np.abs(wanted[-1, :-1] - joints).max() < STILL_RAD
-        return np.column_stack((rows, hand)), is_last
+        leads = np.abs(wanted[:, :-1] - joints).max() > STILL_RAD or (hand != self._hand).any()
+        let_go = self._has_closed and opening[0] > OPEN_M - 0.01 and (hand > 0.0).all()
+        self._hand, self._has_closed = hand[0], self._has_closed or hand[0] == 0.0
+        return np.column_stack((rows, hand)), bool(let_go or not leads)
 
     def _look(self, shown: dict[str, np.ndarray]) -> np.ndarray:
         if self._sees == "pose":

@@ -22,9 +22,10 @@ CHUNK = 25  # rows of an answer: one second at the 25 Hz of the data
 WIDTH = 256
 NOISE = (*(0.02,) * 7, 0.001, *(0.002,) * 2)  # of joints [rad], opening [m], cube [m]: to find back to what was shown
 WORTH = (*(10.0,) * 7, 6.0)  # of an error of a joint [1/rad] and of the opening [1/m]
-PICTURE = (72, 96)  # height, width
+PICTURE = (48, 64)  # height, width
 N_POINTS = 16  # of a picture that the network attends to
-BATCH = 256
+BATCH, PICTURES = 256, 32
+EARLY, EVERY = 12, 3  # frames of an episode in which the arm does not hide the cube yet; one of so many is looked at
 
 
 class Arm(nn.Module):
@@ -163,21 +164,18 @@ def train_arm(frames: Frames, where: torch.Tensor, steps: int) -> tuple[Arm, flo
     return arm, fit(arm, steps, 2e-3, compute_loss)
 
 
-def train_eye(frames: Frames, every: int, steps: int) -> tuple[Eye, float]:
+def train_eye(frames: Frames, steps: int) -> tuple[Eye, float]:
     """The eye, from pictures in which the arm has not reached the cube yet."""
-    early = torch.tensor(frames.number[::every] < EARLY)
-    pictures, points = frames.read_pictures(every)[early], frames.pose[::every][early, :2]
+    early = torch.tensor(frames.number[::EVERY] < EARLY)
+    pictures, points = frames.read_pictures(EVERY)[early], frames.pose[::EVERY][early, :2]
     eye = Eye(points)
 
     def compute_loss() -> torch.Tensor:
-        batch = torch.randint(len(pictures), (BATCH // 4,))
-        noisy = pictures[batch].float() + 4.0 * torch.randn(1)
+        batch = torch.randint(len(pictures), (PICTURES,))
+        noisy = pictures[batch] + 8.0 * torch.randn(PICTURES, 1, 1, 3)  # of their colour
         return (((eye(noisy) - points[batch]) / eye.std) ** 2).mean()
 
     return eye, fit(eye, steps, 3e-3, compute_loss)
-
-
-EARLY = 12  # frames
 
 
 def main() -> None:
@@ -199,7 +197,8 @@ def main() -> None:
         policy: nn.Module = StatePolicy(arm)
         shown = ("pose", frames.pose[:1])
     else:
-        eye, made["eye_loss"] = train_eye(frames, 5, given.steps // 4)
+        filmed = [each for each in given.datasets if (each / "videos").is_dir()]
+        eye, made["eye_loss"] = train_eye(Frames(filmed, given.episodes), given.steps // 3)
         arm, made["loss"] = train_arm(frames, frames.pose[:, :2], given.steps)
         policy = ImagePolicy(eye, arm)
         shown = ("picture", torch.zeros((1, *PICTURE, 3), dtype=torch.uint8))
