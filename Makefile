@@ -12,7 +12,7 @@ DEMO_SPACE  := workspaces/demo
 
 FAST  := fast
 BOTH  := -n 2 --dist worksteal
-OTHERS := peers gymnasium kit openpi libero
+OTHERS := peers gymnasium kit openpi libero lerobot
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
 DRIVERS := build/drivers
 

@@ -38,7 +38,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "08_train_policy"
-POLICIES = ("state", "state_40", "state_20")  # weights, by the number of episodes that they were trained on
+POLICIES = ("state_20", "state_800", "state_1500")  # weights: of 20 episodes, of 800 and of 1500 steps of training
 TASKS = ("cube", "crowd", "block")
 SKILL, THING, TRAY = "pick_by_state", "cube", "tray"
 NO_VERDICT = ["metric(peak_tracking_error_rad) < 0"]  # never true: every session of the budget is spent

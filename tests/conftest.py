@@ -32,6 +32,7 @@ def pytest_addoption(parser):
     parser.addoption("--gymnasium-python", help="interpreter that has the extra `targets`, for tests marked `extras`")
     parser.addoption("--openpi-python", help="interpreter that has the extra `openpi`, for tests marked `extras`")
     parser.addoption("--libero-python", help="interpreter that has the extra `libero`, for tests marked `extras`")
+    parser.addoption("--lerobot-python", help="interpreter that has the extra `lerobot`, for tests marked `extras`")
     parser.addoption("--peers-python", help="interpreter that has the extra `peers`, for tests marked `extras`")
 
 

@@ -1,6 +1,7 @@
 """Serves a trained policy: ONNX behind `phyagentos.runtime.policies.server`, its rows followed within limits.
 
-    python server.py weights/state.onnx [--skill pick_by_state] [--endpoint tcp://127.0.0.1:5558]
+    python server.py weights/state.onnx       # for the skill pick_by_state
+    python server.py weights/image.onnx       # for pick_by_image
 
 A network answers with where the arm was at such moments of its demonstrations, which no arm reaches at once. What is
 answered here goes on from the set-point in force, with its velocity, towards those rows as fast as the limits permit.
@@ -8,12 +9,11 @@ answered here goes on from the set-point in force, with its velocity, towards th
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
-import onnxruntime
 
-from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.runtime.policies.server import serve_policy
 from phyagentos.runtime.policies.wire import Infer, Start
@@ -62,10 +62,13 @@ class TrainedPolicy:
     """Asks the model once a chunk. A picture, like a pose, is that of before the first command."""
 
     def __init__(self, model: Path) -> None:
+        import onnxruntime
+
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
-        self._model = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        self._model: Any = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
         self._sees = self._model.get_inputs()[2].name
+        self.skill = "pick_by_state" if self._sees == "pose" else "pick_by_image"
         self.start(Start("", "", {}, 0))
 
     def start(self, request: Start) -> None:
@@ -94,14 +97,13 @@ class TrainedPolicy:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("model", type=Path)
-    parser.add_argument("--skill", default="pick_by_state")
     parser.add_argument("--endpoint", default="")
     given = parser.parse_args()
-    declared = read_skill(Path(__file__).parent / "skills" / given.skill / "SKILL.md")[0].policy
+    policy = TrainedPolicy(given.model)
+    declared = read_skill(Path(__file__).parent / "skills" / policy.skill / "SKILL.md")[0].policy
     assert declared is not None
-    endpoint = given.endpoint or declared.endpoint
-    descriptor = PolicyDescriptor.model_validate(declared.model_dump() | {"endpoint": endpoint})
-    serve_policy(TrainedPolicy(given.model), descriptor, lambda where: print(f"serving at {where}", flush=True))
+    descriptor = declared if not given.endpoint else declared.model_copy(update={"endpoint": given.endpoint})
+    serve_policy(policy, descriptor, lambda where: print(f"serving at {where}", flush=True))
 
 
 if __name__ == "__main__":
