@@ -2,8 +2,8 @@
 
     python benchmarks/first_final.py --server-python PYTHON --seeds 12 --keep FOLDER
 
-Policies of different strength (examples/08_train_policy) pursue three tasks on held-out seeds. After a verdict that says
-no, child sessions of the same policy follow, two at most. A blind retry has no verdict: it spends the same budget of
+Policies of different strength (examples/08_train_policy) pursue three tasks on held-out seeds. After a verdict that
+says no, child sessions of the same policy follow, two at most. A blind retry has no verdict: it spends the same budget of
 sessions of the same policy, all of it, in the same scenes. Success is read from the recorded simulator state; what the
 mission said does not count. Where the first session missed, a third run may also use builtin skills: what those rescue
 is a column of its own, and no gain. A run that was cut off goes on where `--keep` has its records.
@@ -38,7 +38,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "08_train_policy"
-POLICIES = ("state_20", "state_800", "state_1500")  # weights: of 20 episodes, of 800 and of 1500 steps of training
+POLICIES = ("state_20", "state_200", "state_120")  # weights: of 20 episodes; of 200 and of 120 steps on all of them
 TASKS = ("cube", "crowd", "block")
 SKILL, THING, TRAY = "pick_by_state", "cube", "tray"
 NO_VERDICT = ["metric(peak_tracking_error_rad) < 0"]  # never true: every session of the budget is spent
@@ -121,7 +121,8 @@ def serving(python: str, policy: str) -> Iterator[None]:
     command = [python, str(EXAMPLE / "server.py"), str(EXAMPLE / "weights" / f"{policy}.onnx")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:
-            assert server.stdout is not None and server.stdout.readline().startswith("serving"), " ".join(command)
+            assert server.stdout is not None
+            assert server.stdout.readline().startswith("serving"), " ".join(command)
             yield
         finally:
             server.terminate()
@@ -156,7 +157,9 @@ def run_arms(given: argparse.Namespace, base: Path, known: list[Record], told: C
                             graph, run = write_graph(task, arm, base), {"policy": policy, "task": task, "arm": arm}
                             known.append(last := pursue(agent, workspace.evidence, graph, seed, **run))
                             file.write(msgspec.json.encode(last) + b"\n")
-                            ended = f"first {last.first}, met {last.met}, {len(last.skills)} sessions; {last.reason[:160]}"
+                            ended = (
+                                f"first {last.first}, met {last.met}, {len(last.skills)} sessions; {last.reason[:160]}"
+                            )
                             told.print(f"{policy} {task} {seed} {arm}: {ended}", highlight=False, markup=False)
 
 
@@ -171,7 +174,17 @@ def compute_p(records: Sequence[Record]) -> float:
 def show(console: Console, records: Sequence[Record]) -> dict[str, float]:
     """The table; returns the figures."""
     table = Table(title="the same weights, goals, criteria and held-out seeds")
-    columns = ("policy", "task", "First", "Final", "rescued", "blind retry", "sessions", "of blind", "time, blind \[s]")
+    columns = (
+        "policy",
+        "task",
+        "First",
+        "Final",
+        "rescued",
+        "blind retry",
+        "sessions",
+        "of blind",
+        r"time, blind \[s]",
+    )
     for column in (*columns, "by builtin skills"):
         table.add_column(column)
     figures: dict[str, float] = {}
@@ -204,7 +217,9 @@ def show(console: Console, records: Sequence[Record]) -> dict[str, float]:
 def main() -> int:
     """Run, show, and exit with whether every asked figure holds."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--server-python", default=sys.executable, help="interpreter that has onnxruntime (extra `onnx`)")
+    parser.add_argument(
+        "--server-python", default=sys.executable, help="interpreter that has onnxruntime (extra `onnx`)"
+    )
     parser.add_argument("--seeds", type=int, default=12, help="of each task")
     parser.add_argument("--first-seed", type=int, default=HELD_OUT)
     parser.add_argument("--policies", nargs="*", default=list(POLICIES), help="names of weights")

@@ -1,6 +1,6 @@
 """Runs one goal graph with many seeds in one workspace: demonstrations of a teacher, or the trials of a policy.
 
-python run_seeds.py goal_graphs/teach.yaml WORKSPACE --seeds 1000:1150
+python run_seeds.py goal_graphs/teach.yaml WORKSPACE --seeds 1000:1120 [--record]
 """
 
 import argparse
@@ -12,6 +12,7 @@ from phyagentos.bench.suite import open_bench, run_suite
 from phyagentos.clock import SystemClock
 
 HERE = Path(__file__).resolve().parent
+RECORD = "record: {cameras: [overhead], rate_hz: 5}"
 
 
 def main() -> None:
@@ -19,9 +20,13 @@ def main() -> None:
     parser.add_argument("graph", type=Path)
     parser.add_argument("workspace", type=Path)
     parser.add_argument("--seeds", default="0:20", help="FIRST:LAST, without the last one")
+    parser.add_argument("--record", action="store_true", help="pictures of the overhead camera, five a second")
     given = parser.parse_args()
     seeds = range(*map(int, given.seeds.split(":")))
     workspace = open_project(given.workspace, HERE)
+    if given.record:
+        contract = workspace.root / "runtime_contract.yaml"
+        contract.write_text(f"{contract.read_text()}\n{RECORD}\n")
     met = 0
     with open_bench(workspace, SystemClock()) as agent:
         for number, episode in enumerate(run_suite(agent, workspace, given.graph, seeds), 1):

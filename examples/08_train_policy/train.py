@@ -11,6 +11,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,7 @@ class Arm(nn.Module):
             self.register_buffer(f"{name}_mean", values.mean(0))
             self.register_buffer(f"{name}_std", values.std(0) + 1e-2)
         widths = (seen.shape[1], WIDTH, WIDTH, WIDTH)
-        layers = [layer for pair in zip(widths, widths[1:]) for layer in (nn.Linear(*pair), nn.GELU())]
+        layers = [layer for pair in pairwise(widths) for layer in (nn.Linear(*pair), nn.GELU())]
         self.net = nn.Sequential(*layers, nn.Linear(WIDTH, CHUNK * actions.shape[1]))
 
     def forward(self, seen: torch.Tensor) -> torch.Tensor:
@@ -98,7 +99,7 @@ def describe_pose(pose: torch.Tensor) -> torch.Tensor:
 
 
 class Frames:
-    """Frames of data sets: state (n, 8), action (n, 8), pose (n, 7), rows (n, CHUNK) of each chunk; its last is held."""
+    """Frames of data sets: state (n, 8), action (n, 8), pose (n, 7), rows (n, CHUNK) of its chunk; the last is held."""
 
     def __init__(self, folders: list[Path], episodes: int) -> None:
         tables = [pq.read_table(sorted((each / "data").rglob("*.parquet"))) for each in folders]

@@ -34,7 +34,7 @@ class Observer:
     Attributes:
         late_max_s: How much older than one period of its stream a frame may be: its latency, and a few lost ones [s].
         health: Of the cameras at the latest observation.
-        poses: (7,) position [m] and quaternion (w, x, y, z) of what a parameter names, as believed before the first command.
+        poses: By parameter that names a thing: position [m] and quaternion (w, x, y, z) before the first command.
     """
 
     streams: Mapping[str, Stream]

@@ -123,7 +123,7 @@ def _iter_world_problems(stream: Stream, skill: SkillRuntime, by: str) -> Iterat
     things = [name for name, parameter in skill.parameters.items() if parameter.type in {"entity", "place"}]
     for name in stream.entities or ("",):
         if name not in things:
-            yield Problem.unknown("UNKNOWN_PARAMETER", f"{address}.entities", name, things, by=by)
+            yield Problem.unknown("OBSERVATION_UNAVAILABLE", f"{address}.entities", name, things, by=by)
     yield from _iter_form_problems(address, stream, Signal(shape=(len(stream.entities), POSE_WIDTH)), 0, by)
 
 
