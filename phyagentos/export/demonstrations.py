@@ -137,16 +137,16 @@ def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstra
         raise DefinitionError.of("MIXED_TARGETS", "--target", "; ".join(forms.values()), "sessions of one target", hint)
     if problems := [problem for bundle in found for problem in check_bundle(bundle)]:
         raise DefinitionError(problems)
-    (target, *names), fps = next(iter(forms)), _choose_rate(next(iter(found)), choice.fps)
+    form, fps = next(iter(forms)), _choose_rate(next(iter(found)), choice.fps)
     read: list[Demonstration] = []
     for bundle, status in found.items():
         try:
-            read.append(_read(bundle, status, choice, fps, len(names)))
+            read.append(_read(bundle, status, choice, fps, len(form) - 1))
         except DefinitionError as error:
             problems += error.problems
     if problems:
         raise DefinitionError(problems)
-    return Demonstrations(target=target, names=tuple(names), fps=fps, episodes=tuple(read), left_out=dict(left_out))
+    return Demonstrations(target=form[0], names=form[1:], fps=fps, episodes=tuple(read), left_out=dict(left_out))
 
 
 def _find_reason(bundle: Path, status: SessionStatus, choice: Choice) -> str:

@@ -106,7 +106,7 @@ def _describe_episode(
     row |= {f"data/{name}": value for name, value in place.items()}
     for key in pixels:
         timed = dict(zip(("from_timestamp", "to_timestamp"), span_s, strict=True))
-        row |= {f"videos/{key}/{name}": value for name, value in (place | timed).items()}
+        row |= {f"videos/{key}/{name}": value for name, value in {**place, **timed}.items()}
     row |= {"session_id": each.session, "bundle": str(each.bundle), "skill": each.skill, "seed": each.seed}
     row |= {"verdict": each.verdict.verdict.value, "verdict_reason": each.verdict.reason}
     row |= {"sensing": each.verdict.sensing, "verifier": each.verdict.verifier}
