@@ -192,9 +192,9 @@ def test_a_plan_that_failed_is_not_tried_again_in_the_same_world(shipped, cause,
 
 def test_a_policy_that_was_refused_is_asked_again_in_the_same_world(shipped):
     skill = shipped.skills["pick_and_place"].model_copy(update={"kind": "policy"})
-    catalogue = Catalogue(skills={"pick_and_place": skill}, targets=shipped.targets, scenes={})
+    learned = Catalogue(skills={"pick_and_place": skill}, targets=shipped.targets, scenes={})
     world = make_table_world(make_box("red_cube", (0.5, 0.0, 0.02)))
-    for catalogue, kind in ((shipped, AlternativeKind.GIVE_UP), (catalogue, AlternativeKind.RETRY)):
+    for catalogue, kind in ((shipped, AlternativeKind.GIVE_UP), (learned, AlternativeKind.RETRY)):
         case = make_case(catalogue, Cause.ADAPTER_REFUSED, world=world, contract=TO_TRAY)
         assert GraphRepair((propose_retry,)).choose(case).chosen.kind is kind
 
