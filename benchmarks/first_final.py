@@ -49,6 +49,7 @@ ARMS: dict[str, Callable[[], RepairPolicy]] = {
     "blind": BlindRetry,
     "builtin": GraphRepair,
 }
+WIDE = 200  # characters of the table
 ASKED = {
     "best_gain_points": Ask(9.2, at_least=True),  # the paper's best
     "p_against_blind": Ask(0.05, at_least=False),
@@ -247,7 +248,7 @@ def main() -> int:
         lines = kept.read_bytes().splitlines() if kept.is_file() else []
         records = [msgspec.json.decode(line, type=Record) for line in lines]
         run_arms(given, base, records, Console(stderr=True))
-        figures = show(Console(), records)
+        figures = show(Console(width=WIDE), records)
     line, holds = format_outcome(figures, ASKED)
     print(line)
     return 0 if holds else 1
