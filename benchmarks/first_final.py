@@ -2,7 +2,7 @@
 
     python benchmarks/first_final.py --server-python PYTHON --seeds 12 --keep FOLDER
 
-Policies of different strength (examples/08_train_policy) pursue three tasks on held-out seeds. After a verdict that
+Policies of different strength (examples/10_train_policy) pursue three tasks on held-out seeds. After a verdict that
 says no, child sessions of the same policy follow, two at most. A blind retry has no verdict: it spends the same budget
 of sessions of the same policy, all of it, in the same scenes. Success is read from the recorded simulator state; what
 the mission said does not count. Where the first session missed, a third run may also use builtin skills: what those
@@ -38,7 +38,7 @@ from phyagentos.bench.scorers.simulator_state import is_in_tray
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId
 
-EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "08_train_policy"
+EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "10_train_policy"
 POLICIES = ("state_20", "state_200", "state_120")  # weights: of 20 episodes; of 200 and of 120 steps on all of them
 TASKS = ("cube", "crowd", "block")
 SKILL, THING, TRAY = "pick_by_state", "cube", "tray"

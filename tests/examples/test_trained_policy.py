@@ -1,4 +1,4 @@
-"""Example 8: a trained policy answers with places, and its server follows them within the limits of the arm."""
+"""Example 10: a trained policy answers with places, and its server follows them within the limits of the arm."""
 
 import importlib.util
 import subprocess
@@ -14,7 +14,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "08_train_policy"
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "10_train_policy"
 
 
 @pytest.fixture(scope="module")

@@ -26,6 +26,8 @@ def find_joint_sites(placing: Placing, attitudes: Mapping[int, Array]) -> Sites:
     """
     request, space = placing.request, placing.space
     rest = _list_rest(request, space) if space.walled else []
+    if not rest:
+        return Sites(iter(()))
     near = (space.center_m, np.inf) if request.near is None else (np.array(request.near), request.near_radius_m)
     rectangles = {degrees: sites.measure_rectangle(placing.held, R) for degrees, R in attitudes.items()}
     taken = sites.list_neighbours(placing)
@@ -40,7 +42,7 @@ def find_joint_sites(placing: Placing, attitudes: Mapping[int, Array]) -> Sites:
                 if _has_room(space, [*others, _make_box(space, site, half_m, gap_m)], rest, gap_m, tries):
                     yield replace(site, yaws=yaws)
 
-    found = (islice(iter_beside(others), sites.SITES_MAX) for others in (taken, staying) if rest)
+    found = (islice(iter_beside(others), sites.SITES_MAX) for others in (taken, staying))
     return Sites(chain.from_iterable(found))
 
 
