@@ -39,7 +39,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "10_train_policy"
-POLICIES = ("state_20", "state_200", "state_120")  # weights: of 20 episodes; of 200 and of 120 steps on all of them
+POLICIES = ("state_20", "state_400", "state_200", "state_120")  # weights: of 20 episodes; of so many steps on all
 TASKS = ("cube", "crowd", "block")
 SKILL, THING, TRAY = "pick_by_state", "cube", "tray"
 NO_VERDICT = ["metric(peak_tracking_error_rad) < 0"]  # never true: every session of the budget is spent
