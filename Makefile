@@ -57,7 +57,7 @@ test: setup  ## every test, journeys last
 test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed  ## tests beside systems of others, which it installs in build/
 	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS),--$(each)-python=build/$(each)/bin/python)
 	@$(DRIVERS)/bin/pytest -q -m device
-	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py
+	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py tests/examples/test_trained_policy.py
 	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py
 
 $(DRIVERS)/.installed: pyproject.toml

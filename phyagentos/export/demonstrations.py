@@ -9,6 +9,7 @@ import zipfile
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import msgspec
@@ -42,7 +43,7 @@ class Choice:
         skills: Only sessions of these skills; of any, without.
         target: Only sessions of this target; empty for the one that there is.
         cameras: Whose recorded pictures are wanted.
-        entities: Whose pose, as believed before the first command, is wanted.
+        entities: Whose pose, as believed before the first command, is wanted: things, or parameters that name one.
         fps: Steps a second; 0 for the control rate.
     """
 
@@ -112,71 +113,57 @@ def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstra
         ExecutionError: `JOURNAL_DAMAGED`, `EVIDENCE_UNREADABLE`.
     """
     left_out: Counter[str] = Counter()
-    found: list[tuple[Workspace, SessionStatus]] = []
+    found: dict[Path, SessionStatus] = {}
+    forms: dict[tuple[str, ...], str] = {}  # target, names of its numbers -> a session of it
+    get_profile = cache(get_registered_target)
     for workspace in map(Workspace.open, workspaces):
         for status in fold_partition(workspace.sessions / choose_partition(workspace.sessions)).sessions.values():
+            bundle = workspace.evidence_of(status.contract.id)
             if status.state != SessionState.SUCCEEDED:
                 continue
-            contract, reason = status.contract, _find_doubt(workspace, status)
-            if choice.skills and contract.skill not in choice.skills:
-                reason = "another skill"
-            elif choice.target and contract.target != choice.target:
-                reason = "another target"
-            if reason:
+            if reason := _find_reason(bundle, status, choice):
                 left_out[reason] += 1
-            else:
-                found.append((workspace, status))
+                continue
+            found[bundle] = status
+            profile = get_profile(workspace.target_registry, status.contract.target)
+            names = (*profile.arm.joints, *(("gripper",) if profile.gripper.max_width_m else ()))
+            forms.setdefault((profile.target, *names), f"{status.contract.id} on {profile.target}")
     if not found:
         why = "; ".join(f"{count} with {reason}" for reason, count in left_out.items()) or "no session succeeded"
         where = ", ".join(map(str, workspaces))
         raise DefinitionError.of("NOTHING_TO_EXPORT", where, why, "sessions whose verdict is success")
-    names = _name_numbers(found)
-    problems = [problem for each in found for problem in check_bundle(_get_bundle(*each))]
-    if problems:
+    if len(forms) > 1:
+        hint = "Choose one with --target, or name workspaces of one."
+        raise DefinitionError.of("MIXED_TARGETS", "--target", "; ".join(forms.values()), "sessions of one target", hint)
+    if problems := [problem for bundle in found for problem in check_bundle(bundle)]:
         raise DefinitionError(problems)
-    fps = _choose_rate(_get_bundle(*found[0]), choice.fps)
+    form, fps = next(iter(forms)), _choose_rate(next(iter(found)), choice.fps)
     read: list[Demonstration] = []
-    for workspace, status in found:
+    for bundle, status in found.items():
         try:
-            read.append(_read(_get_bundle(workspace, status), status, choice, fps, len(names)))
+            read.append(_read(bundle, status, choice, fps, len(form) - 1))
         except DefinitionError as error:
             problems += error.problems
     if problems:
         raise DefinitionError(problems)
-    target = found[0][1].contract.target
-    return Demonstrations(target=target, names=names, fps=fps, episodes=tuple(read), left_out=dict(left_out))
+    return Demonstrations(target=form[0], names=form[1:], fps=fps, episodes=tuple(read), left_out=dict(left_out))
 
 
-def _find_doubt(workspace: Workspace, status: SessionStatus) -> str:
-    """Why a session that succeeded shows nothing; empty where it does."""
+def _find_reason(bundle: Path, status: SessionStatus, choice: Choice) -> str:
+    """Why a session that succeeded is left out; empty where it is not."""
+    if choice.skills and status.contract.skill not in choice.skills:
+        return "another skill"
+    if choice.target and status.contract.target != choice.target:
+        return "another target"
     decided = status.decision
     if decided is None or decided.verdict is not Verdict.SUCCESS or decided.found not in {None, Verdict.SUCCESS}:
         return "no verdict on evidence"
     if any(each.is_review and each.verdict is not Verdict.SUCCESS for each in status.attempts):
         return "a later judgement against it"
-    path = _get_bundle(workspace, status) / TRAJECTORY
-    if not path.is_file():
+    if not (bundle / TRAJECTORY).is_file():
         return "no trajectory: thinned, or gone"
-    with np.load(path) as recorded:
+    with np.load(bundle / TRAJECTORY) as recorded:
         return "" if len(recorded["time_s"]) > 1 else "nothing commanded"
-
-
-def _get_bundle(workspace: Workspace, status: SessionStatus) -> Path:
-    return workspace.evidence_of(status.contract.id)
-
-
-def _name_numbers(found: Sequence[tuple[Workspace, SessionStatus]]) -> tuple[str, ...]:
-    """The joints of the one target, and its gripper; another one with the same joints may not be mixed in either."""
-    firsts = {(workspace.target_registry, status.contract.target): status.contract.id for workspace, status in found}
-    forms: dict[tuple[str, tuple[str, ...]], str] = {}
-    for (registry, target), session in firsts.items():
-        profile = get_registered_target(registry, target)
-        names = (*profile.arm.joints, *(("gripper",) if profile.gripper.max_width_m else ()))
-        forms.setdefault((target, names), f"{session} on {target} ({len(names)} numbers)")
-    if len(forms) > 1:
-        hint = "Choose one with --target, or name workspaces of one."
-        raise DefinitionError.of("MIXED_TARGETS", "--target", "; ".join(forms.values()), "sessions of one target", hint)
-    return next(iter(forms))[1]
 
 
 def _choose_rate(bundle: Path, fps: int) -> int:
@@ -210,7 +197,7 @@ def _read(bundle: Path, status: SessionStatus, choice: Choice, fps: int, width: 
         verdict=decided,
         state=measured[rows[:-1], :width].astype(np.float32),
         action=commanded[rows[1:], :width].astype(np.float32),
-        world=_read_world(bundle, choice.entities),
+        world=_read_world(bundle, [str(status.contract.parameters.get(name, name)) for name in choice.entities]),
         pictures=_read_pictures(bundle, choice.cameras, grid_s[:-1]),
     )
 

@@ -190,6 +190,15 @@ def test_a_plan_that_failed_is_not_tried_again_in_the_same_world(shipped, cause,
     assert propose(replace(case, miss=replace(case.miss, world=shift(HEMMED, *moved)))).kind is kind
 
 
+def test_a_policy_that_was_refused_is_asked_again_in_the_same_world(shipped):
+    skill = shipped.skills["pick_and_place"].model_copy(update={"kind": "policy"})
+    learned = Catalogue(skills={"pick_and_place": skill}, targets=shipped.targets, scenes={})
+    world = make_table_world(make_box("red_cube", (0.5, 0.0, 0.02)))
+    for catalogue, kind in ((shipped, AlternativeKind.GIVE_UP), (learned, AlternativeKind.RETRY)):
+        case = make_case(catalogue, Cause.ADAPTER_REFUSED, world=world, contract=TO_TRAY)
+        assert GraphRepair((propose_retry,)).choose(case).chosen.kind is kind
+
+
 def test_a_plan_that_another_robot_was_in_the_way_of_is_tried_again_in_the_same_world(shipped):
     kinds = {code: propose(make_case(shipped, Cause.NO_PLAN, code=code)).kind for code in ("MOTION_CONFLICT", "NO_IK")}
     assert kinds == {"MOTION_CONFLICT": AlternativeKind.RETRY, "NO_IK": AlternativeKind.GIVE_UP}

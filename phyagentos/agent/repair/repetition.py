@@ -1,7 +1,7 @@
 """Ways that have failed already: the same skill, arguments and strategy, in a world that has not changed since.
 
 A plan that failed and a claim that a look has answered end the same way in the same world. What fingers did is another
-matter: contacts differ.
+matter: contacts differ. So is what a policy does: it sees the posture in which the arm was left, and measures anew.
 """
 
 from collections.abc import Iterable
@@ -30,7 +30,8 @@ def find_repeated(case: Case, revision: Revision) -> str:
 
     Further looks are counted, not compared: each one measures anew.
     """
-    if revision.purpose == PURPOSE or case.world is None:
+    skill = case.catalogue.skills.get((revision.choice or case.choice).skill)
+    if revision.purpose == PURPOSE or case.world is None or (skill is not None and skill.kind == "policy"):
         return ""
     for status in reversed(case.lineage):
         if (

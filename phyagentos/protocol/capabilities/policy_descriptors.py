@@ -14,6 +14,7 @@ from phyagentos.protocol.settings.sensors import ElementType, Length, Modality
 
 POLICY_PROTOCOL = 1  # version of the wire between a policy loop and its server
 SCHEMES = ("tcp", "http", "https", "openpi", "openpis", "onnx")  # of endpoints
+WORLD = "environment_state"  # a stream about things, not about the robot
 MODEL_SCHEME = "onnx"  # its endpoint is a file, run in this process
 CLIENT_SIDE = frozenset({"endpoint", "execution", "heartbeat_s"})  # fields that no server states of itself
 
@@ -35,6 +36,7 @@ class Stream(Authored):
         key: Name that the model knows it by, its own without one; streams of one key are joined, in their order.
         resize: Height and width of a picture; the whole of it is shown, centred on black.
         turned: Whether a picture is turned by 180 degrees.
+        entities: Of `environment_state`: the parameters of the skill that name the things whose poses are shown.
         rotation: How the model writes the rotation of `tool_pose`, which is measured as w, x, y, z [rad].
     """
 
@@ -48,6 +50,7 @@ class Stream(Authored):
     key: str = ""
     resize: tuple[int, int] | None = None
     turned: bool = False
+    entities: tuple[str, ...] = ()
     rotation: RotationForm = "quaternion_wxyz"
 
 

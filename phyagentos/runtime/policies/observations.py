@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from phyagentos.errors import ExecutionError
-from phyagentos.protocol.capabilities.policy_descriptors import Stream
+from phyagentos.errors import ExecutionError, format_names
+from phyagentos.protocol.capabilities.policy_descriptors import WORLD, Stream
 from phyagentos.protocol.settings.sensors import Sensors, find_source
 from phyagentos.protocol.world.environment import SensorHealth, TargetState
 from phyagentos.runtime.actions.handle import TargetSessionHandle
@@ -36,6 +36,7 @@ class Observer:
     Attributes:
         late_max_s: How much older than one period of its stream a frame may be: its latency, and a few lost ones [s].
         health: Of the cameras at the latest observation.
+        poses: By parameter that names a thing: position [m] and quaternion (w, x, y, z) before the first command.
     """
 
     streams: Mapping[str, Stream]
@@ -43,6 +44,7 @@ class Observer:
     handle: TargetSessionHandle
     late_max_s: float
     health: Mapping[str, SensorHealth]
+    poses: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     _past: dict[str, deque[tuple[float, np.ndarray]]] = field(default_factory=dict, init=False)
 
     def observe(self) -> tuple[float, dict[str, np.ndarray]]:
@@ -89,12 +91,20 @@ class Observer:
         now = self.handle.observe()  # after the frames: where time goes on by itself, they were taken before it
         shown: dict[str, np.ndarray] = {}
         for name, stream in streams.items():
-            if name in cameras:
+            if name == WORLD:
+                shown[name] = self._recall_world(stream)
+            elif name in cameras:
                 frame = self._believe(cameras[name], frames, now.time_s, self.late_max_s + 1.0 / stream.rate_hz)
                 shown[name] = _hold_to_form(name, frame.depth_m if stream.modality == "depth" else frame.rgb, stream)
             else:
                 shown[name] = _read(name, now, stream)
         return now.time_s, shown
+
+    def _recall_world(self, stream: Stream) -> np.ndarray:
+        """(k, 7) poses; where a thing went since, nobody has looked."""
+        if unseen := [each for each in stream.entities if each not in self.poses]:
+            raise ExecutionError("OBSERVATION_UNAVAILABLE", f"{WORLD!r}: not seen before: {format_names(unseen)}")
+        return np.array([self.poses[each] for each in stream.entities], dtype=stream.dtype)
 
     def read_time(self) -> float:
         """The target's own time [s]."""

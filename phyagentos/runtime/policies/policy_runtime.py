@@ -23,6 +23,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.protocol.settings.sensors import Sensors
+from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
 from phyagentos.runtime.actions.bridges.tool_poses import describe_frames, read_arm
@@ -344,6 +345,13 @@ class PolicySkillRuntime:
         )
 
 
+def _list_poses(session: Session, world: Environment) -> dict[str, tuple[float, ...]]:
+    """Position [m] and quaternion of each thing that an argument names and the world shows, by parameter."""
+    shown = {key: name for key, name in session.parameters.items() if isinstance(name, str) and world.shows(name)}
+    named = {key: world.entities[name] for key, name in shown.items() if name in world.entities}
+    return {key: (*each.pose.position_m, *each.pose.quaternion_wxyz) for key, each in named.items()}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Policies:
     """The policy skills of a workspace.
@@ -384,6 +392,7 @@ class Policies:
                 handle=self.handle,
                 late_max_s=self.late_max_s,
                 health=context.initial.sensors,
+                poses=_list_poses(session, context.initial),
             ),
             client=PolicyClient(policy.endpoint, session.limits.policy_s, policy.observations, *heartbeat),
             is_realtime=self.is_realtime,

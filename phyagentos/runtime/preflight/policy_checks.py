@@ -12,6 +12,7 @@ from phyagentos.protocol.capabilities.policy_descriptors import (
     MODEL_SCHEME,
     POLICY_PROTOCOL,
     SCHEMES,
+    WORLD,
     PolicyDescriptor,
     Stream,
 )
@@ -22,6 +23,7 @@ from phyagentos.runtime.preflight.findings import make_problem
 from phyagentos.runtime.preflight.sensing import RATE_TOLERANCE
 
 TIME_TOLERANCE_S = 1e-9
+POSE_WIDTH = 7  # position and quaternion
 # endpoint -> descriptor of its server, None where it says nothing of itself; raises ExecutionError without a server
 AskPolicy = Callable[[str], PolicyDescriptor | None]
 
@@ -45,6 +47,9 @@ def iter_policy_problems(
         found = f"version {policy.protocol}"
         yield make_problem("VERSION_MISMATCH", "skill.policy.protocol", found, f"version {POLICY_PROTOCOL}", by)
     for name, stream in policy.observations.items():
+        if name == WORLD:
+            yield from _iter_world_problems(stream, skill, by)
+            continue
         yield from _iter_stream_problems(name, stream, profile, sensors, by)
         yield from _iter_lateness_problems(name, stream, sensors, late_max_s, by)
     chunk_s = skill.action_space.chunk_length / skill.action_space.rate_hz
@@ -111,6 +116,15 @@ def _iter_stream_problems(
     else:
         yield from _iter_form_problems(address, stream, signal, len(profile.arm.joints), by)
     yield from _iter_source_problems(address, stream, sensor, by)
+
+
+def _iter_world_problems(stream: Stream, skill: SkillRuntime, by: str) -> Iterator[Problem]:
+    address = f"skill.policy.observations.{WORLD}"
+    things = [name for name, parameter in skill.parameters.items() if parameter.type in {"entity", "place"}]
+    for name in stream.entities or ("",):
+        if name not in things:
+            yield Problem.unknown("OBSERVATION_UNAVAILABLE", f"{address}.entities", name, things, by=by)
+    yield from _iter_form_problems(address, stream, Signal(shape=(len(stream.entities), POSE_WIDTH)), 0, by)
 
 
 def _iter_lateness_problems(
