@@ -18,6 +18,7 @@ Expression = str | list["Expression"]
 
 _TOKEN = re.compile(r"[()]|[^\s()]+")
 TIMEOUT_S = 120.0  # of a session, in the target's time
+CENTRED_M = 0.03  # off the middle of what it is put on
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,11 +67,18 @@ class Effect:
         wanted: As a predicate of this project.
         place: Where a thing is put; empty for the state of a joint.
         mechanism: What opens or closes; empty where a thing is put.
+        also: What has to be so with it, for which no skill is sought.
     """
 
     wanted: str
     place: str = ""
     mechanism: str = ""
+    also: tuple[str, ...] = ()
+
+    @property
+    def accept(self) -> list[str]:
+        """Everything that has to be so."""
+        return [self.wanted, *self.also]
 
 
 def parse_bddl(text: str) -> list[Expression]:
@@ -129,10 +137,11 @@ def _put_in(inventory: Inventory, thing: str, place: str) -> Effect:
 
 
 def _put_on(inventory: Inventory, thing: str, place: str) -> Effect:
-    """On a surface that the world marks is within the space above it; on a thing is on it."""
+    """On a surface that the world marks is within the space above it; on a thing is on it, over its middle."""
     there, what = inventory.find_place(place), inventory.find_place(thing)
-    is_marked = place in inventory.regions
-    return Effect(f"inside({what}, {there})" if is_marked else f"on({what}, {there})", place=there)
+    if place in inventory.regions:
+        return Effect(f"inside({what}, {there})", place=there)
+    return Effect(f"on({what}, {there})", place=there, also=(f"centred({what}, {there}, {CENTRED_M})",))
 
 
 def _open(inventory: Inventory, name: str) -> Effect:
@@ -173,7 +182,7 @@ def generate_graph(
     names = {each.wanted: f"step_{index + 1}" for index, each in enumerate(steps)}
     sessions = {}
     for each in steps:
-        node: dict[str, Any] = {"skill": {"guarantees": each.wanted}, "target": "robot", "accept": [each.wanted]}
+        node: dict[str, Any] = {"skill": {"guarantees": each.wanted}, "target": "robot", "accept": each.accept}
         if after := [names[other.wanted] for other in steps if _comes_before(other, each)]:
             node["after"] = after
         if each.mechanism and len(parts := inventory.find_parts(each.mechanism)) == 1:
@@ -186,7 +195,7 @@ def generate_graph(
         "targets": {"robot": target},
         "defaults": {"timeout_s": TIMEOUT_S, "max_replans": 3},
         "sessions": sessions,
-        "accept": [each.wanted for each in effects],
+        "accept": [each for effect in effects for each in effect.accept],
     }
 
 

@@ -129,17 +129,19 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
     others = [e for e in request.world.entities if e.shapes and e.name != held.name]
     if entity is not None and request.relation == "on":
         box = _choose_top(entity)
-        return _level_space(box, box.top_m, [entity], walled=False)
+        space = _level_space(box, box.top_m, [entity], walled=False)
+        return replace(space, depth_m=_measure_depth(space, box, [entity]))
     if entity is not None and entity.interior is not None:
         box = _place_box(compute_matrix(entity.pose), entity.interior.center_m, entity.interior.half_m)
         space = _level_space(box, box.bottom_m, [entity, *_carriers(others, box)], walled=True)
-        return replace(space, depth_m=_measure_depth(space, box, entity))
+        return replace(space, depth_m=_measure_depth(space, box, [entity]))
     if region is not None:
         box = _place_box(compute_matrix(region.pose), (0.0, 0.0, 0.0), region.half_m)
         carriers = _carriers(others, box)
         tops = [b.top_m for e in carriers for b in compute_shape_boxes(e)]
         floor_m = max([t for t in tops if abs(t - box.bottom_m) <= SUPPORT_BAND_M], default=box.bottom_m)
-        return _level_space(box, floor_m, carriers, walled=True)
+        space = _level_space(box, floor_m, carriers, walled=True)
+        return replace(space, depth_m=_measure_depth(space, box, carriers))
     return None
 
 
@@ -169,7 +171,11 @@ class Placing:
     def near(self) -> tuple[Array, float]:
         """The point (3,) to which sites are to be near, and how far they may be from it [m]."""
         request = self.request
-        return (self.tool_m, np.inf) if request.near is None else (np.array(request.near), request.near_radius_m)
+        if request.near is not None:
+            return np.array(request.near), request.near_radius_m
+        loose = {each.name for each in request.world.entities if each.movable} & self.space.supports
+        tips = loose and not self.space.walled  # least where it is loaded over its middle
+        return self.space.center_m if tips else self.tool_m, np.inf
 
 
 def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> list[Sites]:
@@ -315,13 +321,14 @@ def _level_space(box: Box, floor_m: float, supports: list[Entity], *, walled: bo
     )
 
 
-def _measure_depth(space: Space, box: Box, entity: Entity) -> float:
+def _measure_depth(space: Space, box: Box, entities: Sequence[Entity]) -> float:
     """Height of the lowest wall of an interior above its floor; 0 where a side has none."""
-    R, lowest = space.rotation, box.top_m - box.bottom_m
+    R, lowest = space.rotation, np.inf if not space.walled else box.top_m - box.bottom_m
+    solids = [each for entity in entities for each in compute_shape_boxes(entity)]
     for axis in (0, 1):
         for sign in (-1.0, 1.0):
             side = space.center_m + sign * space.half_m[axis] * R[:, axis] + (0.0, 0.0, 0.002)
-            walls = [b for b in compute_shape_boxes(entity) if b.compute_distance(side) <= WALL_BAND_M]
+            walls = [b for b in solids if b.compute_distance(side) <= WALL_BAND_M]
             lowest = min(lowest, max((b.top_m - float(space.center_m[2]) for b in walls), default=0.0))
     return max(0.0, lowest)
 
