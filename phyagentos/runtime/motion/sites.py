@@ -13,7 +13,7 @@ import numpy as np
 
 from phyagentos.geometry import compute_matrix, turn
 from phyagentos.protocol.world.environment import Entity
-from phyagentos.protocol.world.predicates.geometry import compute_centroid, compute_extent
+from phyagentos.protocol.world.predicates.geometry import compute_centroid, compute_extent, compute_reach
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.requests import Array, FindPlacements
 from phyagentos.runtime.motion.shapes import Box, compute_bounds, compute_entity_box, compute_shape_boxes
@@ -29,6 +29,7 @@ PACKED_MAX = 24  # sites of one yaw
 SNUG_M = 1e-6  # beyond a gap
 PACK_STEP_M = 0.015  # between packed sites along a wall
 ROOM_SHARE = 3.0  # of the area of a payload with its gaps, from which on a container is packed
+HOLLOW_STEP_M = 0.004  # between points at which the side of a hollow is looked for
 WALL_BAND_M = 0.02  # a wall is this near to the side of an interior
 
 
@@ -130,7 +131,7 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
     if entity is not None and request.relation == "on":
         box = _choose_top(entity)
         space = _level_space(box, box.top_m, [entity], walled=False)
-        return replace(space, depth_m=_measure_depth(space, box, [entity]))
+        return replace(space, depth_m=_measure_hollow(space, entity))
     if entity is not None and entity.interior is not None:
         box = _place_box(compute_matrix(entity.pose), entity.interior.center_m, entity.interior.half_m)
         space = _level_space(box, box.bottom_m, [entity, *_carriers(others, box)], walled=True)
@@ -321,9 +322,20 @@ def _level_space(box: Box, floor_m: float, supports: list[Entity], *, walled: bo
     )
 
 
+def _measure_hollow(space: Space, entity: Entity) -> float:
+    """Height above its floor of the lowest side of what an entity encloses, as a bowl does; 0 where a side is open."""
+    boxes, tops_m = compute_shape_boxes(entity), []
+    for way in (sign * space.rotation[:, axis] for axis in (0, 1) for sign in (-1.0, 1.0)):
+        reach_m = compute_reach(entity, tuple(way.tolist()))
+        points = [space.center_m + away_m * way for away_m in np.arange(0.0, reach_m, HOLLOW_STEP_M)]
+        met = [b.top_m for b in boxes for p in points if b.compute_distance(np.append(p[:2], b.pose[2, 3])) <= 0.0]
+        tops_m.append(max(met, default=float(space.center_m[2])))
+    return max(0.0, min(tops_m) - float(space.center_m[2]))
+
+
 def _measure_depth(space: Space, box: Box, entities: Sequence[Entity]) -> float:
     """Height of the lowest wall of an interior above its floor; 0 where a side has none."""
-    R, lowest = space.rotation, np.inf if not space.walled else box.top_m - box.bottom_m
+    R, lowest = space.rotation, box.top_m - box.bottom_m
     solids = [each for entity in entities for each in compute_shape_boxes(entity)]
     for axis in (0, 1):
         for sign in (-1.0, 1.0):

@@ -12,6 +12,7 @@ from phyagentos.errors import format_names
 from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child, to_parent
 from phyagentos.protocol.world.environment import CLOSED_M, CLOSES_AT, FRESH_S, OPENS_AT, Entity, Status, TargetState
 from phyagentos.protocol.world.predicates.geometry import (
+    AXES,
     Top,
     compute_box_distance,
     compute_center,
@@ -139,6 +140,9 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
         if reason := view.now.explain_unseen(between):
             raise FactUnknown(f"{reason}; it may be between {a.name} and {b}")
         return Reading(-1.0, measured | {"between": between.name}, f"{between.name} is between {a.name} and {b}")
+    if gap_m > allowed_m and (sunk_m := _measure_sunk(view, a, b)) > allowed_m:
+        because = f"{a.name} rests in the hollow of {b}, {sunk_m:.3f} m below its rim"
+        return Reading(sunk_m / allowed_m, measured, because, doubt_m / allowed_m)
     because = f"the lowest point of {a.name} is {gap_m:+.4f} m from the top of {b}, allowed are {allowed_m:.4f} m"
     return Reading((allowed_m + doubt_m / 2 - abs(gap_m)) / allowed_m, measured, because, doubt_m / 2 / allowed_m)
 
@@ -181,6 +185,20 @@ def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) ->
         if other.status is not Status.GONE and any(top_m + CONTACT_M < top.point_m[2] <= highest_m for top in tops):
             return other
     return None
+
+
+def _measure_sunk(view: View, a: Entity, b: str) -> float:
+    """How far the lowest point of a is below the rim of b [m]; 0 where anything else may bear it there."""
+    of = view.now.entities.get(b)
+    if of is None:
+        return 0.0
+    radius_m = max(compute_reach(of, each) for each in (AXES[0], AXES[1]))
+    for other in view.now.entities.values():
+        away_m = math.dist(compute_center(other)[:2], of.pose.position_m[:2])
+        is_lower = compute_lowest(other) < compute_lowest(a) or other.pose.position_m[2] < a.pose.position_m[2]
+        if other.movable and other.name not in {a.name, b} and away_m < radius_m and is_lower:
+            return 0.0
+    return of.pose.position_m[2] + compute_reach(of, UP) - compute_lowest(a)
 
 
 def _find_low_doubt(a: Entity, up: Vector) -> float:
