@@ -324,25 +324,37 @@ def _level_space(box: Box, floor_m: float, supports: list[Entity], *, walled: bo
 
 def _measure_hollow(space: Space, entity: Entity) -> float:
     """Height above its floor of the lowest side of what an entity encloses, as a bowl does; 0 where a side is open."""
-    boxes, tops_m = compute_shape_boxes(entity), []
+    boxes, depths_m = compute_shape_boxes(entity), []
     for way in (sign * space.rotation[:, axis] for axis in (0, 1) for sign in (-1.0, 1.0)):
         reach_m = compute_reach(entity, tuple(way.tolist()))
         points = [space.center_m + away_m * way for away_m in np.arange(0.0, reach_m, HOLLOW_STEP_M)]
-        met = [b.top_m for b in boxes for p in points if b.compute_distance(np.append(p[:2], b.pose[2, 3])) <= 0.0]
-        tops_m.append(max(met, default=float(space.center_m[2])))
-    return max(0.0, min(tops_m) - float(space.center_m[2]))
+        depths_m.append(_climb(space, [box for box in boxes if any(_is_beside(box, each, 0.0) for each in points)]))
+    return min(depths_m)
 
 
 def _measure_depth(space: Space, box: Box, entities: Sequence[Entity]) -> float:
     """Height of the lowest wall of an interior above its floor; 0 where a side has none."""
-    R, lowest = space.rotation, box.top_m - box.bottom_m
+    R, lowest = space.rotation, max(0.0, box.top_m - box.bottom_m)
     solids = [each for entity in entities for each in compute_shape_boxes(entity)]
     for axis in (0, 1):
         for sign in (-1.0, 1.0):
-            side = space.center_m + sign * space.half_m[axis] * R[:, axis] + (0.0, 0.0, 0.002)
-            walls = [b for b in solids if b.compute_distance(side) <= WALL_BAND_M]
-            lowest = min(lowest, max((b.top_m - float(space.center_m[2]) for b in walls), default=0.0))
-    return max(0.0, lowest)
+            side = space.center_m + sign * space.half_m[axis] * R[:, axis]
+            lowest = min(lowest, _climb(space, [each for each in solids if _is_beside(each, side, WALL_BAND_M)]))
+    return lowest
+
+
+def _is_beside(box: Box, point_m: Array, band_m: float) -> bool:
+    """Whether a vertical line through a point (3,) passes a box as near as that."""
+    return box.compute_distance(np.array((point_m[0], point_m[1], box.pose[2, 3]))) <= band_m
+
+
+def _climb(space: Space, walls: Sequence[Box]) -> float:
+    """Height above the floor up to which solids stand on each other [m]."""
+    top_m = float(space.center_m[2])
+    for each in sorted(walls, key=lambda box: box.bottom_m):
+        if each.bottom_m <= top_m + WALL_BAND_M:
+            top_m = max(top_m, each.top_m)
+    return top_m - float(space.center_m[2])
 
 
 def _carriers(entities: list[Entity], space: Box) -> list[Entity]:
