@@ -18,7 +18,8 @@ Expression = str | list["Expression"]
 
 _TOKEN = re.compile(r"[()]|[^\s()]+")
 TIMEOUT_S = 120.0  # of a session, in the target's time
-WALL_S = 1800.0  # of a session by the wall clock: the target's time stands still while anything computes
+WALL_S = {"wall_timeout_s": 1800.0, "preflight_s": 900.0, "heartbeat_s": 120.0, "stall_s": 300.0, "think_s": 900.0}
+"""Limits by the wall clock: the target's time stands still while anything computes, however slow the machine."""
 CENTRED_M = 0.03  # off the middle of what it is put on
 
 
@@ -194,7 +195,7 @@ def generate_graph(
         "objective": objective,
         "scene": scene,
         "targets": {"robot": target},
-        "defaults": {"timeout_s": TIMEOUT_S, "wall_timeout_s": WALL_S, "max_replans": 3},
+        "defaults": {"timeout_s": TIMEOUT_S, "max_replans": 3, **WALL_S},
         "sessions": sessions,
         "accept": [each for effect in effects for each in effect.accept],
     }

@@ -8,11 +8,12 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from msgspec.structs import replace
+
 from phyagentos.errors import format_names
 from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child, to_parent
 from phyagentos.protocol.world.environment import CLOSED_M, CLOSES_AT, FRESH_S, OPENS_AT, Entity, Status, TargetState
 from phyagentos.protocol.world.predicates.geometry import (
-    AXES,
     Top,
     compute_box_distance,
     compute_center,
@@ -188,17 +189,20 @@ def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) ->
 
 
 def _measure_sunk(view: View, a: Entity, b: str) -> float:
-    """How far the lowest point of a is below the rim of b [m]; 0 where anything else may bear it there."""
-    of = view.now.entities.get(b)
+    """How far the lowest point of a is below the rim of b, whose walls are around it [m]; 0 where more may bear it."""
+    of, center, low_m = view.now.entities.get(b), compute_center(a), compute_lowest(a)
     if of is None:
         return 0.0
-    radius_m = max(compute_reach(of, each) for each in (AXES[0], AXES[1]))
+    solids = [replace(of, shapes=(shape,)) for shape in of.shapes]
+    walls = [compute_center(each) for each in solids if each.pose.position_m[2] + compute_reach(each, UP) > low_m]
+    if not all(any(sign * (wall[i] - center[i]) > 0.0 for wall in walls) for i in (0, 1) for sign in (1.0, -1.0)):
+        return 0.0
+    reach_m = max(compute_reach(of, way) for way in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
     for other in view.now.entities.values():
-        away_m = math.dist(compute_center(other)[:2], of.pose.position_m[:2])
-        is_lower = compute_lowest(other) < compute_lowest(a) or other.pose.position_m[2] < a.pose.position_m[2]
-        if other.movable and other.name not in {a.name, b} and away_m < radius_m and is_lower:
+        away_m = math.dist(other.pose.position_m[:2], of.pose.position_m[:2])
+        if other.movable and other.name not in {a.name, b} and away_m < reach_m and compute_lowest(other) < low_m:
             return 0.0
-    return of.pose.position_m[2] + compute_reach(of, UP) - compute_lowest(a)
+    return of.pose.position_m[2] + compute_reach(of, UP) - low_m
 
 
 def _find_low_doubt(a: Entity, up: Vector) -> float:
