@@ -7,6 +7,7 @@ initial state nor the objects of interest. No skill is named here; the selector 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import yaml
@@ -125,7 +126,7 @@ def _iter_atoms(goal: Expression) -> Iterator[list[str]]:
             for part in parts:
                 yield from _iter_atoms(part)
         case [str(head), *terms] if head.lower() in _MEANINGS and all(isinstance(term, str) for term in terms):
-            if len(terms) != (arity := 2 if head.lower() in {"in", "on"} else 1):
+            if len(terms) != (arity := 2 if head.lower() in _PUTS else 1):
                 raise DefinitionError.of("NOT_BDDL", "goal", f"{head} of {len(terms)} terms", f"{head} of {arity}")
             yield [head.lower(), *(str(term) for term in terms)]
         case _:
@@ -146,22 +147,13 @@ def _put_on(inventory: Inventory, thing: str, place: str) -> Effect:
     return Effect(f"on({what}, {there})", place=there, also=(f"centred({what}, {there}, {CENTRED_M})",))
 
 
-def _open(inventory: Inventory, name: str) -> Effect:
-    return Effect(f"open({(what := inventory.find_mechanism(name))})", mechanism=what)
+def _move(state: str, inventory: Inventory, name: str) -> Effect:
+    return Effect(f"{state}({(what := inventory.find_mechanism(name))})", mechanism=what)
 
 
-def _close(inventory: Inventory, name: str) -> Effect:
-    return Effect(f"closed({(what := inventory.find_mechanism(name))})", mechanism=what)
-
-
-_MEANINGS: dict[str, Callable[..., Effect]] = {
-    "in": _put_in,
-    "on": _put_on,
-    "open": _open,
-    "close": _close,
-    "turnon": _open,
-    "turnoff": _close,
-}
+_open, _close = partial(_move, "open"), partial(_move, "closed")
+_PUTS: dict[str, Callable[..., Effect]] = {"in": _put_in, "on": _put_on}
+_MEANINGS = {**_PUTS, "open": _open, "close": _close, "turnon": _open, "turnoff": _close}
 
 
 def translate(text: str, inventory: Inventory) -> list[Effect]:
@@ -177,8 +169,8 @@ def generate_graph(
     What is put into a thing with a joint needs it open before, and closed, where that is wanted, after. Nothing else is
     ordered.
     """
-    opened = {each.place for each in effects if _has_joint(inventory, each.place)}
-    before = [_open(inventory, place) for place in sorted(opened)]
+    places = sorted({each.place for each in effects} & inventory.entities.keys())
+    before = [_open(inventory, place) for place in places if inventory.entities[place].mechanism is not None]
     before = [each for each in before if each.wanted not in {other.wanted for other in effects}]
     steps = [*before, *effects]
     names = {each.wanted: f"step_{index + 1}" for index, each in enumerate(steps)}
@@ -204,11 +196,6 @@ def generate_graph(
 def format_graph(graph: Mapping[str, Any]) -> str:
     """As a file."""
     return yaml.safe_dump(dict(graph), sort_keys=False, width=120)
-
-
-def _has_joint(inventory: Inventory, place: str) -> bool:
-    entity = inventory.entities.get(place)
-    return entity is not None and entity.mechanism is not None
 
 
 def _comes_before(first: Effect, then: Effect) -> bool:
