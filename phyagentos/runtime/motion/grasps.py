@@ -3,8 +3,8 @@
 A box offers four yaws, which close on its faces; a round entity eight. Labels count the yaw from the object, so they
 survive a nudge. Where something is beside the object, the fingers open only as wide as is needed. Where no upright
 grasp fits, the hand tilts about its closing axis; then it closes on opposite edges; then on one solid of the entity
-alone, as on the wall of a bowl or on the handle of a mug; last, it lies and comes along its own axis, under a board or
-to an edge that juts out. A thing of several solids is closed on where both pads meet it alike, near its weight;
+alone, as on the wall of a bowl or on the handle of a mug; then it lies and comes along its own axis, under a board; last, from
+where a handle opens to, across it, or to an edge that juts out. A thing of several solids is closed on where both pads meet it alike, near its weight;
 elsewhere only where nothing else is left.
 """
 
@@ -15,7 +15,7 @@ from itertools import chain, product
 
 import numpy as np
 
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, rotate, to_parent
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, rotate
 from phyagentos.protocol.capabilities.targets import Gripper
 from phyagentos.protocol.world.environment import Entity, ShapeKind
 from phyagentos.protocol.world.mechanisms import compute_motion
@@ -77,10 +77,9 @@ def find_grasps(
         corners, _ = _compute_ways(entity, gripper, make_way, whole=True, corners=True)
     solids = list(_iter_solid_ways(entity, gripper, make_way))
     last = chain(_iter_front_ways(request, entity, gripper, make_way), _iter_edge_ways(entity, gripper, make_way))
-    covered = _is_covered(request)
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     tried, dead, dead_ends = set[str](), set[str](), list[list[Approach]]()
-    for batch in chain(_iter_batches(ways, corners, solids, last, entity, lying_first=covered), (poor,)):
+    for batch in chain(_iter_batches(ways, corners, solids, last, entity), (poor,)):
         wanted = [way for way in batch if way.label not in {*request.avoid, *dead} and _is_wanted(way, entity, request)]
         tried.update(way.label for way in wanted)
         found = find_approaches(
@@ -132,34 +131,10 @@ def foresee_payload(entity: Entity, approach: Approach) -> Payload:
     return Payload(entity.name, compute_pose(in_hand), width_m)
 
 
-def _is_covered(request: FindGrasps) -> bool:
-    """Whether something is over the middle of the room into which the thing goes then."""
-    if request.then is None or request.then.relation != "inside":
-        return False
-    entities, name = request.world.entities, request.then.name
-    middles_m = [to_parent(e.pose, e.interior.center_m) for e in entities if e.name == name and e.interior is not None]
-    middles_m += [each.pose.position_m for each in request.world.regions if each.name == name]
-    boxes = [box for each in entities if each.name != request.object for box in compute_shape_boxes(each)]
-    return any(
-        box.bottom_m > z and box.compute_distance(np.array((x, y, box.pose[2, 3]))) <= 0.0
-        for x, y, z in middles_m
-        for box in boxes
-    )
-
-
 def _iter_batches(
-    ways: list[Way],
-    corners: list[Way],
-    solids: list[Way],
-    last: Iterator[list[Way]],
-    entity: Entity,
-    *,
-    lying_first: bool,
+    ways: list[Way], corners: list[Way], solids: list[Way], last: Iterator[list[Way]], entity: Entity
 ) -> Iterator[list[Way]]:
-    """What is tried together, the better first: a hand that lies where one that stands cannot put the thing down."""
-    lying = [way for degrees in LYING_DEG for way in _lay([*ways, *solids], entity, degrees)]
-    if lying_first:
-        yield lying
+    """What is tried together, the better first."""
     yield from _iter_tilted(ways, TILTS_DEG)
     for share in SHIFTS:
         yield from _iter_tilted([way for each in ways for way in _shift(each, entity, share)], TILTS_DEG)
@@ -168,7 +143,7 @@ def _iter_batches(
         yield _narrow(_tilt(ways, degrees), NARROW_M[0])
     yield solids
     yield from (_tilt(solids, degrees) for degrees in TILTS_DEG)
-    yield [] if lying_first else lying
+    yield [way for degrees in LYING_DEG for way in _lay(ways, entity, degrees)]
     yield from last
 
 
