@@ -4,8 +4,8 @@ A box offers four yaws, which close on its faces; a round entity eight. Labels c
 survive a nudge. Where something is beside the object, the fingers open only as wide as is needed. Where no upright
 grasp fits, the hand tilts about its closing axis; then it closes on opposite edges; then on one solid of the entity
 alone, as on the wall of a bowl or on the handle of a mug; then it lies and comes along its own axis, under a board;
-at last, from where a handle opens to, across it, or to an edge that juts out. A thing of several solids is closed on where both
-pads meet it alike, near its weight; elsewhere only where nothing else is left.
+at last, from where a handle opens to, across it, or to an edge that juts out. A thing of several solids is closed on
+where both pads meet it alike, near its weight; elsewhere only where nothing else is left.
 """
 
 from collections.abc import Callable, Iterator
