@@ -99,7 +99,8 @@ class Mechanism(msgspec.Struct, frozen=True):
         travel: From closed to open [m], or [rad] for a hinge.
         closed: `world_T_entity` when it is closed.
         anchor_m: (3,) a point of a hinge's axis, in the entity's frame [m].
-        opens_at, closes_at: Shares of the travel from which it counts as open, and up to which as closed.
+        opens_at: Share of the travel from which it counts as open.
+        closes_at: Share of the travel up to which it counts as closed.
     """
 
     kind: str

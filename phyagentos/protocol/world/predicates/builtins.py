@@ -83,7 +83,7 @@ def _find_tilt_doubt(view: View, a: Entity) -> float:
 
 
 def measure_inside(view: View, a: Entity, b: str) -> Reading:
-    """Let go of; centre, and datum, within the sides of the interior box, lowest point between floor and rim."""
+    """Let go of; centre within the sides of the interior box, and the datum; lowest point between floor and rim."""
     if (held := _find_hold(view, a)) is not None:
         return held
     box = get_place(view, b)
