@@ -152,8 +152,9 @@ def _move(state: str, inventory: Inventory, name: str) -> Effect:
 
 
 _open, _close = partial(_move, "open"), partial(_move, "closed")
-_PUTS: dict[str, Callable[..., Effect]] = {"in": _put_in, "on": _put_on}
-_MEANINGS = {**_PUTS, "open": _open, "close": _close, "turnon": _open, "turnoff": _close}
+Meaning = Callable[..., Effect]
+_PUTS: dict[str, Meaning] = {"in": _put_in, "on": _put_on}
+_MEANINGS: dict[str, Meaning] = _PUTS | {"open": _open, "close": _close, "turnon": _open, "turnoff": _close}
 
 
 def translate(text: str, inventory: Inventory) -> list[Effect]:
