@@ -18,10 +18,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from carry_grip import carry
+from goal_time import ROOT
 from rich.console import Console
 from rich.table import Table
 from scipy.signal import savgol_filter
-from tabletop import ROOT
 
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Spread, format_outcome

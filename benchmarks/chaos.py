@@ -205,12 +205,14 @@ def judge(case: Case, goal: GoalStatus | None, sessions: Sequence[SessionStatus]
         case.blame("unattributed", f"{case.verdict}: {goal.reason if goal else 'no goal'}; causes {case.causes}")
 
 
-def judge_world(case: Case, root: Path, sessions: Sequence[SessionStatus]) -> None:
+def judge_world(
+    case: Case, root: Path, sessions: Sequence[SessionStatus], cubes: Sequence[tuple[str, str]] = CUBES
+) -> None:
     """A success must be one: in the last recorded state of the simulator, seen by an eye of its own."""
     folders = [root / status.execution.evidence for status in sessions if status.execution is not None]
     seen = sorted((folder / "terminal.npz" for folder in folders if (folder / "terminal.npz").exists()), key=_get_age)
     if case.verdict == "success":
-        missed = [cube for cube, tray in CUBES if not seen or not is_in_tray(seen[-1].parent, cube, tray)]
+        missed = [cube for cube, tray in cubes if not seen or not is_in_tray(seen[-1].parent, cube, tray)]
         if missed:
             case.blame("false_success", f"{', '.join(missed)} not in its tray")
 

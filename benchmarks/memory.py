@@ -4,7 +4,7 @@
 
 Synthetic episodes through the ordinary doors (`Memory.record`, `recall`): hundreds of kinds of things in hundreds of
 scenes, each with a correction that helps or does not. Nothing is simulated; what is learned by acting is measured by
-`benchmarks/evolution.py`.
+`paos bench run evolution`.
 """
 
 import argparse

@@ -2,7 +2,7 @@
 
     python benchmarks/perception.py --seeds 12 --rooms 24
 
-Every scene that ships and rooms of `benchmarks/unseen.py` are built with real contact physics, left to settle, and
+Every scene that ships and rooms of the suite `unseen` are built with real contact physics, left to settle, and
 looked at three times by the cameras of sensors.yaml at each noise level. The error of every movable thing is that of
 its latest pose; turns that look the same count as the same. Each stated number is compared with its stated deviation:
 reliability is the share of truths within one and within two. In rooms one thing is left out of the inventory. Two
@@ -348,7 +348,7 @@ def main() -> int:
     """Run, show, and exit with whether every asked figure holds."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=12, help="of each scene")
-    parser.add_argument("--rooms", type=int, default=24, help="drawn as for benchmarks/unseen.py")
+    parser.add_argument("--rooms", type=int, default=24, help="drawn as for the suite unseen")
     parser.add_argument("--levels", nargs="+", default=list(LEVELS))
     given = parser.parse_args()
     tallies = {level: Tally() for level in given.levels}

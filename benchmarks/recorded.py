@@ -95,19 +95,23 @@ def open_robot(target: str = "panda", *projects: Path) -> Robot:
     """The shipped robot with the shipped limits; scenes also of other projects."""
     library = Library.open(*projects)
     profile, folder = read_profile(library.get_target(target))
-    limits = read_safety(find_shipped_root() / "protocol" / "safety.yaml").targets[target]
+    own = folder / "safety.yaml"
+    limits = read_safety(own if own.exists() else find_shipped_root() / "protocol" / "safety.yaml").targets[target]
     return Robot(profile, folder, limits, library)
 
 
-def record_tidy_table(robot: Robot, seeds: Sequence[int], faults: FaultFile | None = None) -> list[Recording]:
+def record_tidy_table(
+    robot: Robot, seeds: Sequence[int], faults: FaultFile | None = None, planner: LocalPlanner | None = None
+) -> list[Recording]:
     """Three sessions a seed: each cube into its tray.
 
     Args:
         robot: Who does it.
         seeds: Of the scenes.
         faults: What strikes; nothing when None.
+        planner: Of the robot's motions; one of its own when None.
     """
-    planner = LocalPlanner(MotionPlanner(robot.profile, robot.folder))
+    planner = planner or LocalPlanner(MotionPlanner(robot.profile, robot.folder))
     recordings = []
     for seed in seeds:
         recordings += _record_seed(robot, planner, seed, faults or FaultFile(version=1))
@@ -134,7 +138,7 @@ def _record_seed(robot: Robot, planner: LocalPlanner, seed: int, faults: FaultFi
             clock=SystemClock(),
         )
         for number, color in enumerate(CUBES):
-            session = _make_session(seed, number, color)
+            session = _make_session(robot.profile.target, seed, number, color)
             handle.load(session.scene)
             execution = runner.run(
                 session,
@@ -149,14 +153,14 @@ def _record_seed(robot: Robot, planner: LocalPlanner, seed: int, faults: FaultFi
     return recordings
 
 
-def _make_session(seed: int, number: int, color: str) -> Session:
+def _make_session(target: str, seed: int, number: int, color: str) -> Session:
     return Session(
         id=SessionId(f"tidy-{seed}.{color}"),
         goal=GoalId(f"tidy-{seed}"),
         node=color,
         objective=f"Put the {color} cube into the {color} tray.",
         skill="pick_and_place",
-        target="panda",
+        target=target,
         parameters={"object": f"{color}_cube", "destination": f"{color}_tray"},
         accept=(),
         scene=Scene(name="tabletop/cubes_and_trays", seed=seed, episode=f"tidy-{seed}"),
@@ -169,7 +173,7 @@ def _keep(tap: TappedConnection, handle: TargetSessionHandle, ended: Ended) -> R
     seen = tap.observation
     assert seen is not None
     first = wire.Step(time_s=seen.time_s, target=seen.target, tracking_error_rad=0.0)
-    before = (first, *tap.steps[:-1])
+    before = (first, *tap.steps)[: len(tap.commands)]
     return Recording(
         description=handle.describe(),
         commands=tuple(zip(tap.commands, before, strict=True)),

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.command_line import paos  # noqa: F401 - a fixture
 from tests.monitors.hook import silence_is_proved  # noqa: F401 - a fixture for every journey
 
 if not os.environ.get("DISPLAY"):
@@ -17,6 +18,7 @@ if not os.environ.get("DISPLAY"):
 
 SECOND_READER = Path(__file__).parents[1] / "protocol" / "followers" / "follow.mjs"
 SLOW = {"sim", "motion", "journey", "device"}
+RARE = {"journey", "alone", "device", "extras"}
 
 gc.set_threshold(50_000, 20, 50)  # four thousand tests and all libraries are looked through again and again otherwise
 
@@ -32,7 +34,15 @@ def pytest_addoption(parser):
     parser.addoption("--gymnasium-python", help="interpreter that has the extra `targets`, for tests marked `extras`")
     parser.addoption("--openpi-python", help="interpreter that has the extra `openpi`, for tests marked `extras`")
     parser.addoption("--libero-python", help="interpreter that has the extra `libero`, for tests marked `extras`")
+    parser.addoption("--lerobot-python", help="interpreter that has the extra `lerobot`, for tests marked `extras`")
     parser.addoption("--peers-python", help="interpreter that has the extra `peers`, for tests marked `extras`")
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Where a marker is asked for that stands in few files, none is imported that never names it."""
+    asked = config.option.markexpr.partition(" ")[0]
+    is_test = collection_path.match("test_*.py") and asked in RARE
+    return True if is_test and asked not in collection_path.read_text(encoding="utf-8") else None
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -1,6 +1,7 @@
 """Three baselines behind the port of repair: no retry, blind retry, full restart.
 
-Upstream: `benchmarks/recovery.py`, which measures repair against them. Mission loop, verifier and budget are the same.
+Upstream: `benchmarks/suites/recovery.yaml`, which measures repair against them. Mission loop, verifier and
+budget are the same.
 """
 
 from collections.abc import Iterator
@@ -86,6 +87,12 @@ def recovering_by(policy: RepairPolicy) -> Iterator[None]:
     kind = RestartingRecovery if isinstance(policy, FullRestart) else Recovery
     with patch.object(goal_controller, "Recovery", kind):
         yield
+
+
+def restart() -> FullRestart:
+    """A full restart, with the recovery that it needs, for the rest of this process."""
+    patch.object(goal_controller, "Recovery", RestartingRecovery).start()
+    return FullRestart()
 
 
 def _decide(case: Case, kind: AlternativeKind, why: str) -> Decision:

@@ -1,93 +1,45 @@
-"""Goals to recover in: those of the benchmark's own scenes, and those of rooms drawn from seeds.
+"""Goals to recover in, drawn from seeds: rooms of `benchmarks/unseen_parts`, each with a fault that need not last.
 
-A trial knows its goal graph, and by which independent eye its end is judged.
+Half of the faults are the generator's; in the other half a person takes away again what the first node moved, when the
+last one begins. Nodes that only claim something are left out: nothing is to be recovered there. What reach, opening,
+volume and friction forbid is not drawn, nor a goal whose own acceptance is empty: not every seed gives one, see `main`.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from itertools import count
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import count, islice
 from pathlib import Path
 
-import msgspec
-import numpy as np
-import yaml
-
 from benchmarks.unseen_parts.cases import Case, Node
+from benchmarks.unseen_parts.drawn import write_case
 from benchmarks.unseen_parts.feasible import find_ambiguity, find_contradiction, list_obstacles
-from benchmarks.unseen_parts.files import render_faults, render_goal, render_scene
 from benchmarks.unseen_parts.goals import draw_case
-from benchmarks.unseen_parts.records import Recorder, is_lasting
-from phyagentos.agent.mission.report import MissionReport
+from benchmarks.unseen_parts.records import is_lasting
 
 SPARE_SESSIONS = 3  # that a drawn goal may have beside one for each node: a restart does not always fit
 REPLANS = 4
-UNDONE = "undone"  # what the first node moved is taken away again
-
-IsMet = Callable[[Path, MissionReport], bool]
-"""Whether the world at the end shows the goal met: from the folder of all bundles, and the report."""
+STREAMS = (20_000, 1_500_000)  # first seeds: for development, held out
 
 
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """One goal with one seed.
-
-    Attributes:
-        case: What goes wrong; the tables count by it.
-        goal: Its id, by which the fault file knows it.
-    """
-
-    case: str
-    seed: int
-    graph: Path
-    goal: str
-    is_met: IsMet
+def draw(seed: int, folder: Path) -> Path:
+    """Write the project of a seed that gives such a goal; its goal graph."""
+    case = make_case(seed)
+    budget = {"sessions": len(case.nodes) + SPARE_SESSIONS, "sim_time_s": 240}
+    defaults = {"timeout_s": 60, "max_replans": REPLANS}
+    return write_case(case, folder, f"{__name__}:make_case", budget=budget, defaults=defaults)
 
 
-def judge_last_by(eye: Callable[[Path], bool]) -> IsMet:
-    """Judge the bundle whose recorded end is the latest; without any nothing is met."""
-
-    def is_met(evidence: Path, report: MissionReport) -> bool:
-        folders = [evidence / session.id for session in report.sessions]
-        seen = [f for f in folders if (f / "terminal.npz").exists() and (f / "scene.mjb").exists()]
-        return bool(seen) and eye(max(seen, key=_find_time))
-
-    return is_met
+def make_case(seed: int) -> Case:
+    """The case of a seed; what a person undoes is by turns, from the first seed of its stream on."""
+    first = max(each for each in STREAMS if each <= seed)
+    case = next(case for case in iter_cases(first) if case.seed >= seed)
+    assert case.seed == seed, f"seed {seed} gives no goal to recover in; the next one is {case.seed}"
+    return case
 
 
-def draw_trials(first_seed: int, number: int, project: Path) -> list[Trial]:
-    """Goals of two nodes or more in rooms drawn from seeds, each with a fault that need not last.
-
-    Half of the faults are the generator's; in the other half a person takes away again what the first node moved, when
-    the last one begins.
-
-    Nodes that only claim something are left out: nothing is to be recovered there. What reach, opening, volume and
-    friction forbid is not drawn, nor a goal whose own acceptance is empty.
-
-    Args:
-        first_seed: The seeds are the next from here that give such a goal.
-        number: Of trials.
-        project: Folder that gets scenes, goal graphs and the file of faults.
-    """
-    cases = list(_iter_cases(first_seed, number))
-    for case in cases:
-        _write(project / "scenes" / "unseen" / f"{case.name}.yaml", render_scene(case.room, case.name))
-        graph = render_goal(case) | {"budget": {"sessions": len(case.nodes) + SPARE_SESSIONS, "sim_time_s": 240}}
-        graph["defaults"] = {"timeout_s": 60, "max_replans": REPLANS}
-        _write(project / "goal_graphs" / f"{case.name}.yaml", graph)
-    _write(project / "faults.yaml", render_faults(cases))
-    return [
-        Trial(
-            case=_tell_fault(case),
-            seed=case.seed,
-            graph=project / "goal_graphs" / f"{case.name}.yaml",
-            goal=case.name,
-            is_met=_judge_drawn(case),
-        )
-        for case in cases
-    ]
-
-
-def _iter_cases(first_seed: int, number: int) -> Iterator[Case]:
+def iter_cases(first_seed: int) -> Iterator[Case]:
+    """Those of the seeds from here."""
     found = 0
     for seed in count(first_seed):
         case = _drop_claims(draw_case(seed))
@@ -95,8 +47,6 @@ def _iter_cases(first_seed: int, number: int) -> Iterator[Case]:
             continue
         yield _undo_first(case) if found % 2 else case
         found += 1
-        if found == number:
-            return
 
 
 def _drop_claims(case: Case) -> Case:
@@ -111,14 +61,8 @@ def _cut(node: Node, kept: set[str]) -> Node:
 
 
 def _undo_first(case: Case) -> Case:
-    when = {"session": f"{case.name}.{case.nodes[-1].name}"}
+    when = {"session": f"*.{case.nodes[-1].name}"}
     return replace(case, faults=({"kind": "move", "object": case.nodes[0].arguments["object"], "when": when},))
-
-
-def _tell_fault(case: Case) -> str:
-    when = case.faults[0]["when"]
-    assert isinstance(when, dict)
-    return UNDONE if "session" in when else str(case.faults[0]["kind"])
 
 
 def _is_hopeless(case: Case) -> bool:
@@ -129,20 +73,5 @@ def _is_hopeless(case: Case) -> bool:
     )
 
 
-def _judge_drawn(case: Case) -> IsMet:
-    def is_met(evidence: Path, report: MissionReport) -> bool:
-        recorder = Recorder(case, "unseen", evidence, msgspec.to_builtins(report))
-        return recorder.record(0.0).truth == "met"
-
-    return is_met
-
-
-def _find_time(folder: Path) -> float:
-    """Simulated time of a recorded end, by which the latest is known [s]."""
-    with np.load(folder / "terminal.npz") as terminal:
-        return float(terminal["time"])
-
-
-def _write(path: Path, data: object) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True))
+if __name__ == "__main__":
+    print([case.seed for case in islice(iter_cases(int(sys.argv[1])), int(sys.argv[2]))])

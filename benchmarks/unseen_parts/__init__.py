@@ -1,1 +1,1 @@
-"""Parts of `benchmarks/unseen.py`: rooms, goals and faults, what is feasible, and what came of it."""
+"""Parts of the suite `unseen`: rooms, goals and faults, what is feasible, and what came of it."""

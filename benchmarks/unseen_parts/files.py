@@ -143,4 +143,4 @@ def render_faults(cases: Sequence[Case]) -> dict[str, object]:
             when = fault["when"]
             assert isinstance(when, dict)
             faults.append(fault | {"when": {"session": f"{case.name}.*"} | when})
-    return {"version": 1, "description": "Drawn by benchmarks/unseen.py.", "faults": faults}
+    return {"version": 1, "description": "Drawn by benchmarks/unseen_parts.", "faults": faults}

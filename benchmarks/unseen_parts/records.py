@@ -1,9 +1,9 @@
-"""One goal as it ended, judged: a line of the results file, from which every figure can be computed again."""
+"""One goal as it ended, judged, from which every figure is computed."""
 
 import json
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from itertools import permutations, product
 from pathlib import Path
 from typing import Any
@@ -153,18 +153,6 @@ class GoalRecord:
         moved = any(session.moved for session in self.sessions if session.node in hopeless)
         return self.ended == "over" and self.verdict != "success" and bool(self.reason) and not moved
 
-    def as_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any]) -> "GoalRecord":
-        """From plain data."""
-        nodes = tuple(NodeRecord(**node | {"after": tuple(node.get("after", ()))}) for node in data["nodes"])
-        sessions = tuple(SessionRecord(**each | {"against": tuple(each["against"])}) for each in data["sessions"])
-        lists = {name: tuple(data.get(name, ())) for name in ("faults", "against", "unstruck")}
-        return cls(**data | lists | {"nodes": nodes, "sessions": sessions})
-
 
 @dataclass(slots=True)
 class Recorder:
@@ -192,8 +180,7 @@ class Recorder:
         if ended:
             last = max(ended, key=self._find_time)
             first = self.folder / ended[0]
-            judge = open_judge(self.case.room, self.folder / last, first, self._broken)
-            truth, against = decide(judge, self._asked, self.case.interchangeable)
+            truth, against = judge_end(self.case, self.folder / last, first)
         return begin_record(
             self.case,
             self.table,
@@ -208,14 +195,6 @@ class Recorder:
             nodes=nodes,
             sessions=sessions,
         )
-
-    @property
-    def _asked(self) -> tuple[str, ...]:
-        return self.case.accept + tuple(text for text in self.case.constraints if "moved" not in text)
-
-    @property
-    def _broken(self) -> frozenset[str]:
-        return frozenset(str(fault["camera"]) for fault in self.case.faults if "camera" in fault)
 
     def _weigh(self, nodes: tuple[NodeRecord, ...]) -> str:
         if any(node.feasible == "no" for node in nodes) or find_contradiction(self.case):
@@ -241,7 +220,7 @@ class Recorder:
     def _record_session(self, told: dict[str, Any]) -> SessionRecord:
         bundle, truth, against, is_clear = self.folder / told["id"], "", tuple[str, ...](), False
         if self._has_end(told["id"]):
-            judge = open_judge(self.case.room, bundle, broken=self._broken)
+            judge = open_judge(self.case.room, bundle, broken=find_broken(self.case))
             asked = list_asked(bundle, told)
             truth, against = decide(judge, asked, self.case.interchangeable)
             best = max(
@@ -276,6 +255,17 @@ class Recorder:
         first = next((s for s in sessions if s.node == node.name and s.attempt == 0), None)
         met = first is not None and first.verdict == "success" and first.truth != "unmet"
         return NodeRecord(name=node.name, skill=node.skill, feasible=feasible, why=why, first=met, after=node.after)
+
+
+def judge_end(case: Case, last: Path, first: Path) -> tuple[str, tuple[str, ...]]:
+    """The truth of a goal's own acceptance, and what decided against it: from its last bundle, and its first."""
+    asked = case.accept + tuple(text for text in case.constraints if "moved" not in text)
+    return decide(open_judge(case.room, last, first, find_broken(case)), asked, case.interchangeable)
+
+
+def find_broken(case: Case) -> frozenset[str]:
+    """Cameras that are not to be believed."""
+    return frozenset(str(fault["camera"]) for fault in case.faults if "camera" in fault)
 
 
 def list_asked(bundle: Path, told: dict[str, Any]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from phyagentos.assembly.paths import FAULTS, RECORDED_FAULTS, TOKENS
+from phyagentos.assembly.paths import FAULTS, OUTCOMES, RECORDED_FAULTS, TOKENS
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.targets import TargetProfile, find_unshared
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -126,7 +126,7 @@ def _open_gymnasium(site: DriverSite) -> "TargetDriver":
     from phyagentos.runtime.drivers.gymnasium import open_gymnasium
 
     choose_graphics()
-    return open_gymnasium(site.profile, site.folder)
+    return open_gymnasium(site.profile, site.folder, site.workspace.root / OUTCOMES)
 
 
 def read_secret(path: Path) -> bytes:

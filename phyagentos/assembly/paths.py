@@ -16,6 +16,7 @@ from phyagentos.protocol.workspace.process_lock import RUNTIME_LOCK, WATCHDOG_LO
 from phyagentos.protocol.workspace.workspace import Workspace
 
 FAULTS = Path(".world") / "faults.yaml"  # read by the world process only
+OUTCOMES = Path(".world") / "outcomes.jsonl"  # what environments say of success, for who measures; no agent reads it
 TOKENS = Path(".world") / "tokens"  # one file a remote target, which only its owner may read
 _OWNER = "workspace"  # in a folder of sockets: a link to the workspace they belong to
 RECORDED_FAULTS = Path(".world") / "strikes.json"  # of a repeated session: the faults of its evidence

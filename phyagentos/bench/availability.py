@@ -7,6 +7,7 @@ import importlib.util
 import shutil
 import socket
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 
 from phyagentos.assembly.drivers import choose_driver
@@ -21,28 +22,23 @@ CONNECT_S = 1.0
 
 
 class Gate:
-    """Finds what is lacking; each thing is looked for once."""
+    """Finds what is lacking; each environment is looked at once."""
 
     def __init__(self, environments: Mapping[str, EnvironmentSpec]) -> None:
-        self._environments = environments
-        self._known: dict[str, tuple[Problem, ...]] = {}
+        self._look_at = cache(lambda name: find_lacks(name, environments[name]) if name in environments else [])
 
     def find_lacks(
         self, variant: Variant, policy: Policy, targets: Sequence[tuple[TargetProfile, Path]]
     ) -> tuple[Problem, ...]:
         """What this machine lacks for the episodes of one cell, whose `targets` stand beside their profiles' files."""
-        lacks = list(_find_policy_lacks(policy))
-        if (name := variant.environment) is not None and name in self._environments:
-            if name not in self._known:
-                self._known[name] = tuple(find_lacks(name, self._environments[name]))
-            lacks += self._known[name]
-        for module in variant.needs:
-            if importlib.util.find_spec(module) is None:
-                hint = "Install what brings it."
-                lacks.append(Problem("MODULE_MISSING", module, "no such module", "a module of this Python", hint))
-        for profile, path in targets:
-            lacks += _find_target_lacks(profile, path)
-        return tuple(lacks)
+        expected, hint = "a module of this Python", "Install what brings it."
+        absent = [module for module in variant.needs if importlib.util.find_spec(module) is None]
+        return (
+            *_find_policy_lacks(policy),
+            *self._look_at(variant.environment),
+            *(Problem("MODULE_MISSING", module, "no such module", expected, hint) for module in absent),
+            *(lack for profile, path in targets for lack in _find_target_lacks(profile, path)),
+        )
 
 
 def can_connect(ready: str) -> bool:
@@ -57,9 +53,9 @@ def can_connect(ready: str) -> bool:
 
 def _find_policy_lacks(policy: Policy) -> list[Problem]:
     if policy.serve:
-        found = shutil.which(policy.serve[0])
+        found = shutil.which(policy.command[0])
         expected, hint = "a program of a policy server", "Install it, or name another one under `serve`."
-        return [] if found else [Problem("POLICY_MISSING", policy.serve[0], "no such program", expected, hint)]
+        return [] if found else [Problem("POLICY_MISSING", policy.command[0], "no such program", expected, hint)]
     if policy.ready and not can_connect(policy.ready):
         hint = "Start it, or let the suite start it: `serve`."
         return [Problem("POLICY_MISSING", policy.ready, "no answer", "a policy server that listens", hint)]

@@ -1,9 +1,10 @@
 """Two sets of episodes, paired by seed: McNemar's exact test (McNemar 1947, doi:10.1007/BF02295996)."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from scipy.stats import binomtest
+from scipy.stats import binomtest, wilcoxon
 
 from phyagentos.bench.records import AXES, EpisodeRecord
 from phyagentos.bench.report import Rate
@@ -20,7 +21,7 @@ class Comparison:
 
     Attributes:
         only_a: Episodes without a partner; `only_b` likewise.
-        gained: Pairs that only B has right; `lost`, that only A has right.
+        gained: Pairs in which B has more; `lost`, in which A has.
         p: Two-sided p value of the difference.
     """
 
@@ -44,37 +45,46 @@ def compare(a: Sequence[EpisodeRecord], b: Sequence[EpisodeRecord], of: Figure =
         DefinitionError: `NOT_PAIRED` where no episode of one set belongs to one of the other.
     """
     free = [axis for axis in AXES if _is_free(axis, a, b)]
-    ours, theirs = _list_outcomes(a, free, of), _list_outcomes(b, free, of)
+    ours, theirs = _index(a, free, of), _index(b, free, of)
     pairs = [key for key in ours if key in theirs]
     if not pairs:
         expected = "runs that share tasks and seeds"
         raise DefinitionError.of("NOT_PAIRED", "paos bench compare", "no episode of both", expected)
-    gained = tuple(key for key in pairs if theirs[key] and not ours[key])
-    lost = tuple(key for key in pairs if ours[key] and not theirs[key])
-    differing = len(gained) + len(lost)
+    gained = tuple(key for key in pairs if theirs[key] > ours[key])
+    lost = tuple(key for key in pairs if ours[key] > theirs[key])
+    p = 1.0
+    if (differing := len(gained) + len(lost)) and of is Figure.SESSIONS:
+        p = float(wilcoxon([ours[key] - theirs[key] for key in pairs]).pvalue)
+    elif differing:
+        p = float(binomtest(len(gained), differing).pvalue)
     return Comparison(
-        a=Rate(sum(ours[key] for key in pairs), len(pairs)),
-        b=Rate(sum(theirs[key] for key in pairs), len(pairs)),
+        a=Rate(sum(bool(ours[key]) for key in pairs), len(pairs)),
+        b=Rate(sum(bool(theirs[key]) for key in pairs), len(pairs)),
         gained=gained,
         lost=lost,
         only_a=tuple(key for key in ours if key not in theirs),
         only_b=tuple(key for key in theirs if key not in ours),
-        p=float(binomtest(len(gained), differing).pvalue) if differing else 1.0,
+        p=p,
     )
 
 
-def list_outcomes(
-    records: Iterable[EpisodeRecord], of: Figure, part: str = ""
-) -> list[tuple[EpisodeRecord, str, bool]]:
-    """What a share is made of: an episode, a part of its goal or an empty name, and whether it is there."""
-    found: list[tuple[EpisodeRecord, str, bool]] = []
-    for record in records:
-        if of in {Figure.PARTS, Figure.FIRST_PARTS}:
-            parts: Mapping[str, bool] = record.parts if of is Figure.PARTS else record.first_parts
-            found += [(record, name, is_there) for name, is_there in parts.items() if part in {"", name}]
-        else:
-            found.append((record, "", record.is_first if of is Figure.FIRST else bool(record.is_met)))
-    return found
+def read_values(record: EpisodeRecord, of: Figure) -> Mapping[str, Any]:
+    """What a figure is made of, in one episode: of each part of its goal, or of an empty name."""
+    match of:
+        case Figure.PARTS:
+            return record.parts
+        case Figure.FIRST_PARTS:
+            return record.first_parts
+        case Figure.VERIFIED:
+            return {"": bool(record.is_met) and record.verdict == "success"}
+        case Figure.FIRST:
+            return {"": record.is_first}
+        case Figure.SESSIONS:
+            return {"": len(record.sessions)}
+        case Figure.OTHER_BITS:
+            return {"": record.bits}
+        case _:
+            return {"": bool(record.is_met)}
 
 
 def _is_free(axis: str, a: Sequence[EpisodeRecord], b: Sequence[EpisodeRecord]) -> bool:
@@ -82,13 +92,10 @@ def _is_free(axis: str, a: Sequence[EpisodeRecord], b: Sequence[EpisodeRecord]) 
     return values[0] != values[1] and all(len(each) == 1 for each in values)
 
 
-def _list_outcomes(records: Sequence[EpisodeRecord], free: Sequence[str], of: Figure) -> dict[Key, bool]:
+def _index(records: Sequence[EpisodeRecord], free: Sequence[str], of: Figure) -> dict[Key, Any]:
     kept = [axis for axis in AXES if axis not in free]
     return {
-        (
-            *(value for axis in kept if (value := getattr(record, axis))),
-            str(record.seed),
-            *filter(None, (part,)),
-        ): is_there
-        for record, part, is_there in list_outcomes(records, of)
+        (*filter(None, (getattr(record, axis) for axis in kept)), str(record.seed), *filter(None, (part,))): value
+        for record in records
+        for part, value in read_values(record, of).items()
     }

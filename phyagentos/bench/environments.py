@@ -11,6 +11,7 @@ from packaging.requirements import Requirement
 from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.capabilities.environments import EnvironmentSpec, find_python
 
+STDERR = 2  # what pip says is no result
 _LOOK = """
 import importlib.metadata, importlib.util, json, sys
 packages, modules = json.loads(sys.argv[1])
@@ -68,7 +69,7 @@ def set_up(name: str, spec: EnvironmentSpec, say: Callable[[str], None], interpr
     """
     for command in plan_setup(name, spec, interpreter):
         say(" ".join(command))
-        if code := subprocess.run(command, check=False, stdout=sys.stderr).returncode:
+        if code := subprocess.run(command, check=False, stdout=STDERR).returncode:
             raise ExecutionError("SETUP_FAILED", f"{' '.join(command)!r} ended with code {code}")
     if lacks := find_lacks(name, spec):
         raise ExecutionError("SETUP_FAILED", "; ".join(f"{each.found}, wanted {each.expected}" for each in lacks))

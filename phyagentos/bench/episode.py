@@ -15,8 +15,7 @@ import signal
 import subprocess
 import sys
 import traceback
-from collections.abc import Callable, Mapping
-from datetime import datetime
+from collections.abc import Callable, Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -24,33 +23,28 @@ from typing import Any
 import msgspec
 import yaml
 
-from phyagentos.agent.mission.report import MissionReport
 from phyagentos.assembly import agent_plane
-from phyagentos.assembly.agent_plane import Agent
-from phyagentos.assembly.paths import find_project, open_project
+from phyagentos.assembly.paths import choose_folder, find_project, open_project
 from phyagentos.assembly.planes import STOP_S
 from phyagentos.assembly.process_tuning import end_with
-from phyagentos.bench.plug_ins import load_repair, load_scorer
-from phyagentos.bench.records import AXES, EpisodeRecord, Order, SessionRecord
+from phyagentos.bench.plug_ins import FAULTS, draw, load_repair
+from phyagentos.bench.records import Axes, EpisodeRecord, Order, SessionRecord
+from phyagentos.bench.scoring import record_sessions, score
 from phyagentos.bench.suite import open_bench
 from phyagentos.bench.suite_file import MemoryUse, Variant
-from phyagentos.bench.taxonomy import Taxon, classify
+from phyagentos.bench.taxonomy import Taxon
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.protocol.capabilities.registries import read_skill_registry
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.documents.schema import read_yaml
-from phyagentos.protocol.sessions.evidence import EVENTS
-from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.perception import declare_sensing
 from phyagentos.protocol.settings.runtime_contract import declare_world_mode
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.journal import Journal
 
-ORDER, RECORD, LOG, WORKSPACE = "order.json", "record.json", "episode.log", "workspace"
+ORDER, RECORD, LOG, WORKSPACE, PROJECT = "order.json", "record.json", "episode.log", "workspace", "project"
 POLL_S = 0.5  # a run that ends is noticed within this
 START_S = 120.0  # beside the episode's own wall time: a cold machine compiles once
 _USES = {
@@ -81,7 +75,8 @@ def carry_out(job: Job, is_ended: Callable[[], bool] = lambda: False) -> Episode
 
     The process ends with the one that calls this. None when `is_ended` before there is a record.
     """
-    folder, clock = _make_folder(Path(job.run) / "episodes", job.order.id), SystemClock()
+    folder, clock = choose_folder(Path(job.run) / "episodes", job.order.id), SystemClock()
+    folder.mkdir(parents=True)  # one for each attempt: what an earlier one has left stays as it is
     (folder / ORDER).write_bytes(msgspec.json.encode(job))
     command = [sys.executable, "-m", "phyagentos.bench.episode", str(folder), str(os.getpid())]
     begin_s, at, limit_s = clock.now_s(), clock.wall_iso(), job.order.wall_s + START_S
@@ -111,16 +106,18 @@ def carry_out(job: Job, is_ended: Callable[[], bool] = lambda: False) -> Episode
 def run_episode(job: Job, folder: Path, clock: Clock) -> EpisodeRecord:
     """Run one episode on the ordinary path, and have it scored; its processes have ended when this returns."""
     order, variant, at, begin_s = job.order, Variant(**job.order.variant), clock.wall_iso(), clock.now_s()
-    workspace = open_project(folder / WORKSPACE, find_project(Path(order.graph)))
+    graph = draw(order.graph, order.seed, folder / PROJECT) if ":" in order.graph else Path(order.graph)
+    faults = Path(variant.faults) if variant.faults else folder / PROJECT / FAULTS
+    workspace = open_project(folder / WORKSPACE, find_project(graph))
     prepare_settings(workspace, variant)
     use = MemoryUse(order.memory)
     if job.memory:
         shutil.copytree(Path(job.run) / job.memory / "memory", folder / "memory")
-    settings = hash_settings(workspace, order, variant)
+    settings = hash_settings(workspace, graph, faults, order)
     bench = open_bench(
         workspace,
         clock,
-        faults=Path(variant.faults) if variant.faults else None,
+        faults=faults if faults.is_file() else None,
         pictures=variant.pictures is not False,
         sense=variant.sense,
         verify=VerificationMode(order.verification) if order.verification else None,
@@ -129,13 +126,14 @@ def run_episode(job: Job, folder: Path, clock: Clock) -> EpisodeRecord:
         policy=load_repair(variant.repair),
     )
     with bench as agent:
-        graph, goal = Path(order.graph), GoalId(order.goal)
+        goal = GoalId(order.goal)
         report = agent.mission.run(graph, seed=order.seed, overrides=make_overrides(variant), goal=goal)
-        sessions = _record_sessions(agent, workspace, report, Path(job.run))
+        statuses = [agent.mission.ledger.sessions[session.id] for session in report.sessions]
         before = agent.memory_version
         wall_s = clock.now_s() - begin_s
-    parts, first_parts = score(order, workspace, report)
-    is_met = None if parts is None else all(parts.values())
+    scored = score(order, workspace, report, statuses)
+    sessions = record_sessions(workspace, report, statuses, scored, Path(job.run))
+    is_met = None if scored.parts is None else all(scored.parts.values())
     return EpisodeRecord(
         **_identify(job, folder),
         at=at,
@@ -143,8 +141,8 @@ def run_episode(job: Job, folder: Path, clock: Clock) -> EpisodeRecord:
         verdict=report.verdict,
         reason=report.reason,
         replans=report.replans,
-        parts=parts or {},
-        first_parts=first_parts,
+        parts=scored.parts or {},
+        first_parts=scored.first,
         is_met=is_met,
         taxon=_classify_episode(report.verdict, sessions, is_met=is_met),
         sessions=sessions,
@@ -153,6 +151,7 @@ def run_episode(job: Job, folder: Path, clock: Clock) -> EpisodeRecord:
         memory_before="" if use is MemoryUse.NONE else before,
         memory_after="" if use is MemoryUse.NONE else _read_memory_version(workspace, clock, folder),
         settings=settings,
+        bits=_hash([path for each in report.sessions for path in workspace.evidence_of(each.id).glob("*.npz")]),
     )
 
 
@@ -185,26 +184,18 @@ def change(data: Any, changes: Mapping[str, Any]) -> Any:
     return data
 
 
-def hash_settings(workspace: Workspace, order: Order, variant: Variant) -> str:
+def hash_settings(workspace: Workspace, graph: Path, faults: Path, order: Order) -> str:
     """Hash of everything but memory and seed that decides what an episode does: settings, registries, goal, faults."""
-    paths = [workspace.root / name for name in SETTINGS_FILES]
-    paths += [workspace.skill_registry, workspace.target_registry, Path(order.graph)]
-    paths += [Path(variant.faults)] if variant.faults else []
-    digest = hashlib.sha256(msgspec.json.encode((variant.set, variant.repair, order.verification)))
+    paths = [*(workspace.root / name for name in SETTINGS_FILES), workspace.skill_registry, workspace.target_registry]
+    said = (order.variant.get("set"), order.variant.get("repair"), order.verification)
+    return _hash([*paths, graph, *([faults] if faults.is_file() else [])], msgspec.json.encode(said))
+
+
+def _hash(paths: Iterable[Path], before: bytes = b"") -> str:
+    digest = hashlib.sha256(before)
     for path in paths:
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
-
-
-def score(order: Order, workspace: Workspace, report: MissionReport) -> tuple[dict[str, bool] | None, dict[str, bool]]:
-    """Which parts are there in the end, and after the first session of their node; asked of the suite's scorer."""
-    scorer = load_scorer(order.scorer)
-    first: dict[str, bool] = {}
-    for session in report.sessions:
-        if session.node in order.score and not session.attempt and session.node not in first:
-            asked = {session.node: order.score[session.node]}
-            first |= scorer.score(asked, workspace.root, workspace.evidence_of(session.id)) or {}
-    return scorer.score(order.score, workspace.root, None), first
 
 
 def _read_memory_version(workspace: Workspace, clock: Clock, folder: Path) -> str:
@@ -213,57 +204,6 @@ def _read_memory_version(workspace: Workspace, clock: Clock, folder: Path) -> st
     memory = Memory(folder / workspace.memory.name, clock=clock, by="bench")
     memory.close()
     return memory.version
-
-
-def _record_sessions(agent: Agent, workspace: Workspace, report: MissionReport, run: Path) -> tuple[SessionRecord, ...]:
-    spent, kinds = _measure_sessions(workspace), read_skill_registry(workspace.skill_registry)
-    return tuple(
-        SessionRecord(
-            id=session.id,
-            node=session.node,
-            attempt=session.attempt,
-            skill=session.skill,
-            state=session.state,
-            bundle=str(workspace.evidence_of(session.id).relative_to(run)),
-            ended=session.ended,
-            cause=session.cause,
-            reason=session.reason,
-            taxon=classify(
-                agent.mission.ledger.sessions[session.id],
-                is_policy=session.skill in kinds and kinds[session.skill].kind == "policy",
-            ),
-            ticks=session.ticks,
-            sim_time_s=round(session.sim_time_s, 9),
-            stages_ms=_read_stages(workspace.evidence_of(session.id) / EVENTS),
-            wall_s=round(spent.get(session.id, 0.0), 3),
-        )
-        for session in report.sessions
-    )
-
-
-def _measure_sessions(workspace: Workspace) -> dict[str, float]:
-    """Wall time of each session from its claim to its end [s]."""
-    journal = Journal(workspace.root, side=Side.OPERATOR, by="bench", clock=SystemClock())
-    claimed: dict[str, datetime] = {}
-    spent: dict[str, float] = {}
-    for record in journal.read_new():
-        if record.ev == "claim":
-            claimed[record.id] = datetime.fromisoformat(record.at)
-        elif record.ev == "finish" and record.id in claimed:
-            spent[record.id] = (datetime.fromisoformat(record.at) - claimed[record.id]).total_seconds()
-    journal.close()
-    return spent
-
-
-def _read_stages(events: Path) -> dict[str, float]:
-    """Where the time of a session went, by stage [ms]."""
-    stages: dict[str, float] = {}
-    for event in map(json.loads, events.read_text().splitlines() if events.is_file() else ()):
-        if event["kind"] == "planner":
-            stages["planning"] = stages.get("planning", 0.0) + sum(event["details"]["ms"].values())
-        elif event["kind"] == "timing":
-            stages |= {name: ms for name, ms in event["details"].items() if not name.endswith("_bytes")}
-    return {name: round(ms, 3) for name, ms in stages.items()}
 
 
 def _classify_episode(verdict: str, sessions: tuple[SessionRecord, ...], *, is_met: bool | None) -> str:
@@ -277,36 +217,14 @@ def _classify_episode(verdict: str, sessions: tuple[SessionRecord, ...], *, is_m
 
 def _identify(job: Job, folder: Path) -> dict[str, Any]:
     """What a record says of its episode, whatever became of it."""
-    order = job.order
     where = {"folder": str(folder.relative_to(job.run)), "host": platform.node(), "version": version("phyagentos")}
-    return {
-        "id": order.id,
-        "seed": order.seed,
-        "memory": order.memory,
-        **{axis: getattr(order, axis) for axis in AXES},
-        **where,
-    }
+    return {name: getattr(job.order, name) for name in (*Axes.__struct_fields__, "memory")} | where
 
 
 def _fail(job: Job, folder: Path, ended: str, error: str, at: str, wall_s: float) -> EpisodeRecord:
     taxon = Taxon.TIMEOUT if ended == "hung" else Taxon.EXECUTION
-    return EpisodeRecord(
-        **_identify(job, folder), at=at, ended=ended, error=error, taxon=taxon, wall_s=round(wall_s, 3), is_met=False
-    )
-
-
-def _make_folder(parent: Path, name: str) -> Path:
-    """`<parent>/<name>-<n>`, the first that no attempt has; what an earlier one left stays as it is."""
-    parent.mkdir(parents=True, exist_ok=True)
-    number = 1
-    while True:
-        folder = parent / f"{name}-{number}"
-        try:
-            folder.mkdir()
-        except FileExistsError:
-            number += 1
-        else:
-            return folder
+    facts = {"ended": ended, "error": error, "at": at, "wall_s": round(wall_s, 3)}
+    return EpisodeRecord(**_identify(job, folder) | facts, taxon=taxon, is_met=False)
 
 
 def main() -> None:

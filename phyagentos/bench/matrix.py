@@ -5,8 +5,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from phyagentos.bench.availability import Gate
 from phyagentos.bench.records import Order
 from phyagentos.bench.suite_checks import SuiteChecks
@@ -34,53 +32,52 @@ class Plan:
     Attributes:
         orders: Every episode, in the order of passes, tasks, initial states, policies, settings, modes and seeds.
         missing: Id of an episode -> why it cannot run here.
+        seeds_max: Of each pass; None for all.
     """
 
     suite: Suite
     orders: tuple[Order, ...]
     missing: Mapping[str, tuple[Problem, ...]]
+    seeds_max: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A point of the matrix without its mode and its seed; `layers` are its variants by their place in the suite."""
+    """A point of the matrix without its mode and its seed: its place on each axis, and its variants by their place."""
 
-    phase: str
-    task: str
-    state: str
-    policy: str
-    setting: str
-    spec: Task
-    server: Policy
+    axes: Mapping[str, str]
+    task: Task
+    policy: Policy
     passed: Pass
     layers: Mapping[Address, Variant]
 
 
+def list_suites() -> dict[str, Path]:
+    """Suites in `benchmarks/suites/` of the libraries, by name."""
+    roots = reversed(Library.open(Path.cwd()).roots)  # the first one with a name has it
+    return {path.stem: path for root in roots for path in sorted((root / FOLDER).glob("*.yaml"))}
+
+
 def find_suite(name: Path) -> Path:
-    """The file of a suite: a path, or a name in `benchmarks/suites/` of the libraries; raises `UNKNOWN_FILE`."""
-    if name.is_file():
-        return name
-    roots = Library.open(Path.cwd()).roots
-    found = next((path for root in roots if (path := root / FOLDER / f"{name}.yaml").is_file()), None)
-    if found is None:
-        known = {path.stem for root in roots for path in (root / FOLDER).glob("*.yaml")}
+    """The file of a suite: a path, or a name; raises `UNKNOWN_FILE`."""
+    known = {} if name.is_file() else list_suites()
+    if not name.is_file() and name.stem not in known:
         raise DefinitionError.unknown("UNKNOWN_FILE", str(name), name.stem, known)
-    return found
+    return known.get(name.stem, name)
 
 
 def find_environments(name: str) -> dict[str, EnvironmentSpec]:
     """Environments of a suite, by the suite's file or name, or one by its own name; raises `UNKNOWN_NAME`."""
-    roots = Library.open(Path.cwd()).roots
-    files = [path for root in roots for path in sorted((root / FOLDER).glob("*.yaml"))]
-    own = [path for path in (Path(name), *files) if path.is_file() and (path == Path(name) or path.stem == name)]
-    declared = {key: spec for path in own[:1] or files for key, spec in read_suite(path)[0].environments.items()}
-    if not own and name not in declared:
-        raise DefinitionError.unknown("UNKNOWN_NAME", "paos bench setup", name, {*declared, *(p.stem for p in files)})
-    return declared if own else {name: declared[name]}
+    if Path(name).is_file() or name in (known := list_suites()):
+        return read_suite(find_suite(Path(name)))[0].environments
+    declared = {key: spec for path in known.values() for key, spec in read_suite(path)[0].environments.items()}
+    if name not in declared:
+        raise DefinitionError.unknown("UNKNOWN_NAME", "paos bench setup", name, {*declared, *known})
+    return {name: declared[name]}
 
 
-def compile_suite(path: Path) -> Plan:
-    """Every episode of a suite, and which of them cannot run here.
+def compile_suite(path: Path, seeds_max: int | None = None) -> Plan:
+    """Every episode of a suite, or of so many seeds of each pass, and which of them cannot run here.
 
     Raises:
         DefinitionError: With every problem of the suite, and of the goal graphs, settings and faults that it names.
@@ -90,16 +87,17 @@ def compile_suite(path: Path) -> Plan:
     orders: list[Order] = []
     missing: dict[str, tuple[Problem, ...]] = {}
     for cell in iter_cells(suite):
-        graph, variant = checks.resolve(cell.spec, cell.task, cell.layers)
-        lacks = gate.find_lacks(variant, cell.server, checks.check_graph(graph, variant, cell.layers))
-        for order in _iter_orders(suite, cell, graph, variant):
-            orders.append(order)
+        seeds = list_seeds(cell.passed.seeds or suite.seeds)[:seeds_max]
+        graph, variant = checks.resolve(cell.task, cell.axes["task"], cell.layers)
+        lacks = gate.find_lacks(variant, cell.policy, checks.check_graph(graph, variant, cell.layers, seeds[0]))
+        for mode, seed in itertools.product(suite.verification or ("",), seeds):
+            orders.append(order := make_order(suite, cell, graph, variant, str(mode), seed))
             if lacks:
                 missing[order.id] = lacks
-    checks.check_asked()
+    checks.check_asked(orders)
     if checks.problems:
         raise DefinitionError(list(dict.fromkeys(checks.problems)))
-    return Plan(suite, tuple(orders), missing)
+    return Plan(suite, tuple(orders), missing, seeds_max)
 
 
 def iter_cells(suite: Suite) -> Iterator[Cell]:
@@ -109,40 +107,36 @@ def iter_cells(suite: Suite) -> Iterator[Cell]:
     for (phase, passed), (name, task) in itertools.product(passes.items(), suite.tasks.items()):
         owner: Address = ("tasks", name) if task.initial_states else ()
         states = task.initial_states or suite.initial_states or {"": Variant()}
-        for (state, start), (policy, acting), (setting, given) in itertools.product(
-            states.items(), policies.items(), settings.items()
-        ):
+        for state, policy, setting in itertools.product(states, policies, settings):
+            axes = {"phase": phase, "task": name, "state": state, "policy": policy, "setting": setting}
             layers: dict[Address, Variant] = {
                 ("common",): suite.common,
                 ("tasks", name): task,
-                (*owner, "initial_states", state): start,
-                ("policies", policy): acting,
-                ("settings", setting): given,
+                (*owner, "initial_states", state): states[state],
+                ("policies", policy): policies[policy],
+                ("settings", setting): settings[setting],
                 ("passes", phase): passed,
             }
-            yield Cell(phase, name, state, policy, setting, task, acting, passed, layers)
+            yield Cell(axes, task, policies[policy], passed, layers)
 
 
-def _iter_orders(suite: Suite, cell: Cell, graph: Path, variant: Variant) -> Iterator[Order]:
-    """The modes and seeds of a cell."""
-    for mode, seed in itertools.product(suite.verification or ("",), list_seeds(cell.passed.seeds or suite.seeds)):
-        axes = (cell.phase, cell.task, cell.state, cell.policy, cell.setting, str(mode))
-        order = Order(
-            id=".".join([*filter(None, axes), str(seed)]),
-            task=cell.task,
-            seed=seed,
-            graph=str(graph),
-            goal=f"{cell.task}-{seed}",
-            state=cell.state,
-            policy=cell.policy,
-            setting=cell.setting,
-            verification=str(mode),
-            phase=cell.phase,
-            variant=variant.model_dump(mode="json", exclude_defaults=True),
-            memory=cell.passed.memory,
-            scorer=suite.scorer,
-            score=cell.spec.score,
-            wall_s=suite.wall_s,
-        )
-        is_chained = cell.passed.memory is MemoryUse.ADAPTING
-        yield msgspec.structs.replace(order, chain=f"{cell.phase}/{order.lineage}") if is_chained else order
+def make_order(suite: Suite, cell: Cell, graph: str, variant: Variant, mode: str, seed: int) -> Order:
+    """The episode of a cell with a mode and a seed."""
+    axes, memory = cell.axes, cell.passed.memory
+    lineage = "/".join((axes["policy"], axes["setting"], mode))  # episodes that share experience
+    return Order(
+        id=".".join([*filter(None, (*axes.values(), mode)), str(seed)]),
+        **axes,
+        verification=mode,
+        seed=seed,
+        graph=graph,
+        goal=f"{axes['task']}-{seed}",
+        variant=variant.model_dump(mode="json", exclude_defaults=True),
+        memory=memory,
+        lineage=lineage,
+        chain=f"{axes['phase']}/{lineage}" if memory is MemoryUse.ADAPTING else "",
+        scorer=suite.scorer,
+        score=cell.task.score,
+        scored=cell.task.scored,
+        wall_s=suite.wall_s,
+    )

@@ -1,7 +1,8 @@
-"""What a suite names and others may provide: scorers and repair policies, announced by packages or importable."""
+"""What a suite names and others may provide: scorers, repair policies, drawn goals; announced or importable."""
 
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
@@ -10,7 +11,8 @@ from phyagentos.bench.scorers.scorer import Scorer
 from phyagentos.bench.scorers.simulator import SIMULATOR
 from phyagentos.errors import DefinitionError
 
-SCORERS, REPAIR_POLICIES = "phyagentos.scorers", "phyagentos.repair_policies"  # entry point groups
+SCORERS, REPAIR_POLICIES, DRAWN = (f"phyagentos.{name}" for name in ("scorers", "repair_policies", "drawn_goals"))
+FAULTS = "faults.yaml"  # of a drawn project
 
 
 def load_scorer(name: str, address: str = "scorer") -> Scorer:
@@ -24,6 +26,17 @@ def load_repair(name: str | None, address: str = "repair") -> RepairPolicy:
     shipped = {GraphRepair.name: GraphRepair}
     found: RepairPolicy = _load(name or GraphRepair.name, REPAIR_POLICIES, shipped, "UNKNOWN_REPAIR", address)()
     return found
+
+
+def draw(name: str, seed: int, folder: Path, address: str = "graph") -> Path:
+    """The goal graph of a seed: a `module:function` of seed and empty folder writes a project, and returns the path.
+
+    The project holds what its goal needs, what its scorer goes by, and a `faults.yaml` where something shall go wrong.
+    Raises DefinitionError `UNKNOWN_FILE`.
+    """
+    function = _load(name, DRAWN, {}, "UNKNOWN_FILE", address)
+    folder.mkdir(parents=True, exist_ok=True)
+    return Path(function(seed, folder))
 
 
 def _load(name: str, group: str, shipped: Mapping[str, Any], code: str, address: str) -> Any:

@@ -11,11 +11,13 @@ from typing import Any
 
 import msgspec
 
+from phyagentos.agent.mission.report import SessionReport
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.durable_files import sync_folder
 
 LOG = "episodes.jsonl"
-AXES = ("task", "state", "policy", "setting", "verification", "phase")  # and the seed; `phase` is the pass
+AXES = ("task", "state", "policy", "setting", "verification", "phase")  # and the seed
+BY_NAME = {"pass" if axis == "phase" else axis: axis for axis in AXES}  # as a suite names them
 
 
 class Axes(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -47,6 +49,8 @@ class Order(Axes, frozen=True, kw_only=True, omit_defaults=True):
         memory: What it does with experience.
         scorer: Name of the scorer.
         score: Part -> condition.
+        scored: When each part is asked for: at the `end`, or after the last session of its `node`.
+        lineage: Episodes that share experience have the same one.
         chain: Episodes of one chain run one after the other, each with the memory that the one before has left.
         wall_s: Longest wall time [s].
     """
@@ -57,38 +61,28 @@ class Order(Axes, frozen=True, kw_only=True, omit_defaults=True):
     memory: str = "none"
     scorer: str = "simulator"
     score: dict[str, Any] = {}
+    scored: str = "end"
+    lineage: str = ""
     chain: str = ""
     wall_s: float = 900.0
 
-    @property
-    def lineage(self) -> str:
-        """Episodes that share experience."""
-        return "/".join((self.policy, self.setting, self.verification))
 
-
-class SessionRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One session of an episode.
+class SessionRecord(SessionReport, frozen=True, kw_only=True, omit_defaults=True):
+    """One session of an episode, as its goal's report tells it, and what was measured.
 
     Attributes:
-        taxon: Kind of failure; empty where the objective was met.
         bundle: Its evidence, relative to the run's folder.
-        ticks: Control periods: actions.
+        taxon: Kind of failure; empty where the objective was met.
+        is_met: Whether the part of its node is there after it, as the scorer says; None where it was not asked.
+        contacts: Of robots with each other, as the world noted them.
         stages_ms: Where its time went, by stage [ms].
-        wall_s: From its claim to its end [s].
+        wall_s: Of its execution [s].
     """
 
-    id: str
-    node: str
-    attempt: int
-    skill: str
-    state: str
     bundle: str
-    ended: str = ""
-    cause: str = ""
-    reason: str = ""
     taxon: str = ""
-    ticks: int = 0
-    sim_time_s: float = 0.0
+    is_met: bool | None = None
+    contacts: int = 0
     stages_ms: dict[str, float] = {}
     wall_s: float = 0.0
 
@@ -100,12 +94,13 @@ class EpisodeRecord(Axes, frozen=True, kw_only=True, omit_defaults=True):
         ended: `over`; `hung` where it was ended after its wall time, `crashed` where its process died or raised.
         folder: Its own folder, relative to the run's.
         parts: Part of the goal -> whether it is there in the end, as the scorer says.
-        first_parts: The same after the first session of the part's node.
+        first_parts: The same after the first session of the part's node; one that look-ahead refused is none.
         is_met: Whether all parts are there; None where the scorer could not say.
         taxon: Kind of failure; empty where goal and verdict agree on success.
         memory: What it did with experience.
         memory_before: Version of the memory that advised it; `memory_after` when it ended.
         settings: Hash of settings files, goal graph and library of its workspace.
+        bits: Hash of every recorded state and trajectory.
         host: Where it ran.
     """
 
@@ -128,6 +123,7 @@ class EpisodeRecord(Axes, frozen=True, kw_only=True, omit_defaults=True):
     memory_before: str = ""
     memory_after: str = ""
     settings: str = ""
+    bits: str = ""
     version: str = ""
     host: str = ""
 
@@ -143,8 +139,9 @@ class EpisodeRecord(Axes, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def is_false_success(self) -> bool:
-        """Whether the verdict is a success that the scorer denies."""
-        return self.verdict == "success" and self.is_met is False
+        """Whether the verdict on the goal, or on a session, is a success that the scorer denies."""
+        succeeded = [each for each in self.sessions if each.state == "succeeded"]
+        return (self.verdict == "success" and self.is_met is False) or any(s.is_met is False for s in succeeded)
 
     @property
     def is_false_failure(self) -> bool:
@@ -202,6 +199,5 @@ def read_records(folder: Path) -> list[EpisodeRecord]:
 
 
 def select(records: Iterable[EpisodeRecord], where: dict[str, str]) -> list[EpisodeRecord]:
-    """Those that have these values on these axes; `pass` means `phase`."""
-    wanted = {"phase" if axis == "pass" else axis: value for axis, value in where.items()}
-    return [each for each in records if all(getattr(each, axis) == value for axis, value in wanted.items())]
+    """Those that have these values on these axes, by the names that a suite has for them."""
+    return [each for each in records if all(getattr(each, BY_NAME[axis]) == value for axis, value in where.items())]

@@ -2,36 +2,35 @@
 
 import base64
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import msgspec
+from markdown_it import MarkdownIt
 from PIL import Image
 
 from phyagentos.bench.records import EpisodeRecord
-from phyagentos.bench.report import Rate, Spread
-from phyagentos.bench.summary import Row, Summary
+from phyagentos.bench.report import Rate
+from phyagentos.bench.summary import GROUPED, Row, Summary
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.markdown import render_table
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 
 NAMES = ("report.md", "report.json", "report.html")
 PICTURES_MAX, WIDTH_PX = 300, 192  # episodes with pictures, failures first
-_AXES = ("pass", "policy", "setting", "verification")
 _STYLE = """
 body{font:15px/1.45 system-ui,sans-serif;max-width:1200px;margin:2rem auto;padding:0 1rem;color:#1c2430}
-h1{margin-bottom:.2rem}table{border-collapse:collapse;margin:1rem 0;display:block;overflow-x:auto}
-th,td{border-bottom:1px solid #dde3ea;padding:.35rem .7rem;text-align:left;vertical-align:top;white-space:nowrap}
-th{background:#f3f6f9;white-space:normal}tr.all td{font-weight:600}
-.bar{position:relative;width:8rem;height:.7rem;background:#e8edf2}
-.bar i,.bar b{position:absolute;top:0;bottom:0;background:#9cc3e6}.bar b{width:2px;background:#174a7c}
+table{border-collapse:collapse;margin:1rem 0;display:block;overflow-x:auto}th{background:#f3f6f9}
+th,td{border-bottom:1px solid #dde3ea;padding:.35rem .7rem;text-align:left;vertical-align:top;max-width:44rem}
 details{border-bottom:1px solid #e3e8ee;padding:.35rem 0}summary{cursor:pointer}.yes{color:#12703a}.no{color:#b3261e}
 img{max-width:192px;margin:.3rem .3rem .3rem 0;border:1px solid #ccd5de}code{font-size:13px}
-.why{white-space:normal;max-width:44rem}
 """
+Titled = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
+Cells = Callable[[Row], Iterable[tuple[object, ...]]]  # one line of a table each
+_TABLES = MarkdownIt("zero").enable(["heading", "table"])  # no link, picture or tag that a reason might contain
 
 
 def write_reports(folder: Path, summary: Summary) -> list[Path]:
@@ -52,14 +51,6 @@ def render_markdown(summary: Summary) -> str:
     lines = [f"# {summary.suite}", "", summary.objective, "", f"Begun {summary.at}; {_tell_counts(summary)}.", ""]
     for title, columns, rows in _iter_tables(summary):
         lines += [f"## {title}", "", render_table(columns, rows)] if rows else []
-    failed = [record for record in summary.episodes if _is_notable(record)]
-    if failed:
-        columns = ("episode", "verdict", "scorer", "kind", "session", "bundle", "why")
-        lines += [
-            "## Episodes that were not met, or misjudged",
-            "",
-            render_table(columns, [_tell(each) for each in failed]),
-        ]
     return "\n".join(lines)
 
 
@@ -67,102 +58,64 @@ def render_html(summary: Summary, folder: Path) -> str:
     """One page; pictures are part of it, and bundles are links relative to it."""
     pictured = sorted(summary.episodes, key=lambda record: (not _is_notable(record), record.id))[:PICTURES_MAX]
     ids = {record.id for record in pictured}
-    parts = [f"<h1>{escape(summary.suite)}</h1><p>{escape(summary.objective)}</p>"]
-    parts.append(f"<p>Begun {escape(summary.at)}; {escape(_tell_counts(summary))}.</p>")
-    for name, columns, rows in _iter_tables(summary):
-        if rows:
-            bars = [row.final for row in summary.rows] if name == "Success" else []
-            parts.append(f"<h2>{escape(name)}</h2>{_render_html_table(columns, rows, bars)}")
-    parts.append("<h2>Episodes</h2>")
-    parts += [_render_episode(record, folder, with_pictures=record.id in ids) for record in summary.episodes]
-    title = escape(f"{summary.suite}: report")
-    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{title}</title>'
-    return (
-        f"<!doctype html><html lang=en><head>{head}<style>{_STYLE}</style></head><body>{''.join(parts)}</body></html>\n"
-    )
+    head = f'<meta charset="utf-8"><title>{escape(summary.suite)}: report</title><style>{_STYLE}</style>'
+    episodes = "".join(_render_episode(each, folder, with_pictures=each.id in ids) for each in summary.episodes)
+    body = f"{_TABLES.render(render_markdown(summary))}<h2>Episodes</h2>{episodes}"
+    return f"<!doctype html><html lang=en><head>{head}</head><body>{body}</body></html>\n"
 
 
-def _iter_tables(summary: Summary) -> Iterator[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
-    axes = tuple(axis for axis in _AXES if any(row.axes[axis] for row in summary.rows))
-    is_single = all(row.task for row in summary.rows)
+def _iter_tables(summary: Summary) -> Iterator[Titled]:
+    rows, axes = summary.rows, [axis for axis in GROUPED if any(row.axes[axis] for row in summary.rows)]
+    singles = [row for row in rows if row.task] or rows
 
-    def name(row: Row) -> tuple[str, ...]:
-        return (*(row.axes[axis] for axis in axes), row.task or "all")
+    def tell(title: str, columns: tuple[str, ...], read: Cells, rows: Sequence[Row] = rows) -> Titled:
+        named = [((*(row.axes[axis] for axis in axes), row.task or "all"), row) for row in rows]
+        cells = [(*name, *map(str, each)) for name, row in named for each in read(row)]
+        return title, (*axes, "task", *columns), cells
 
-    yield (
+    counts = ("episodes", "missing", "pending", "false success", "false failure")
+    yield tell(
         "Success",
-        (
-            *axes,
-            "task",
-            "episodes",
-            "missing",
-            "pending",
-            "final",
-            "first",
-            "parts, first",
-            "false success",
-            "false failure",
-        ),
-        [
+        ("final", "first", "parts, first", *counts),
+        lambda row: [
             (
-                *name(row),
-                *map(str, (len(row.episodes), row.missing, row.pending)),
-                *map(_tell_rate, (row.final, row.first, row.first_parts)),
-                *map(str, (len(row.false_successes), len(row.false_failures))),
+                *(row.final, row.first, row.first_parts, len(row.episodes), row.missing, row.pending),
+                *map(len, (row.false_successes, row.false_failures)),
             )
-            for row in summary.rows
         ],
     )
-    asked: list[tuple[str, ...]] = [
-        (each.figure, f"{each.value:.4g}", each.asked, "yes" if each.holds else "no") for each in summary.promises
-    ]
-    yield "Asked for", ("figure", "value", "asked", "holds"), asked
-    yield (
+    asked = [(each.figure, f"{each.value:.4g}", each.asked, "yes" if each.holds else "no") for each in summary.promises]
+    yield "Asked for", ("figure", "value", "asked", "holds"), list[tuple[str, ...]](asked)
+    yield tell(
         "Actions and time",
-        (*axes, "task", "sessions", "actions an episode", "simulated [s]", "wall [s]", "an action [ms]"),
-        [
-            (*name(row), str(row.sessions), *map(_tell_spread, (row.ticks, row.sim_time_s, row.wall_s, row.action_ms)))
-            for row in summary.rows
-        ],
+        ("sessions", "actions an episode", "simulated [s]", "wall [s]", "an action [ms]"),
+        lambda row: [(row.sessions, row.ticks, row.sim_time_s, row.wall_s, row.action_ms)],
     )
-    yield (
+    yield tell(
         "Where the time of a session goes [ms]",
-        (*axes, "task", "stage", "sessions", "median", "95 %"),
-        [
-            (*name(row), stage, str(spread.count), f"{spread.median:.1f}", f"{spread.p95:.1f}")
-            for row in summary.rows
-            if not row.task or is_single
-            for stage, spread in row.stages_ms.items()
-        ],
+        ("stage", "sessions", "median (95 %)"),
+        lambda row: [(stage, spread.count, spread) for stage, spread in row.stages_ms.items()],
+        singles,
     )
-    yield (
+    yield tell(
         "Kinds of failure",
-        (*axes, "task", "kind", "episodes", "sessions"),
-        [
-            (*name(row), kind, str(row.taxa.get(kind, 0)), str(row.missed_sessions.get(kind, 0)))
-            for row in summary.rows
+        ("kind", "episodes", "sessions"),
+        lambda row: [
+            (kind, row.taxa.get(kind, 0), row.missed_sessions.get(kind, 0))
             for kind in sorted({*row.taxa, *row.missed_sessions})
         ],
     )
-    yield (
-        "Versions",
-        ("what", "version", "episodes"),
-        [(what, version, str(count)) for what, each in summary.versions.items() for version, count in each.items()],
-    )
+    versions = [(what, at, str(n)) for what, each in summary.versions.items() for at, n in each.items()]
+    yield "Versions", ("what", "version", "episodes"), list[tuple[str, ...]](versions)
     yield "Missing", ("episode", "why"), list(summary.missing.items())
+    failed = ("episode", "verdict", "scorer", "kind", "session", "bundle", "why")
+    notable = [_tell(record) for record in summary.episodes if _is_notable(record)]
+    yield "Episodes that were not met, or misjudged", failed, notable
 
 
 def _tell_counts(summary: Summary) -> str:
     ended, missing, pending = len(summary.episodes), len(summary.missing), len(summary.pending)
     return f"{ended} episodes ended, {missing} are missing, {pending} are pending"
-
-
-def _tell_rate(rate: Rate) -> str:
-    return str(rate) if rate.trials else "-"
-
-
-def _tell_spread(spread: Spread) -> str:
-    return f"{spread.median:.4g} (95 %: {spread.p95:.4g})" if spread.count else "-"
 
 
 def _is_notable(record: EpisodeRecord) -> bool:
@@ -179,43 +132,21 @@ def _tell(record: EpisodeRecord) -> tuple[str, ...]:
     return (record.id, record.verdict or record.ended, scored, record.taxon, *place, why.replace("\n", " "))
 
 
-def _render_html_table(head: Sequence[str], rows: Sequence[Sequence[str]], bars: Sequence[Rate]) -> str:
-    """A table; with `bars` the column `final` shows each row's share and its interval."""
-    lines = ["<table><tr>" + "".join(f"<th>{escape(cell)}</th>" for cell in head) + "</tr>"]
-    for index, row in enumerate(rows):
-        cells = [f"<td class=why>{escape(cell)}</td>" if len(cell) > 80 else f"<td>{escape(cell)}</td>" for cell in row]
-        if bars:
-            place = head.index("final")
-            cells[place] = cells[place].replace("</td>", f"{_render_bar(bars[index])}</td>")
-        lines.append(f"<tr{' class=all' if 'all' in row else ''}>{''.join(cells)}</tr>")
-    return "".join([*lines, "</table>"])
-
-
-def _render_bar(rate: Rate) -> str:
-    if not rate.trials:
-        return ""
-    low, high = (100 * bound for bound in rate.interval)
-    span = f"<i style='left:{low:.1f}%;width:{high - low:.1f}%'></i><b style='left:{100 * rate.value:.1f}%'></b>"
-    return f"<div class=bar>{span}</div>"
-
-
 def _render_episode(record: EpisodeRecord, folder: Path, *, with_pictures: bool) -> str:
     mark = "<span class=yes>met</span>" if record.is_met else "<span class=no>not met</span>"
-    kind = f", {escape(record.taxon)}" if record.taxon else ""
-    verdict = escape(record.verdict or record.ended)
-    head = f"{mark} <code>{escape(record.id)}</code>: {verdict}{kind}, {record.wall_s:.1f} s"
-    rows = "".join(
-        f"<tr><td><a href='{quote(session.bundle)}/'><code>{escape(session.id)}</code></a></td>"
-        f"<td>{escape(session.state)}</td><td>{escape(session.cause)}</td><td>{session.ticks}</td>"
-        f"<td>{session.sim_time_s:.2f}</td><td class=why>{escape(session.reason)}</td></tr>"
-        for session in record.sessions
+    told = ", ".join(filter(None, (record.verdict or record.ended, record.taxon, f"{record.wall_s:.1f} s")))
+    places = "".join(
+        f"<a href='{quote(place)}/'><code>{escape(place)}</code></a> "
+        for place in (record.folder, *(session.bundle for session in record.sessions))
     )
     names = ("session", "state", "cause", "actions", "simulated [s]", "why")
-    table = f"<table><tr>{''.join(f'<th>{name}</th>' for name in names)}</tr>{rows}</table>" if rows else ""
-    error = f"<pre>{escape(record.error)}</pre>" if record.error else ""
+    rows = [(s.id, s.state, s.cause, str(s.ticks), f"{s.sim_time_s:.2f}", s.reason) for s in record.sessions]
     pictures = "".join(_iter_pictures(record, folder)) if with_pictures else ""
-    place = f"<p><a href='{quote(record.folder)}/'>{escape(record.folder)}</a>: settings {record.settings}</p>"
-    return f"<details id='{quote(record.id)}'><summary>{head}</summary>{place}{table}{pictures}{error}</details>"
+    return (
+        f"<details id='{quote(record.id)}'><summary>{mark} <code>{escape(record.id)}</code>: {escape(told)}</summary>"
+        f"<p>settings {record.settings}: {places}</p>{_TABLES.render(render_table(names, rows)) if rows else ''}"
+        f"{pictures}<pre>{escape(record.error)}</pre></details>"
+    )
 
 
 def _iter_pictures(record: EpisodeRecord, folder: Path) -> Iterator[str]:

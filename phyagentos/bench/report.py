@@ -27,7 +27,9 @@ class Rate:
         return Count(successes=self.successes, trials=self.trials).interval
 
     def __str__(self) -> str:
-        """`148/150 = 98.7 % [95.3, 99.6]`."""
+        """`148/150 = 98.7 % [95.3, 99.6]`, or `-` without trials."""
+        if not self.trials:
+            return "-"
         low, high = self.interval
         return f"{self.successes}/{self.trials} = {100 * self.value:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
 
@@ -46,6 +48,10 @@ class Spread:
         if not values:
             return cls(float("nan"), float("nan"), 0)
         return cls(float(np.median(values)), float(np.quantile(values, 0.95)), len(values))
+
+    def __str__(self) -> str:
+        """`4.1 (95 %: 5.3)`, or `-` when empty."""
+        return f"{self.median:.4g} (95 %: {self.p95:.4g})" if self.count else "-"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,9 @@
-"""Many goals on the ordinary path: one warm runtime plane in a process of its own, one mission after the other.
+"""Many goals on the ordinary path: one warm runtime plane in a process of its own. Paper section 4.4."""
 
-Paper section 4.4.
-"""
-
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
-from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.assembly.agent_plane import Agent, MemoryUse, open_agent
 from phyagentos.assembly.planes import start_watch
@@ -16,15 +11,6 @@ from phyagentos.clock import Clock
 from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
-
-
-@dataclass(frozen=True, slots=True)
-class Episode:
-    """One goal of a suite, ended; its evidence is in `workspace`."""
-
-    seed: int
-    workspace: Workspace
-    report: MissionReport
 
 
 @contextmanager
@@ -55,9 +41,3 @@ def open_bench(
         ) as agent,
     ):
         yield agent
-
-
-def run_suite(agent: Agent, workspace: Workspace, graph: Path, seeds: Sequence[int]) -> Iterator[Episode]:
-    """Pursue the same goal graph with each seed, in order."""
-    for seed in seeds:
-        yield Episode(seed=seed, workspace=workspace, report=agent.mission.run(graph, seed=seed))

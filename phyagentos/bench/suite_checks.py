@@ -1,6 +1,7 @@
 """What is wrong in a suite and in what it names, each at its place; nothing has run."""
 
-from collections.abc import Iterable, Iterator, Mapping
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -10,8 +11,9 @@ from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.assembly.paths import find_project
 from phyagentos.bench.episode import change, make_overrides
-from phyagentos.bench.plug_ins import load_repair, load_scorer
-from phyagentos.bench.suite_file import Suite, Task, Variant, merge
+from phyagentos.bench.plug_ins import draw, load_repair, load_scorer
+from phyagentos.bench.records import BY_NAME, Order
+from phyagentos.bench.suite_file import Figure, Suite, Task, Variant, merge
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
@@ -30,7 +32,7 @@ class SuiteChecks:
     def __init__(self, suite: Suite, located: Located) -> None:
         self.problems: list[Problem] = []
         self._suite, self._located = suite, located
-        self._graphs: dict[tuple[Path, str], tuple[tuple[TargetProfile, Path], ...]] = {}
+        self._graphs: dict[tuple[str, str], tuple[tuple[TargetProfile, Path], ...]] = {}
         self._read_catalogue = cache(_read_catalogue)
         with self._noting():
             scorer = load_scorer(suite.scorer, located.address_of(("scorer",)))
@@ -38,7 +40,7 @@ class SuiteChecks:
                 for part, condition in task.score.items():
                     self.problems += scorer.check(located, ("tasks", name, "score", part), condition)
 
-    def resolve(self, task: Task, name: str, layers: Mapping[Address, Variant]) -> tuple[Path, Variant]:
+    def resolve(self, task: Task, name: str, layers: Mapping[Address, Variant]) -> tuple[str, Variant]:
         """The goal graph of a cell, and what its layers say together, with paths for names."""
         for place, variant in layers.items():
             self._check_layer(place, variant)
@@ -46,50 +48,46 @@ class SuiteChecks:
         if merged.faults is not None:
             place = [place for place, variant in layers.items() if variant.faults is not None][-1]
             path = self._find(merged.faults, (*place, "faults"), "faults")
-            if path.is_file():
-                with self._noting():
-                    read_faults(path)
-            merged = merged.model_copy(update={"faults": str(path)})
-        return self._find(task.graph, ("tasks", name, "graph"), "goal_graphs"), merged
+            with self._noting():
+                if Path(path).is_file():
+                    read_faults(Path(path))
+            merged = merged.model_copy(update={"faults": path})
+        place = ("tasks", name, "graph")
+        return task.graph if ":" in task.graph else self._find(task.graph, place, "goal_graphs"), merged
 
     def check_graph(
-        self, graph: Path, variant: Variant, layers: Mapping[Address, Variant]
+        self, graph: str, variant: Variant, layers: Mapping[Address, Variant], seed: int
     ) -> tuple[tuple[TargetProfile, Path], ...]:
-        """Check a goal graph and the settings of a cell; the targets that it runs on, each with its profile's file."""
-        if not graph.is_file():
-            return ()
-        catalogue, library = self._read_catalogue(graph)
-        self._check_files(library, layers)
+        """Check a goal graph and the settings of a cell; the targets that it runs on, each with its profile's file.
+
+        One that is drawn is checked as it is drawn from `seed`.
+        """
         key = (graph, repr(sorted(variant.set.items())))
-        if key not in self._graphs:
-            self._graphs[key] = ()
-            with self._noting():
-                choices = read_goal_graph(graph, catalogue, make_overrides(variant)).choices.values()
+        with self._noting(), tempfile.TemporaryDirectory() as scratch:
+            path = draw(graph, seed, Path(scratch)) if ":" in graph else Path(graph)
+            if not path.is_file():
+                return ()
+            catalogue, library = self._read_catalogue(path)
+            self._check_files(library, layers)
+            if key not in self._graphs:
+                self._graphs[key] = ()
+                choices = read_goal_graph(path, catalogue, make_overrides(variant)).choices.values()
                 names = dict.fromkeys(choice.target for choice in choices)
                 self._graphs[key] = tuple((catalogue.targets[name], library.get_target(name)) for name in names)
-        return self._graphs[key]
+        return self._graphs.get(key, ())
 
-    def check_asked(self) -> None:
+    def check_asked(self, orders: Sequence[Order]) -> None:
         """Whether what is asked for can be: axes, their values, parts, and a bound."""
-        suite = self._suite
-        states = {*suite.initial_states, *(state for task in suite.tasks.values() for state in task.initial_states)}
-        axes: dict[str, Iterable[str]] = {
-            "task": suite.tasks,
-            "state": states,
-            "policy": suite.policies,
-            "setting": suite.settings,
-            "verification": [mode.value for mode in suite.verification],
-            "pass": suite.passes,
-        }
-        parts = {part for task in suite.tasks.values() for part in task.score}
-        for index, asked in enumerate(suite.asked):
+        axes = {axis: {getattr(order, name) for order in orders} for axis, name in BY_NAME.items()}
+        parts = {part for order in orders for part in order.score}
+        for index, asked in enumerate(self._suite.asked):
             for key, where in (("where", asked.where), ("than", asked.than or {})):
                 for axis, value in where.items():
                     if axis not in axes:
                         self._miss("UNKNOWN_NAME", ("asked", index, key, axis), axis, axes)
                     elif value not in axes[axis]:
                         self._miss("UNKNOWN_NAME", ("asked", index, key, axis), value, axes[axis])
-            if asked.part and asked.part not in parts:
+            if asked.part and asked.part not in parts and asked.figure is not Figure.STAGE_MS:
                 self._miss("UNKNOWN_NAME", ("asked", index, "part"), asked.part, parts)
             if (asked.at_least is None) == (asked.at_most is None):
                 expected = "one of the keys at_least and at_most"
@@ -119,7 +117,7 @@ class SuiteChecks:
                 with self._noting():
                     validate(model, Located(change(read_yaml(pristine).data, changes), str(pristine), {}, origins))
 
-    def _find(self, name: str, place: Address, folder: str) -> Path:
+    def _find(self, name: str, place: Address, folder: str) -> str:
         """A file that the suite names: beside it, else in the library; the path beside it where there is none."""
         beside = Path(self._located.source).resolve().parent / name
         roots = Library.open(Path.cwd()).roots
@@ -127,7 +125,7 @@ class SuiteChecks:
         found = next((path for path in (beside, *places) if path.is_file()), None)
         if found is None:
             self._miss("UNKNOWN_FILE", place, name, {p.stem for root in roots for p in (root / folder).glob("*.yaml")})
-        return (found or beside).resolve()
+        return str((found or beside).resolve())
 
     @contextmanager
     def _noting(self) -> Iterator[None]:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 import pydantic
 
-from phyagentos.protocol.capabilities.environments import EnvironmentSpec
+from phyagentos.protocol.capabilities.environments import EnvironmentSpec, find_python
 from phyagentos.protocol.documents.schema import Authored, Located, read_yaml, validate
 from phyagentos.protocol.settings.perception import Prior, Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
@@ -20,7 +20,6 @@ from phyagentos.protocol.settings.verification_mode import VerificationMode
 NAME = r"^[a-z0-9][a-z0-9_]*$"
 FOLDER = "benchmarks/suites"
 Name = Annotated[str, pydantic.Field(pattern=NAME, max_length=60)]
-Scalar = str | int | float | bool
 
 
 class Variant(Authored):
@@ -39,7 +38,7 @@ class Variant(Authored):
         needs: Modules of this Python that must be there, or the episodes are missing.
     """
 
-    set: dict[str, Scalar] = {}
+    set: dict[str, Any] = {}
     files: dict[str, dict[str, Any]] = {}
     faults: str | None = None
     world_mode: WorldMode | None = None
@@ -56,11 +55,19 @@ class Policy(Variant):
 
     Attributes:
         serve: Command of its server, which runs while the episodes do; none where another one serves it, or none does.
+            Where it begins with `python`, that is the Python of the policy's `environment`, if it has one.
         ready: Host and port that are connected to before the first episode.
     """
 
     serve: tuple[str, ...] = ()
     ready: str = pydantic.Field(default="", pattern=r"^$|^[^\s:]+:\d+$")
+
+    @property
+    def command(self) -> tuple[str, ...]:
+        """What is started."""
+        if self.environment is None or self.serve[:1] != ("python",):
+            return self.serve
+        return (str(find_python(self.environment).absolute()), *self.serve[1:])
 
 
 class Seeds(Authored):
@@ -82,15 +89,18 @@ class Task(Variant):
     """One goal graph.
 
     Attributes:
-        graph: Path beside the suite, else name of a goal graph.
+        graph: Path beside the suite, else name of a goal graph; or `module:function`, which draws one from a seed:
+            it gets the seed and an empty folder, writes a project there, and returns the path of its goal graph.
         initial_states: Its own, instead of those of the suite.
         score: Part of the goal -> what the suite's scorer asks of it. A part named like a node is asked for after the
-            node's first session, too.
+            node's sessions, too.
+        scored: When the parts count: at the `end`, or each after the last session of its `node`.
     """
 
     graph: str
     initial_states: dict[Name, Variant] = {}
     score: dict[str, Any] = pydantic.Field(min_length=1)
+    scored: Literal["end", "node"] = "end"
 
 
 class MemoryUse(StrEnum):
@@ -123,6 +133,8 @@ class Figure(StrEnum):
 
     FINAL = "final"
     """Share of episodes whose goal is met, as the scorer says."""
+    VERIFIED = "verified"
+    """Share of episodes whose goal is met, as the scorer and the verdict say."""
     FIRST = "first"
     """Share of episodes whose goal is met without any repair, as the scorer says."""
     PARTS = "parts"
@@ -130,13 +142,22 @@ class Figure(StrEnum):
     FIRST_PARTS = "first_parts"
     """Share of parts that are there after the first session of their node."""
     FALSE_SUCCESSES = "false_successes"
-    """Episodes with the verdict `success` whose goal is not met, as the scorer says."""
+    """Episodes with a verdict `success`, on the goal or on a session, that the scorer denies."""
     FALSE_FAILURES = "false_failures"
     """Episodes with another verdict whose goal is met, as the scorer says."""
+    SESSIONS = "sessions"
+    """Mean number of sessions of an episode."""
+    CONTACTS = "contacts"
+    """Contacts of robots with each other."""
+    STAGE_MS = "stage_ms"
+    """Median wall time of a session's stage, `part` (`planning`, `lookahead`, ...) [ms]."""
+    OTHER_BITS = "other_bits"
+    """Episodes whose recorded states and trajectories differ from those of their pair in `than`."""
     MEMORY_CHANGED = "memory_changed"
     """Episodes of frozen passes after which memory holds something else."""
     P_VALUE = "p_value"
-    """Two-sided exact McNemar test of the pairs with `than`: how likely such a difference is by chance."""
+    """Of the pairs with `than`: how likely such a difference is by chance, two-sided; McNemar's exact test, and of
+    `sessions` Wilcoxon's signed-rank test."""
 
 
 class Asked(Authored):
@@ -145,9 +166,9 @@ class Asked(Authored):
     Attributes:
         figure: Which.
         where: Axis (`task`, `state`, `policy`, `setting`, `verification`, `pass`) -> value: of these episodes only.
-        part: Of this part only.
+        part: Of this part, or stage, only.
         than: The same of other episodes, which is subtracted; `p_value` is of the pairs with them.
-        of: What the pairs of `p_value` compare: `final`, `first`, `parts` or `first_parts`.
+        of: What the pairs of `p_value` compare: `final`, `first`, `parts`, `first_parts` or `sessions`.
         at_least: The least value.
         at_most: The greatest one.
     """

@@ -4,12 +4,15 @@ from collections import Counter
 from collections.abc import Sequence
 
 import msgspec
+import numpy as np
 
-from phyagentos.bench.comparison import compare, list_outcomes
-from phyagentos.bench.records import EpisodeRecord, Order, select
+from phyagentos.bench.comparison import compare, read_values
+from phyagentos.bench.records import BY_NAME, EpisodeRecord, Order, select
 from phyagentos.bench.report import Ask, Rate, Spread
-from phyagentos.bench.suite_file import Asked, Figure
+from phyagentos.bench.suite_file import Asked, Figure, Suite
 from phyagentos.bench.sweep import Manifest
+
+GROUPED = ("pass", "policy", "setting", "verification")  # axes of a row, beside its task
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -18,7 +21,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         episodes: Ids of the episodes that ended, from which every figure of the row comes.
         missing: Episodes that cannot run here; `pending` may still run.
-        false_successes: Ids of episodes with the verdict `success` that the scorer denies.
+        false_successes: Ids of episodes with a verdict `success` that the scorer denies.
         false_failures: Ids of those whose success the verdict denies.
         ticks: Control periods (actions) of an episode.
         wall_s: Of an episode, its processes started [s].
@@ -84,32 +87,26 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
         return not (self.missing or self.pending) and all(each.holds for each in self.promises)
 
 
-def summarise(manifest: Manifest, records: Sequence[EpisodeRecord]) -> Summary:
+def summarise(suite: Suite, manifest: Manifest, records: Sequence[EpisodeRecord]) -> Summary:
     """The figures of a run as far as it is."""
     done = {record.id: record for record in records}
+    missing = {id: "; ".join(map(str, why)) for id, why in manifest.missing.items() if id not in done}
     groups: dict[tuple[str, ...], list[Order]] = {}
-    for order in manifest.orders:
-        group = (order.phase, order.policy, order.setting, order.verification)
-        for task in (order.task, ""):
-            groups.setdefault((*group, task), []).append(order)
     tasks = {order.task for order in manifest.orders}
-    rows = [
-        _make_row(
-            dict(zip(("pass", "policy", "setting", "verification"), key, strict=False)), key[-1], orders, manifest, done
-        )
-        for key, orders in sorted(groups.items(), key=lambda item: [item[0][:4], item[0][4] == ""])
-        if key[-1] or len(tasks) > 1
-    ]
+    for order in manifest.orders:
+        for task in (order.task, *([""] if len(tasks) > 1 else [])):
+            groups.setdefault((*(getattr(order, BY_NAME[axis]) for axis in GROUPED), task), []).append(order)
+    ordered = sorted(groups.items(), key=lambda item: [item[0][:-1], item[0][-1] == ""])
     return Summary(
-        suite=manifest.suite,
-        objective=manifest.objective,
+        suite=suite.suite,
+        objective=suite.objective,
         at=manifest.at,
-        rows=tuple(rows),
-        promises=tuple(_keep(asked, records) for asked in manifest.list_asked()),
-        missing={id: "; ".join(map(str, problems)) for id, problems in manifest.missing.items() if id not in done},
-        pending=tuple(o.id for o in manifest.orders if o.id not in done and o.id not in manifest.missing),
+        rows=tuple(_make_row(*key, orders=orders, missing=missing, done=done) for key, orders in ordered),
+        promises=tuple(_keep(asked, records) for asked in suite.asked),
+        missing=missing,
+        pending=tuple(order.id for order in manifest.orders if order.id not in done and order.id not in missing),
         versions={
-            name: dict(Counter(str(getattr(record, name)) for record in records if getattr(record, name)))
+            name: dict(Counter(found for record in records if (found := getattr(record, name))))
             for name in ("version", "settings", "memory_before")
         },
         episodes=tuple(sorted(records, key=lambda record: record.id)),
@@ -118,64 +115,66 @@ def summarise(manifest: Manifest, records: Sequence[EpisodeRecord]) -> Summary:
 
 def compute_figure(asked: Asked, records: Sequence[EpisodeRecord]) -> float:
     """A figure of a run; NaN where there is nothing that it could be computed from."""
-    chosen = select(records, asked.where)
-    if asked.figure is Figure.P_VALUE:
-        others = select(records, asked.than or {})
-        return compare(others, chosen, asked.of).p if chosen and others else float("nan")
+    chosen, others = select(records, asked.where), select(records, asked.than or {})
+    if asked.figure in {Figure.P_VALUE, Figure.OTHER_BITS}:
+        if not (chosen and others):
+            return float("nan")
+        found = compare(others, chosen, Figure.OTHER_BITS if asked.figure is Figure.OTHER_BITS else asked.of)
+        return found.p if asked.figure is Figure.P_VALUE else float(len(found.gained) + len(found.lost))
     value = _compute(asked.figure, asked.part, chosen)
-    return value - _compute(asked.figure, asked.part, select(records, asked.than)) if asked.than is not None else value
+    return value - _compute(asked.figure, asked.part, others) if asked.than is not None else value
 
 
 def _compute(figure: Figure, part: str, records: Sequence[EpisodeRecord]) -> float:
-    if figure is Figure.FALSE_SUCCESSES:
-        return float(sum(record.is_false_success for record in records))
-    if figure is Figure.FALSE_FAILURES:
-        return float(sum(record.is_false_failure for record in records))
-    if figure is Figure.MEMORY_CHANGED:
-        return float(sum(record.memory_before != record.memory_after for record in records if record.is_frozen))
-    return _make_rate(records, figure, part).value
+    sessions = [session for record in records for session in record.sessions]
+    match figure:
+        case Figure.FALSE_SUCCESSES:
+            return float(sum(record.is_false_success for record in records))
+        case Figure.FALSE_FAILURES:
+            return float(sum(record.is_false_failure for record in records))
+        case Figure.MEMORY_CHANGED:
+            return float(sum(record.memory_before != record.memory_after for record in records if record.is_frozen))
+        case Figure.CONTACTS:
+            return float(sum(session.contacts for session in sessions))
+        case Figure.STAGE_MS:
+            return Spread.of([session.stages_ms[part] for session in sessions if part in session.stages_ms]).median
+        case _:
+            values = _list_values(records, figure, part)
+            return float(np.mean(values)) if values else float("nan")
 
 
 def _keep(asked: Asked, records: Sequence[EpisodeRecord]) -> Promise:
     bound = asked.at_least if asked.at_least is not None else asked.at_most
-    assert bound is not None  # the suite was checked
+    assert bound is not None  # a suite without it is refused
     ask, value = Ask(bound, at_least=asked.at_least is not None), compute_figure(asked, records)
-    where = ", ".join(f"{axis} {name}" for axis, name in asked.where.items())
-    than = ", ".join(f"{axis} {name}" for axis, name in (asked.than or {}).items())
-    words = [
-        asked.figure.value,
-        asked.part and f"of {asked.part}",
-        where and f"with {where}",
-        than and f"against {than}",
-    ]
+    where, than = (", ".join(map(" ".join, each.items())) for each in (asked.where, asked.than or {}))
+    of = asked.part or (asked.of if asked.figure is Figure.P_VALUE else "")
+    words = (asked.figure.value, of and f"of {of}", where and f"with {where}", than and f"against {than}")
     return Promise(figure=" ".join(filter(None, words)), value=value, asked=str(ask), holds=ask.holds(value))
 
 
-def _make_rate(records: Sequence[EpisodeRecord], figure: Figure, part: str = "") -> Rate:
-    outcomes = [is_there for _, _, is_there in list_outcomes(records, figure, part)]
-    return Rate(sum(outcomes), len(outcomes))
+def _list_values(records: Sequence[EpisodeRecord], figure: Figure, part: str = "") -> list[float]:
+    each = [pair for record in records for pair in read_values(record, figure).items()]
+    return [float(value) for name, value in each if part in {"", name}]
 
 
-def _make_row(
-    axes: dict[str, str], task: str, orders: Sequence[Order], manifest: Manifest, done: dict[str, EpisodeRecord]
-) -> Row:
+def _make_rate(records: Sequence[EpisodeRecord], figure: Figure) -> Rate:
+    values = _list_values(records, figure)
+    return Rate(int(sum(values)), len(values))
+
+
+def _make_row(*key: str, orders: Sequence[Order], missing: dict[str, str], done: dict[str, EpisodeRecord]) -> Row:
     records = [done[order.id] for order in orders if order.id in done]
     sessions = [session for record in records for session in record.sessions]
-    stages: dict[str, list[float]] = {}
-    for session in sessions:
-        for stage, ms in session.stages_ms.items():
-            stages.setdefault(stage, []).append(ms)
-    missing = sum(order.id in manifest.missing and order.id not in done for order in orders)
+    absent = sum(order.id in missing for order in orders)
+    stages = sorted({stage for session in sessions for stage in session.stages_ms})
     return Row(
-        axes=axes,
-        task=task,
+        axes=dict(zip(GROUPED, key, strict=False)),
+        task=key[-1],
         episodes=tuple(record.id for record in records),
-        missing=missing,
-        pending=len(orders) - len(records) - missing,
-        final=_make_rate(records, Figure.FINAL),
-        first=_make_rate(records, Figure.FIRST),
-        parts=_make_rate(records, Figure.PARTS),
-        first_parts=_make_rate(records, Figure.FIRST_PARTS),
+        missing=absent,
+        pending=len(orders) - len(records) - absent,
+        **{each.value: _make_rate(records, each) for each in _SHARES},
         verdicts=dict(Counter(record.verdict or record.ended for record in records)),
         false_successes=tuple(record.id for record in records if record.is_false_success),
         false_failures=tuple(record.id for record in records if record.is_false_failure),
@@ -184,7 +183,10 @@ def _make_row(
         sim_time_s=Spread.of([record.sim_time_s for record in records]),
         wall_s=Spread.of([record.wall_s for record in records]),
         action_ms=Spread.of([1e3 * session.wall_s / session.ticks for session in sessions if session.ticks]),
-        stages_ms={stage: Spread.of(values) for stage, values in sorted(stages.items())},
+        stages_ms={name: Spread.of([s.stages_ms[name] for s in sessions if name in s.stages_ms]) for name in stages},
         taxa=dict(Counter(record.taxon for record in records if record.taxon)),
         missed_sessions=dict(Counter(session.taxon for session in sessions if session.taxon)),
     )
+
+
+_SHARES = (Figure.FINAL, Figure.FIRST, Figure.PARTS, Figure.FIRST_PARTS)

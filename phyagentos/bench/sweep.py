@@ -26,7 +26,7 @@ from phyagentos.bench.engines import Engine
 from phyagentos.bench.episode import Job
 from phyagentos.bench.matrix import Plan
 from phyagentos.bench.records import EpisodeLog, EpisodeRecord, Order
-from phyagentos.bench.suite_file import Asked, MemoryUse, Policy
+from phyagentos.bench.suite_file import MemoryUse, Policy
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.documents.durable_files import replace_durably
@@ -40,26 +40,20 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     """What a run is.
 
     Attributes:
-        source: The suite's file.
+        source: The suite's file; what it said stands in the folder of the run.
         project: Working folder, in which names were looked up.
         missing: Id of an episode -> why it cannot run here.
-        asked: Figures that must hold, as plain data.
         files: Path -> SHA-256 of the suite, its goal graphs and its faults.
+        seeds_max: Of each pass; None for all.
     """
 
-    suite: str
-    objective: str
     source: str
     project: str
     at: str
     orders: tuple[Order, ...]
     missing: dict[str, tuple[Problem, ...]]
-    asked: tuple[dict[str, object], ...]
     files: dict[str, str]
-
-    def list_asked(self) -> list[Asked]:
-        """Figures that must hold."""
-        return [Asked.model_validate(each) for each in self.asked]
+    seeds_max: int | None = None
 
 
 def begin_run(folder: Path, source: Path, plan: Plan, clock: Clock) -> Manifest:
@@ -188,7 +182,7 @@ def _serving(policies: Sequence[Policy], project: Path, clock: Clock) -> Iterato
     served = [policy for policy in policies if policy.serve]
     quiet: Any = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "start_new_session": True}
     servers = [
-        subprocess.Popen(policy.serve, cwd=project, preexec_fn=end_with_us, **quiet)  # noqa: PLW1509 - no thread yet
+        subprocess.Popen(policy.command, cwd=project, preexec_fn=end_with_us, **quiet)  # noqa: PLW1509 - no thread yet
         for policy in served
     ]
     try:
@@ -197,7 +191,7 @@ def _serving(policies: Sequence[Policy], project: Path, clock: Clock) -> Iterato
             while policy.ready and not can_connect(policy.ready):
                 if clock.now_s() > until_s or server.poll() is not None:
                     raise ExecutionError(
-                        "POLICY_MISSING", f"{' '.join(policy.serve)} does not listen at {policy.ready}"
+                        "POLICY_MISSING", f"{' '.join(policy.command)} does not listen at {policy.ready}"
                     )
                 clock.sleep(0.1)
         yield
@@ -209,19 +203,14 @@ def _serving(policies: Sequence[Policy], project: Path, clock: Clock) -> Iterato
 
 
 def _describe(source: Path, plan: Plan, at: str, project: Path) -> Manifest:
-    suite = plan.suite
-    named = {order.graph for order in plan.orders} | {
-        str(faults) for order in plan.orders if (faults := order.variant.get("faults"))
-    }
+    named = {order.graph for order in plan.orders} | {str(order.variant.get("faults")) for order in plan.orders}
     paths = [path for path in (str(source.resolve()), *sorted(named)) if Path(path).is_file()]
     return Manifest(
-        suite=suite.suite,
-        objective=suite.objective,
         source=str(source.resolve()),
         project=str(project),
         at=at,
         orders=plan.orders,
         missing=dict(plan.missing),
-        asked=tuple(each.model_dump(mode="json", exclude_defaults=True) for each in suite.asked),
+        seeds_max=plan.seeds_max,
         files={path: hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in paths},
     )

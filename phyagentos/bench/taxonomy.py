@@ -23,15 +23,8 @@ class Taxon(StrEnum):
     VERIFIER = "verifier"
 
 
-_OF_CLASS = {
-    CauseClass.PERCEPTION: Taxon.PERCEPTION,
-    CauseClass.PLANNING: Taxon.PLANNING,
-    CauseClass.POLICY: Taxon.POLICY,
-    CauseClass.ADAPTER: Taxon.ADAPTER,
-    CauseClass.TIMEOUT: Taxon.TIMEOUT,
-    CauseClass.SAFETY: Taxon.SAFETY,
-    CauseClass.VERIFIER: Taxon.VERIFIER,
-}  # grasp, transport, placement, disturbance, machine and what is left: execution
+_OF_CLASS = {each: Taxon(each) for each in CauseClass if each.name in Taxon.__members__}
+# of grasp, transport, placement, disturbance, machine and what is left: execution
 _OF_PHASE = {
     Phase.PLANNING: Taxon.PLANNING,
     Phase.SAFETY: Taxon.SAFETY,

@@ -37,6 +37,7 @@ def run(
     ] = None,
     jobs: Jobs = 1,
     engine: Where = EngineName.LOCAL,
+    seeds: Annotated[int | None, typer.Option(help="Only so many seeds of each pass.", min=1)] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check, name what is missing, and run nothing.")] = False,
 ) -> int:
     """Run a suite: check it, name what is missing here, carry every episode out, report."""
@@ -46,7 +47,7 @@ def run(
     from phyagentos.clock import SystemClock
 
     path = find_suite(suite)
-    plan = compile_suite(path)
+    plan = compile_suite(path, seeds)
     print_missing(plan.missing)
     if dry_run:
         print_result(f"{len(plan.orders)} episodes, {len(plan.missing)} missing")
@@ -62,7 +63,8 @@ def resume(folder: Folder, jobs: Jobs = 1, engine: Where = EngineName.LOCAL) -> 
     from phyagentos.bench.matrix import compile_suite
     from phyagentos.bench.sweep import continue_run, read_manifest
 
-    plan = compile_suite(Path(read_manifest(folder).source))
+    known = read_manifest(folder)
+    plan = compile_suite(Path(known.source), known.seeds_max)
     manifest = continue_run(folder, plan)
     print_missing(manifest.missing)
     return _sweep(folder, manifest, plan.suite.policies, jobs, engine)
@@ -147,7 +149,7 @@ def _sweep(folder: Path, manifest: "Manifest", policies: "Mapping[str, Policy]",
     total = sum(order.id not in manifest.missing for order in manifest.orders)
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     with Progress(TextColumn("{task.description}"), *columns, console=console) as progress:
-        bar = progress.add_task(manifest.suite, total=total, completed=len(done))
+        bar = progress.add_task(folder.name, total=total, completed=len(done))
         for record in run_sweep(folder, manifest, open_engine(engine, jobs), policies, SystemClock()):
             progress.advance(bar)
             mark = "met" if record.is_met else f"not met, {record.taxon}"
@@ -158,21 +160,23 @@ def _sweep(folder: Path, manifest: "Manifest", policies: "Mapping[str, Policy]",
 
 def _summarise(folder: Path) -> "Summary":
     from phyagentos.bench.records import read_records
+    from phyagentos.bench.suite_file import read_suite
     from phyagentos.bench.summary import summarise
-    from phyagentos.bench.sweep import read_manifest
+    from phyagentos.bench.sweep import SUITE, read_manifest
 
-    return summarise(read_manifest(folder), read_records(folder))
+    manifest = read_manifest(folder)
+    return summarise(read_suite(folder / SUITE)[0], manifest, read_records(folder))
 
 
 def _read_chosen(text: str) -> "list[EpisodeRecord]":
     """Episodes of `RUN` or of `RUN:axis=value,…`."""
-    from phyagentos.bench.records import AXES, read_records, select
+    from phyagentos.bench.records import BY_NAME, read_records, select
     from phyagentos.bench.sweep import read_manifest
 
     folder, _, chosen = text.partition(":")
     read_manifest(Path(folder))
     where = dict(pair.partition("=")[::2] for pair in chosen.split(",") if pair)
     for axis in where:
-        if axis not in {*AXES, "pass"}:
-            raise DefinitionError.unknown("UNKNOWN_NAME", text, axis, (*AXES, "pass"))
+        if axis not in BY_NAME:
+            raise DefinitionError.unknown("UNKNOWN_NAME", text, axis, BY_NAME)
     return select(read_records(Path(folder)), where)

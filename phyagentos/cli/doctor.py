@@ -22,9 +22,10 @@ from rich.table import Table
 from rich.text import Text
 
 from phyagentos.cli.console import CleanConsole
-from phyagentos.cli.outcome import Exit, ExitCode, print_json
+from phyagentos.cli.outcome import ExitCode, print_json, print_note
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.capabilities.library import Library
 from phyagentos.store.edits.exchange import exchange
 from phyagentos.store.statistics import measure_sync
 from phyagentos.store.watch import Watch
@@ -73,18 +74,20 @@ STYLES = {Grade.FINE: "green", Grade.WEAK: "yellow", Grade.BROKEN: "bold red"}
 
 def examine_machine(
     folder: Annotated[Path, typer.Argument(help="Where workspaces will stand.")] = Path(),
+    warm: Annotated[
+        bool, typer.Option("--warm", help="Check nothing; compile every kernel that is not kept yet.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON list on stdout.")] = False,
-) -> None:
+) -> ExitCode:
     """Check this machine: graphics, locks, file events, clock, versions, ports, disk; print each fix."""
     if not folder.is_dir():
         raise DefinitionError.of("UNKNOWN_FOLDER", str(folder), expected="a folder that exists")
-    findings = list(iter_findings(folder, SystemClock()))
+    findings = [warm_kernels(SystemClock())] if warm else list(iter_findings(folder, SystemClock()))
     if as_json:
         print_json(findings)
     else:
         CleanConsole(highlight=False).print(_build_table(findings))
-    if any(each.grade is Grade.BROKEN for each in findings):
-        raise Exit(ExitCode.GOAL_NOT_MET)
+    return ExitCode(any(each.grade is Grade.BROKEN for each in findings))  # GOAL_NOT_MET where any is
 
 
 def iter_findings(folder: Path, clock: Clock) -> Iterator[Finding]:
@@ -109,6 +112,30 @@ def _build_table(findings: list[Finding]) -> Table:
     for each in findings:
         table.add_row(each.subject, Text(each.grade, STYLES[each.grade]), Text(each.found), Text(each.fix))
     return table
+
+
+def warm_kernels(clock: Clock) -> Finding:
+    """Compile what numba compiles; a terminal shows which kernel it is at, anything else that it began."""
+    from phyagentos.assembly.kernels import compile_kernels
+
+    began_s, names = clock.now_s(), list[str]()
+    with CleanConsole(stderr=True).status("looking at kernels") as status:
+
+        def tell(name: str) -> None:
+            if not names and not status.console.is_terminal:
+                print_note("compiling kernels, half a minute, once for this version")
+            names.append(name)
+            status.update(f"compiling kernel {len(names)}, {name}, {clock.now_s() - began_s:.0f} s")
+
+        try:
+            folder = compile_kernels(Library.open(), tell)
+        except RuntimeError as error:
+            if "cannot cache" not in str(error):
+                raise
+            fix = "Set NUMBA_CACHE_DIR to a folder that you may write to: no process of a run starts without one."
+            return Finding("kernels", Grade.BROKEN, str(error), fix)
+    found = f"{len(names)} compiled in {clock.now_s() - began_s:.1f} s, kept in {folder}"
+    return Finding("kernels", Grade.FINE, found)
 
 
 def check_python() -> Finding:

@@ -242,7 +242,7 @@ def follow_run(
             print_stop(workspace, console)
             has_moved = any(row.sim_time_s or (row.beat is not None and row.beat.tick) for row in fold.rows())
             if clock.now_s() > warm_by_s and not has_moved:
-                console.print_once("warming up: the first run on a machine compiles its kernels, up to a minute, once")
+                console.print_once("warming up: a first run compiles its kernels; `paos doctor --warm` does so ahead")
             if interrupts.count and asked_at_s is None:
                 asked_at_s = clock.now_s()
                 console.print_line("cancelling: the robot is being halted. Ctrl-C again ends at once.", "yellow")

@@ -1,10 +1,9 @@
 """Commands about policies: `policy serve`, `policy replay`."""
 
 import importlib
-import importlib.util
-import sys
+import runpy
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -33,18 +32,14 @@ def serve(
     if declared is None:
         raise DefinitionError.of("POLICY_UNDECLARED", str(path), "no `policy`", "a skill of kind `policy`")
     descriptor = PolicyDescriptor.model_validate(declared.model_dump() | {"endpoint": endpoint or declared.endpoint})
-    policy, scheme = _load(model), descriptor.endpoint.partition(":")[0]
-    if scheme == "openpi":
-        from phyagentos.runtime.policies.openpi_server import serve_openpi
+    from phyagentos.runtime.policies.openpi_server import serve_openpi
+    from phyagentos.runtime.policies.server import serve_policy
 
-        serve_openpi(policy, descriptor, lambda where: print_result(f"serving at {where}"))
-    elif scheme == "tcp":
-        from phyagentos.runtime.policies.server import serve_policy
-
-        serve_policy(policy, descriptor, lambda where: print_result(f"serving at {where}"))
-    else:
+    serve_at = {"openpi": serve_openpi, "tcp": serve_policy}.get(descriptor.endpoint.partition(":")[0])
+    if serve_at is None:
         expected = "openpi://HOST:PORT or tcp://HOST:PORT"
         raise DefinitionError.of("ENDPOINT_INVALID", "--endpoint", repr(descriptor.endpoint), expected)
+    serve_at(_load(model), descriptor, lambda where: print_result(f"serving at {where}"))
 
 
 def replay(
@@ -76,21 +71,9 @@ def _load(model: str) -> "Policy":
         return OnnxPolicy(Path(model))
     place, _, name = model.rpartition(":")
     try:
-        made: Any = getattr(_import(place), name)()
-    except (ImportError, AttributeError, OSError) as error:
+        known = runpy.run_path(place) if place.endswith(".py") else vars(importlib.import_module(place))
+        policy: Policy = known[name]()
+    except (ImportError, KeyError, OSError) as error:
         expected = "FILE.onnx, FILE.py:CLASS or MODULE:CLASS"
         raise DefinitionError.of("UNKNOWN_FILE", model, f"{type(error).__name__}: {error}", expected) from error
-    policy: Policy = made
     return policy
-
-
-def _import(place: str) -> Any:
-    if not place.endswith(".py"):
-        return importlib.import_module(place)
-    spec = importlib.util.spec_from_file_location(Path(place).stem, place)
-    if spec is None or spec.loader is None:
-        raise ImportError(place)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module

@@ -39,6 +39,39 @@ def score(parts, workspace, bundle):
 
 HEIGHT = Scorer(name="height", check=lambda located, path, condition: [], score=score)
 '''
+RIDE = """---
+skill: ride
+description: Moves the mark of a counter as a policy server says.
+kind: policy
+requires: ["visible(mark)"]
+guarantees: ["moved(mark)"]
+needs: {observations: [joint_state], actions: [joint_position], capabilities: [counting]}
+action_space:
+  {representation: joint_position, joints: [slide], rate_hz: 50, chunk_length: 10, gripper: {closed: 0.0, open: 0.1}}
+policy:
+  policy: lifter/1
+  endpoint: "tcp://127.0.0.1:PORT"
+  observations: {joint_state: {modality: proprioception, shape: [n_joints], dtype: float64, unit: rad, rate_hz: 50}}
+  inference_s: 0.1
+---
+"""
+LIFTER = '''
+"""Serves a policy: up to the height that it is started with, in ten rows."""
+import sys
+from pathlib import Path
+import numpy as np
+from phyagentos.protocol.capabilities.skill_runtimes import read_skill
+from phyagentos.runtime.policies.server import serve_policy
+
+class Lifter:
+    def start(self, request):
+        pass
+
+    def infer(self, request):
+        return np.linspace((0.0, 0.0), (float(sys.argv[1]), 0.0), 10), True
+
+serve_policy(Lifter(), read_skill(Path("skills/ride/SKILL.md"))[0].policy, lambda endpoint: None)
+'''
 SUITE = {
     "suite": "counting",
     "objective": "Does it count?",
@@ -57,6 +90,16 @@ def make_project(folder, **changes):
     return folder
 
 
+def add_policy(folder, port):
+    """A skill whose policy is served at a port by `lifter.py HEIGHT`; the goal asks for it."""
+    (folder / "skills" / "ride").mkdir()
+    (folder / "skills" / "ride" / "SKILL.md").write_text(RIDE.replace("PORT", str(port)))
+    (folder / "lifter.py").write_text(LIFTER)
+    graph = folder / "goal_graphs" / "lift.yaml"
+    graph.write_text(graph.read_text().replace("skill: advance", "skill: ride"))
+    return f"127.0.0.1:{port}"
+
+
 def make_command(*arguments):
     return [sys.executable, "-m", "phyagentos", "bench", *map(str, arguments)]
 
@@ -73,7 +116,7 @@ def call(folder, *arguments, code=0):
         env=get_environment(),
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=550,
         check=False,
     )
     assert done.returncode == code, f"{done.returncode}: {done.stdout}{done.stderr}"

@@ -1,19 +1,25 @@
 """`paos bench` as a person uses it: settings act, a killed run goes on, passes learn, figures lead to evidence."""
 
-import itertools
 import json
+import socket
 import subprocess
+import sys
 import time
+import zipfile
 
 import pytest
 import yaml
 
-from phyagentos.bench.matrix import compile_suite
-from phyagentos.bench.records import EpisodeLog, EpisodeRecord
-from phyagentos.bench.sweep import begin_run
-from phyagentos.clock import SystemClock
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
-from tests.bench.suite_of_counter import SUITE, call, get_environment, make_command, make_project, read_episodes
+from tests.bench.suite_of_counter import (
+    SUITE,
+    add_policy,
+    call,
+    get_environment,
+    make_command,
+    make_project,
+    read_episodes,
+)
 
 pytestmark = pytest.mark.journey
 
@@ -22,7 +28,13 @@ ACTING = {
     "no_replan": {"set": {"defaults.max_replans": 0}},
     "low": {"set": {"height_m": 0.005}},
     "strict": {"files": {"runtime_contract.yaml": {"verification.criteria": ["metric(ticks) <= 0"]}}},
+    "realtime": {"world_mode": "realtime"},
     "once": {"repair": "benchmarks.recovery_parts.baselines:NoRetry"},
+}
+MODES = {  # of one step of three, what is said of the goal, and how its session ended
+    "off": ("unverified", "unverified"),
+    "audit": ("failure", "succeeded"),
+    "enforce": ("failure", "failed"),
 }
 
 
@@ -47,8 +59,10 @@ def check_settings(records):
         "lift.no_replan.recovery.3": ("failure", 1, False),
         "lift.low.recovery.3": ("success", 1, False),  # lower than the scorer asks: a false success
         "lift.strict.recovery.3": ("failure", 3, True),
+        "lift.realtime.recovery.3": ("failure", 1, False),  # refused: a counter keeps no real time
         "lift.once.recovery.3": ("failure", 1, False),
     }
+    assert records["lift.realtime.recovery.3"]["taxon"] == "adapter"
     assert {each["taxon"] for id, each in records.items() if id.startswith(("lift.low.r", "lift.strict.r"))} == {
         "verifier"
     }
@@ -74,8 +88,8 @@ def check_report(acted):
     assert "lift-3.high.r2" in (acted / "report.md").read_text() or "lift.plain.recovery.3" in page
 
 
-def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp_path):
-    folder = make_project(tmp_path / "p", seeds={"count": 3}, verification=["off"])
+def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp_path, paos, monkeypatch):
+    folder = make_project(tmp_path / "p", seeds=[0], verification=list(MODES))
     run = folder / "r"
     process = subprocess.Popen(
         make_command("run", "suite.yaml", "-r", "r", "-j", 1), cwd=folder, env=get_environment(), start_new_session=True
@@ -99,18 +113,21 @@ def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp
     lines = read_lines(run)
     assert is_busy
     assert lines[: len(before)] == before
-    assert sorted(json.loads(line)["id"] for line in lines) == [f"lift.off.{seed}" for seed in range(3)]
+    assert sorted(json.loads(line)["id"] for line in lines) == sorted(f"lift.{mode}.0" for mode in MODES)
     repeated = next(record for record in read_episodes(run).values() if f"{record['id']}-1" == half_done.parent.name)
     assert repeated["folder"] == f"episodes/{repeated['id']}-2", (
         "a half-done episode begins anew in a folder of its own"
     )
     assert not is_held(half_done / WATCHDOG_LOCK), "no process of the killed run is left"
-    assert {record["verdict"] for record in read_episodes(run).values()} == {"unverified"}, "its mode acts"
-    call(folder, "resume", "r")
+    done = {record["verification"]: record for record in read_episodes(run).values()}
+    assert {mode: (each["verdict"], each["sessions"][0]["state"]) for mode, each in done.items()} == MODES
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(folder)
+    assert paos("bench", "resume", "r").code == 0
     assert read_lines(run) == lines
     graph = folder / "goal_graphs" / "lift.yaml"
     graph.write_text(graph.read_text().replace("Three", "Four"))
-    assert "lift.yaml: RUN_DIFFERS" in call(folder, "resume", "r", code=2).stderr
+    assert "lift.yaml: RUN_DIFFERS" in paos("bench", "resume", "r").err
 
 
 def read_lines(run):
@@ -141,21 +158,22 @@ def measure_experience(episode):
     return sum(path.stat().st_size for path in (episode / "memory").rglob("*.md"))
 
 
-def test_a_comparison_is_paired_by_seed_and_ends_with_1_on_a_regression(tmp_path, monkeypatch):
-    folder = make_project(tmp_path / "p", settings={name: ACTING[name] for name in ("plain", "no_replan")})
-    monkeypatch.chdir(folder)
-    monkeypatch.syspath_prepend(folder)
-    begin_run(tmp_path / "r", folder / "suite.yaml", compile_suite(folder / "suite.yaml"), SystemClock())
-    log = EpisodeLog(tmp_path / "r")
-    for setting, seed in itertools.product(("plain", "no_replan"), range(6)):
-        facts = {"task": "lift", "setting": setting, "seed": seed, "at": "", "folder": ""}
-        log.append(EpisodeRecord(id=f"{setting}.{seed}", is_met=setting == "plain", **facts))
-    log.close()
+def test_a_policy_is_served_while_its_episodes_run_and_no_longer(tmp_path):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    folder = make_project(tmp_path / "p", seeds=[1])
+    ready = add_policy(folder, port)
+    command = [sys.executable, "lifter.py", "0.06"]
+    suite = {**SUITE, "seeds": [1], "policies": {"lifter": {"serve": command, "ready": ready}}}
+    (folder / "suite.yaml").write_text(yaml.safe_dump(suite))
+    call(folder, "run", "suite.yaml", "-r", "r")
+    (record,) = read_episodes(folder / "r").values()
 
-    done = call(tmp_path, "compare", "r:setting=plain", "r:setting=no_replan", code=1)
-    assert "gained 0, lost 6, p = 0.03125" in done.stdout
-    call(tmp_path, "compare", "r:setting=no_replan", "r:setting=plain")
-    assert "UNKNOWN_NAME" in call(tmp_path, "compare", "r:settings=plain", "r", code=2).stderr
+    assert (record["verdict"], record["policy"], record["is_met"]) == ("success", "lifter", True)
+    assert [session["skill"] for session in record["sessions"]] == ["ride"]
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", port), 1.0)
 
 
 @pytest.mark.sim
@@ -163,22 +181,57 @@ def test_what_is_asked_of_a_simulated_world_acts_too(tmp_path):
     task = {
         "graph": "tidy_table",
         "score": {"red": {"in_tray": ["red_cube", "red_tray"]}},
-        "faults": "faults.yaml",
-        "sense": "truth",
         "pictures": False,
         "set": {"defaults.max_replans": 0},
     }
+    settings = {"slip": {"faults": "faults.yaml", "sense": "truth"}, "blind": {"sense": "perceived", "prior": "none"}}
     folder = tmp_path / "p"
     folder.mkdir()
     slip = {"version": 1, "faults": [{"kind": "slip", "object": "red_cube"}]}
     (folder / "faults.yaml").write_text(yaml.safe_dump(slip))
-    suite = {**SUITE, "tasks": {"tidy": task}, "seeds": [7], "scorer": "simulator"}
+    suite = {**SUITE, "tasks": {"tidy": task}, "settings": settings, "seeds": [7], "scorer": "simulator"}
     (folder / "suite.yaml").write_text(yaml.safe_dump(suite))
-    call(folder, "run", "suite.yaml", "-r", "r", code=0)
-    (record,) = read_episodes(folder / "r").values()
+    call(folder, "run", "suite.yaml", "-r", "r", "-j", 2, code=0)
+    blind, record = (read_episodes(folder / "r")[f"tidy.{setting}.7"] for setting in ("blind", "slip"))
     bundle = folder / "r" / record["sessions"][0]["bundle"]
 
     assert (record["verdict"], record["is_met"], record["taxon"]) == ("failure", False, "execution")
     assert json.loads((bundle / "faults.json").read_text())
     assert not (bundle / "before.png").exists()
     assert not list(bundle.glob("look-*"))
+    assert (blind["verdict"], blind["is_met"], blind["taxon"]) == ("failure", False, "perception")
+    assert not any(session.get("ticks") for session in blind["sessions"]), "nothing has a name that the goal knows"
+
+
+def write_wheel(folder):
+    """A package of one module, ready to install without any other."""
+    path = folder / "tiny-1.2-py3-none-any.whl"
+    files = {
+        "tiny.py": "",
+        "tiny-1.2.dist-info/METADATA": "Metadata-Version: 2.1\nName: tiny\nVersion: 1.2\n",
+        "tiny-1.2.dist-info/WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+    }
+    with zipfile.ZipFile(path, "w") as wheel:
+        for name, text in files.items():
+            wheel.writestr(name, text)
+        wheel.writestr("tiny-1.2.dist-info/RECORD", "".join(f"{name},,\n" for name in files))
+    return path
+
+
+def test_an_environment_is_made_from_its_declaration_once_it_is_asked_for(tmp_path, paos, monkeypatch):
+    monkeypatch.setenv("PHYAGENTOS_ENVIRONMENTS", str(tmp_path / "environments"))
+    monkeypatch.setenv("PIP_NO_INDEX", "1")  # nothing comes from elsewhere
+    monkeypatch.chdir(tmp_path)
+    declared = {"packages": [f"tiny @ {write_wheel(tmp_path).as_uri()}"], "imports": ["tiny"], "about": "Of a test."}
+    suite = {**SUITE, "environments": {"other": declared}}
+    (tmp_path / "suite.yaml").write_text(yaml.safe_dump(suite))
+    python = tmp_path / "environments" / "other" / "bin" / "python"
+
+    refused = paos("bench", "setup", "suite.yaml")
+    assert refused.code == 2
+    assert "would run:" in refused.err
+    assert not python.exists(), "nothing is installed unasked"
+    made = paos("bench", "setup", "suite.yaml", "--yes")
+    assert (made.code, made.out) == (0, f"environment 'other': {python}\n"), made.err
+    assert subprocess.run([python, "-c", "import tiny"], check=False).returncode == 0
+    assert paos("bench", "setup", "suite.yaml").out == "environment 'other' is whole\n"

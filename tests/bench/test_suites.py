@@ -9,12 +9,16 @@ import yaml
 
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.bench.comparison import compare
+from phyagentos.bench.engines import EngineName, open_engine
 from phyagentos.bench.environments import find_lacks, plan_setup
 from phyagentos.bench.matrix import compile_suite
 from phyagentos.bench.records import EpisodeLog, EpisodeRecord, read_records
-from phyagentos.bench.suite_file import Asked, Variant, merge
+from phyagentos.bench.scorers.outcomes import FILE, OUTCOMES
+from phyagentos.bench.suite_file import Asked, Policy, Variant, merge
 from phyagentos.bench.summary import compute_figure
+from phyagentos.bench.sweep import begin_run, run_sweep
 from phyagentos.bench.taxonomy import Taxon, classify_cause, classify_problems
+from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.environments import EnvironmentSpec
 from tests.bench.suite_of_counter import SUITE, make_project
@@ -49,6 +53,13 @@ def test_the_matrix_is_the_product_of_its_axes_in_order(read):
     assert plan.orders[0].id == "tidy.a.x.off.5"
     assert plan.orders[-1].id == "again.far.b.y.recovery.6"
     assert plan.orders[-1].goal == "again-6"
+
+
+def test_of_each_pass_only_the_first_seeds_are_run_where_so_many_are_asked_for(read, tmp_path):
+    read(seeds={"first": 5, "count": 9}, passes={"own": {"seeds": [3, 1, 2]}, "common": {}})
+    plan = compile_suite(tmp_path / "suite.yaml", 2)
+
+    assert [order.id for order in plan.orders] == ["own.tidy.3", "own.tidy.1", "common.tidy.5", "common.tidy.6"]
 
 
 def test_of_two_axes_that_say_the_same_the_later_one_is_heard():
@@ -165,6 +176,44 @@ def test_a_gap_in_the_second_run_is_a_regression():
         compare(runs[0], [make_record("b.9", seed=9)])
 
 
+MOODY = """#!/bin/sh
+case $3 in
+  *tidy.1-1) exec sleep 600;;
+  *) echo fell over; exit 7;;
+esac
+"""
+
+
+def test_an_episode_that_dies_or_hangs_has_its_record_and_the_rest_goes_on(read, tmp_path, monkeypatch):
+    plan = read(seeds=[0, 1, 2], wall_s=1.0)
+    (tmp_path / "moody").write_text(MOODY)
+    (tmp_path / "moody").chmod(0o755)
+    monkeypatch.setattr("phyagentos.bench.episode.sys.executable", str(tmp_path / "moody"))
+    monkeypatch.setattr("phyagentos.bench.episode.START_S", 0.0)
+    manifest = begin_run(tmp_path / "r", tmp_path / "suite.yaml", plan, SystemClock())
+    records = list(run_sweep(tmp_path / "r", manifest, open_engine(EngineName.LOCAL, 1), {}, SystemClock()))
+
+    assert [(record.seed, record.ended) for record in records] == [(0, "crashed"), (1, "hung"), (2, "crashed")]
+    assert records[0].error == "exit code 7: fell over"
+    assert [record.taxon for record in records] == ["execution", "timeout", "execution"]
+
+
+def test_a_comparison_is_paired_by_seed_and_ends_with_1_on_a_regression(read, paos, tmp_path):
+    plan = read(settings={"plain": {}, "spoilt": {}}, seeds={"count": 6})
+    begin_run(tmp_path / "r", tmp_path / "suite.yaml", plan, SystemClock())
+    log = EpisodeLog(tmp_path / "r")
+    for order in plan.orders:
+        facts = {"task": order.task, "setting": order.setting, "seed": order.seed}
+        log.append(make_record(order.id, is_met=order.setting == "plain", **facts))
+    log.close()
+
+    worse = paos("bench", "compare", "r:setting=plain", "r:setting=spoilt")
+    assert (worse.code, "gained 0, lost 6, p = 0.03125" in worse.out) == (1, True)
+    assert paos("bench", "compare", "r:setting=spoilt", "r:setting=plain").code == 0
+    wrong = paos("bench", "compare", "r:settings=plain", "r")
+    assert (wrong.code, "UNKNOWN_NAME" in wrong.err) == (2, True)
+
+
 def test_figures_are_those_of_the_records():
     records = [
         make_record("a.1", is_met=True, parts={"x": True, "y": True}, first_parts={"x": True}),
@@ -197,3 +246,27 @@ def test_a_suite_that_ships_compiles(path):
     assert plan.orders
     assert json.loads(msgspec.json.encode(plan.orders[0]))["id"] == plan.orders[0].id
     assert os.fspath(path.stem) == plan.suite.suite
+
+
+def test_what_an_environment_says_counts_after_the_session_asked_about_or_after_the_last_one(tmp_path):
+    path = tmp_path / FILE
+    path.parent.mkdir()
+    lines = [
+        {"session": "g.a", "success": False, "completed": ["door"]},
+        {"session": "g.b", "success": True, "completed": ["door", "lamp"]},
+    ]
+    path.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    parts = {"a": "door", "b": "lamp", "all": "success"}
+
+    assert OUTCOMES.score(parts, tmp_path, None) == {"a": True, "b": True, "all": True}
+    assert OUTCOMES.score(parts, tmp_path, tmp_path / "evidence" / "g.a") == {"a": True, "b": False, "all": False}
+    assert OUTCOMES.score(parts, tmp_path, tmp_path / "evidence" / "g.c") == {"a": False, "b": False, "all": False}
+
+
+def test_a_policy_is_served_by_the_python_of_its_environment(monkeypatch, tmp_path):
+    monkeypatch.setenv("PHYAGENTOS_ENVIRONMENTS", str(tmp_path))
+    own = {"environment": "there", "serve": ("python", "serve.py")}
+
+    assert Policy(**own).command == (str(tmp_path / "there" / "bin" / "python"), "serve.py")
+    assert Policy(**{**own, "serve": ("other", "serve.py")}).command == ("other", "serve.py")
+    assert Policy(serve=("python", "serve.py")).command == ("python", "serve.py")

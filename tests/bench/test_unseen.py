@@ -3,25 +3,25 @@
 import ast
 import json
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 
-from benchmarks import unseen
+from benchmarks.recovery_parts.trials import draw as draw_trial
+from benchmarks.unseen_parts import drawn as unseen_drawn
 from benchmarks.unseen_parts.cases import Case, Node
 from benchmarks.unseen_parts.feasible import find_ambiguity, find_contradiction, list_obstacles
 from benchmarks.unseen_parts.figures import Tally, find_interval
 from benchmarks.unseen_parts.files import render_goal, render_scene, write_project
 from benchmarks.unseen_parts.forms import KINDS, Form, Solid, find_euler, make_box, make_vessel, rotate
 from benchmarks.unseen_parts.goals import draw_case
-from benchmarks.unseen_parts.lanes import run_lanes
-from benchmarks.unseen_parts.records import GoalRecord, NodeRecord, SessionRecord, begin_record, mark_open
+from benchmarks.unseen_parts.records import NodeRecord, SessionRecord, begin_record, mark_open
 from benchmarks.unseen_parts.rooms import Room, Thing, find_twin
 from phyagentos.cli.lint import lint_paths
 
-PARTS = Path(unseen.__file__).parent / "unseen_parts"
+PARTS = Path(unseen_drawn.__file__).parent
 PURE = ("forms", "rooms", "cases", "faults", "impossible", "goals", "feasible", "judge", "records")
 
 CASES = [draw_case(seed) for seed in range(160)]
@@ -230,7 +230,6 @@ def test_a_node_behind_one_that_cannot_be_met_counts_only_if_it_was_begun(before
     record = make_record(3, *(make_session("failure", "unmet", node=name) for name in begun), nodes=nodes)
 
     assert [node.name for node in Tally([record]).first_attempts] == counted
-    assert GoalRecord.from_json(json.loads(json.dumps(record.as_json()))).blocked == record.blocked
 
 
 def test_a_session_that_asks_to_look_again_is_no_false_failure_when_a_look_follows():
@@ -258,61 +257,23 @@ def test_interval_is_exact():
     assert find_interval(0, 0) == (0.0, 1.0)
 
 
-def test_record_survives_the_results_file():
-    record = make_record(3, make_session("success", "met", against=("on(a, b): 0.50",)))
-    assert GoalRecord.from_json(json.loads(json.dumps(record.as_json()))) == record
+@pytest.mark.parametrize("drawn", [unseen_drawn.draw_unseen, unseen_drawn.draw_slick, draw_trial])
+def test_a_drawn_project_tells_its_scorer_which_case_it_is_and_passes_lint(drawn, tmp_path):
+    seed = 1_500_006
+    graph = drawn(seed, tmp_path / "project")
+    case = unseen_drawn.read_case(tmp_path / "project")
+    _, problems = lint_paths([tmp_path / "project"])
+
+    assert not problems
+    assert (case.seed, graph.stem) == (seed, case.name)
+    assert yaml.safe_load(graph.read_text())["accept"] == list(case.accept)
+    assert len(yaml.safe_load((tmp_path / "project" / "faults.yaml").read_text())["faults"]) == len(case.faults)
+    assert unseen_drawn.JUDGE.score({"goal": "accept"}, tmp_path / "workspace", None) == {"goal": False}
 
 
-def test_resume_runs_what_is_missing_and_counts_nothing_twice(tmp_path, monkeypatch, capsys):
-    results = tmp_path / "results.jsonl"
-    lines = [json.dumps(make_record(seed, make_session("success", "met")).as_json()) for seed in (0, 1, 1)]
-    results.write_text("\n".join([*lines, lines[0][:50]]) + "\n")  # the last one was cut off by a kill
-    asked = []
-
-    def run(seeds, *_rest, **_more):
-        asked.extend(seeds)
-        yield from (make_record(seed, make_session("success", "met")) for seed in seeds)
-
-    monkeypatch.setattr(unseen, "run_lanes", run)
-    argv = ["unseen", "--development", "--goals", "3", "--results", str(results)]
-    for expected in ([2], []):
-        asked.clear()
-        monkeypatch.setattr(sys, "argv", argv)
-        assert unseen.main() == 1
-        assert asked == expected
-        figures = json.loads(capsys.readouterr().out.splitlines()[-1])["figures"]
-        assert (figures["goals"], figures["judged_sessions"]) == (3, 3)
-
-
-LANE = """
-import json, sys, time
-_, folder, table, sense, *seeds = sys.argv
-sys.path.insert(0, {root!r})
-from benchmarks.unseen_parts.lane import draw_table
-from benchmarks.unseen_parts.records import begin_record
-for seed in map(int, seeds):
-    print(json.dumps({{"begun": seed}}), flush=True)
-    if seed == 1:
-        raise SystemExit("fell over")
-    if seed == 2:
-        time.sleep(600)
-    print("noise of a library")
-    print(json.dumps({{"done": begin_record(draw_table(seed, table), table, ended="over").as_json()}}), flush=True)
-"""
-
-
-def test_lane_that_dies_or_hangs_costs_one_goal_and_the_rest_goes_on(tmp_path):
-    script = tmp_path / "lane.py"
-    script.write_text(LANE.format(root=str(Path(unseen.__file__).parents[1])))
-    command = (sys.executable, str(script))
-    records = list(run_lanes([0, 1, 2, 3], "unseen", "truth", tmp_path / "work", 1, 3.0, command=command))
-    assert [(record.seed, record.ended) for record in records] == [
-        (0, "over"),
-        (1, "crashed"),
-        (2, "hung"),
-        (3, "over"),
-    ]
-    assert "fell over" in records[1].error
+def test_a_seed_that_gives_no_goal_to_recover_in_names_the_next_one(tmp_path):
+    with pytest.raises(AssertionError, match="1500006"):
+        draw_trial(1_500_002, tmp_path)
 
 
 def test_goal_file_names_every_node_and_its_order():

@@ -1,13 +1,8 @@
 """The command line, called in this process; and a journal, written as both planes would."""
 
-import sys
-from dataclasses import dataclass
-
 import msgspec
 import pytest
 
-from phyagentos.cli import stopping
-from phyagentos.cli.app import main
 from phyagentos.cli.progress import RunFold
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -19,29 +14,6 @@ from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
 from tests.clocks import ManualClock
 from tests.contracts import make_contract
-
-
-@dataclass(frozen=True)
-class Result:
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def paos(monkeypatch, capsys):
-    monkeypatch.setattr(stopping, "find_running", list)  # a test reaches no run of this machine but its own
-
-    def call(*arguments: object) -> Result:
-        monkeypatch.setenv("PAOS_DEBUG", "0")  # and forget what --debug sets
-        monkeypatch.setattr(sys, "argv", ["paos", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        streams = capsys.readouterr()
-        return Result(int(ended.value.code or 0), streams.out, streams.err)
-
-    return call
-
 
 GOAL = "tidy-7"
 NODES = {

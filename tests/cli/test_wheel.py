@@ -73,7 +73,7 @@ def test_the_installed_package_is_used_and_not_the_checkout(site, tmp_path):
     assert done.stdout.strip() == str(site / "phyagentos" / "share")
 
 
-@pytest.mark.journey
+@pytest.mark.sim  # beside the others, for which the wheel is built
 def test_a_new_place_runs_to_a_met_goal_from_the_wheel(site, tmp_path):
     paos(site, tmp_path, "init", "x")
     done = paos(site, tmp_path, "run", "x/goal_graphs/first.yaml", "--no-pictures", "--quiet")

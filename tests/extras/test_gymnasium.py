@@ -5,7 +5,6 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -20,7 +19,8 @@ from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from tests.conformance.test_target_drivers import write_environment
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "06_gymnasium"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+EXAMPLE, META_WORLD = EXAMPLES / "06_gymnasium", EXAMPLES / "08_meta_world"
 SMALL = {"MountainCar-v0": (0.0, 2.0), "MountainCarContinuous-v0": (-1.0, 1.0), "CartPole-v1": (0.0, 1.0)}
 
 pytestmark = pytest.mark.extras
@@ -28,11 +28,16 @@ pytestmark = pytest.mark.extras
 
 @pytest.fixture
 def example(tmp_path, pytestconfig):
-    """The example with the interpreter that has its environment; successes go to a file beside."""
-    folder = shutil.copytree(EXAMPLE, tmp_path / "example")
+    """The example with the interpreter that has its environment."""
+    return copy_with_python(EXAMPLE, tmp_path / "example", pytestconfig.option.gymnasium_python)
+
+
+def copy_with_python(example, folder, python):
+    """A copy whose robot has this interpreter."""
+    shutil.copytree(example, folder)
     path = folder / "robots" / "sawyer" / "gymnasium.yaml"
-    python = str(Path(pytestconfig.option.gymnasium_python).absolute())
-    settings = yaml.safe_load(path.read_text()) | {"python": python, "outcomes": str(tmp_path / "outcomes.jsonl")}
+    settings = yaml.safe_load(path.read_text()) | {"python": str(Path(python).absolute())}
+    settings.pop("environment", None)
     path.write_text(yaml.safe_dump(settings))
     return folder
 
@@ -91,6 +96,34 @@ def test_a_seed_is_a_world(example, opened):
     assert worlds[0].entities[0].pose != worlds[1].entities[0].pose
 
 
+def test_the_name_of_a_scene_is_a_task_and_what_it_observes_is_published(tmp_path, opened, pytestconfig):
+    folder = copy_with_python(META_WORLD, tmp_path / "example", pytestconfig.option.gymnasium_python)
+    client = opened(folder / "robots" / "sawyer")
+    goals = {}
+    for task in ("push-v3", "button-press-v3"):
+        client.ask(wire.LoadScene(task, 3, task))
+        seen = client.ask(wire.Observe(truth=True))
+        observed, regions = seen.signals["observation"], {each.name: each for each in seen.regions}
+        assert len(observed) == 39
+        assert regions["goal"].pose.position_m == observed[36:39]
+        assert regions["goal_of_hand"].pose.position_m[2] == pytest.approx(observed[38] + 0.045)
+        assert {each.name: each.pose.position_m for each in seen.entities}["thing"] == observed[4:7]
+        goals[task] = observed[36:39]
+    assert goals["push-v3"] != goals["button-press-v3"]
+    assert client.ask(wire.Observe()).signals == {}, "not where no truth is asked for"
+
+
+def test_an_observed_joint_is_as_open_as_between_its_two_ends(tmp_path, opened, pytestconfig):
+    folder = write_environment(tmp_path, pytestconfig.option.gymnasium_python, "MountainCarContinuous-v0", -1.0, 1.0)
+    car = {"kind": "car", "joint": 0, "closed": -1.2, "opened": 0.6}
+    path = folder / "gymnasium.yaml"
+    path.write_text(path.read_text() + yaml.safe_dump({"entities": {"car": car}, "signals": {"seen": [0, 2]}}))
+    client = opened(folder)
+    client.load("a", 3)
+    seen = client.ask(wire.Observe(truth=True))
+    assert seen.entities[0].joint == pytest.approx((seen.signals["seen"][0] + 1.2) / 1.8)
+
+
 @pytest.mark.parametrize("change", [{"id": "NoSuch-v0"}, {"no_such_key": 1}])
 def test_settings_that_no_environment_takes_are_explained(example, change):
     folder = example / "robots" / "sawyer"
@@ -119,11 +152,8 @@ def test_meta_world_is_judged_by_evidence_and_its_own_success_stays_with_it(exam
         for when in ("before", "after")
     )
     assert after[1] - before[1] > 0.1
-    deadline_s = time.monotonic() + 20.0  # noqa: TID251
-    outcomes = tmp_path / "outcomes.jsonl"
-    while not (outcomes.exists() and outcomes.stat().st_size) and time.monotonic() < deadline_s:  # noqa: TID251
-        time.sleep(0.05)  # noqa: TID251 - its process ends with the worker, and writes this then
-    (outcome,) = map(json.loads, outcomes.read_text().splitlines())
+    (outcome,) = map(json.loads, (tmp_path / "w" / ".world" / "outcomes.jsonl").read_text().splitlines())
     assert outcome["success"], "the environment agrees with the verdict"
+    assert outcome["session"] == evidence.name
     for file in evidence.iterdir():
         assert b'"success"' not in file.read_bytes(), f"{file.name} tells what the environment says of success"

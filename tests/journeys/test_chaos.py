@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.evidence_manifest import iter_bundles, list_unsealed
@@ -21,15 +22,26 @@ sys.path.insert(0, str(BENCHMARKS))
 import chaos  # noqa: E402 - lies with the benchmark
 from chaos_planes import Planes, allow_writes, fill, find_processes, refuse_writes, small_disk  # noqa: E402
 
-GRAPH = Path(__file__).resolve().parents[2] / "goal_graphs" / "tidy_table.yaml"
+TIDY_TABLE = Path(__file__).resolve().parents[2] / "goal_graphs" / "tidy_table.yaml"
 LIMIT_S = 200.0
 
 pytestmark = pytest.mark.journey
 
 
 @pytest.fixture
-def planes(tmp_path):
-    planes = Planes(tmp_path / "w", GRAPH, 1, SystemClock())
+def graph(tmp_path_factory):
+    """`tidy_table` with two of its three cubes; beside the folder on which a disk is mounted."""
+    data = yaml.safe_load(TIDY_TABLE.read_text())
+    del data["sessions"]["blue"]
+    data["accept"] = [text for text in data["accept"] if "blue" not in text]
+    path = tmp_path_factory.mktemp("graph") / "tidy_table.yaml"
+    path.write_text(yaml.safe_dump(data))
+    return path
+
+
+@pytest.fixture
+def planes(tmp_path, graph):
+    planes = Planes(tmp_path / "w", graph, 1, SystemClock())
     yield planes
     assert planes.stop() == []
 
@@ -62,7 +74,7 @@ def find_broken_promises(planes) -> list[str]:
     goal, sessions = planes.read_goal()
     case = chaos.Case(1, "", "", "lockstep", 0.0)
     chaos.judge(case, goal, sessions)
-    chaos.judge_world(case, planes.root, sessions)
+    chaos.judge_world(case, planes.root, sessions, chaos.CUBES[:2])
     chaos.judge_log(case, planes.root)
     assert case.commands > 100
     return case.notes
@@ -149,10 +161,10 @@ def test_every_bundle_is_sealed_after_all_processes_were_killed_at_once(planes):
     check_bundles(planes)
 
 
-def test_every_bundle_is_sealed_after_the_disk_was_full(tmp_path):
+def test_every_bundle_is_sealed_after_the_disk_was_full(tmp_path, graph):
     """Where no file system can be mounted, no process that is there may write instead."""
     with small_disk(tmp_path, chaos.DISK_MB) as has_disk:
-        planes = Planes(tmp_path / "w", GRAPH, 1, SystemClock())
+        planes = Planes(tmp_path / "w", graph, 1, SystemClock())
         try:
             tend_until(planes, lambda: is_moving(planes))
             ballast = fill(tmp_path) if has_disk else tmp_path / "none"

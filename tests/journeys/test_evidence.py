@@ -3,9 +3,8 @@
 import hashlib
 import json
 import shutil
-import subprocess
-import sys
 import zipfile
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -23,6 +22,8 @@ from phyagentos.store.retention import apply_retention
 from tests.clocks import ManualClock
 
 pytestmark = pytest.mark.journey
+
+GRAPH = Path(__file__).with_name("goal.yaml")
 
 FILES = (
     evidence.CONTRACT, evidence.SCENE_MODEL, evidence.SCENE_XML, evidence.INITIAL, evidence.TERMINAL, evidence.BEFORE,
@@ -63,7 +64,8 @@ def test_commands_and_measurements_agree_within_the_tracking_limit(calm):
 
 
 def test_a_session_with_a_fault_can_be_repeated_from_its_own_documents(plane):
-    plane.run("slip-6", seed=6)
+    once = {"defaults.max_replans": "0"}
+    plane.mission.run(GRAPH, seed=6, goal="slip-6", overrides=once)
 
     assert rerun_session(plane.workspace.root, "slip-6.red").differences == ()
 
@@ -121,23 +123,19 @@ def test_a_bundle_is_sealed_once_its_session_is_over(plane, calm):
     assert (calm / evidence.SCENE_MODEL).stat().st_nlink > 1
 
 
-def _paos_verify(root, *more):
-    command = [sys.executable, "-m", "phyagentos", "verify", "calm-5.red", "-w", str(root), "--from-frames", *more]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
-def test_a_verdict_is_formed_again_from_the_frames_and_a_tampered_frame_is_found(plane, calm, tmp_path):
+def test_a_verdict_is_formed_again_from_the_frames_and_a_tampered_frame_is_found(plane, calm, tmp_path, paos):
     copy = Workspace(shutil.copytree(plane.workspace.root, tmp_path / "copy"))
-    equal = _paos_verify(copy.root, "--json")
-    assert equal.returncode == 0, equal.stderr
-    assert json.loads(equal.stdout)["differences"] == []
+    verify = ("verify", "calm-5.red", "-w", copy.root, "--from-frames")
+    equal = paos(*verify, "--json")
+    assert equal.code == 0, equal.err
+    assert json.loads(equal.out)["differences"] == []
 
     (end,) = (entry for entry in read_looks(calm) if entry.role == "end")
     path = copy.evidence_of("calm-5.red") / end.file
     path.unlink()
-    gone = _paos_verify(copy.root)
-    assert gone.returncode > 1
-    assert f"LOOK_MISSING: no file {path}" in gone.stderr
+    gone = paos(*verify)
+    assert gone.code > 1
+    assert f"LOOK_MISSING: no file {path}" in gone.err
 
     with zipfile.ZipFile(calm / end.file) as file:
         parts = {name: file.read(name) for name in file.namelist()}
@@ -148,14 +146,14 @@ def test_a_verdict_is_formed_again_from_the_frames_and_a_tampered_frame_is_found
     with zipfile.ZipFile(path, "w") as file:
         for name, data in parts.items():
             file.writestr(name, data)
-    refused = _paos_verify(copy.root)
-    assert refused.returncode > 1
-    assert f"EVIDENCE_UNREADABLE: {path}: its bytes are not those of sha256 {end.sha256}" in refused.stderr
+    refused = paos(*verify)
+    assert refused.code > 1
+    assert f"EVIDENCE_UNREADABLE: {path}: its bytes are not those of sha256 {end.sha256}" in refused.err
 
     listed = path.with_name(LOOKS)
     text = listed.read_text().replace(end.sha256, hashlib.sha256(path.read_bytes()).hexdigest())
     listed.unlink()  # perhaps shared
     listed.write_text(text)
-    other = _paos_verify(copy.root)
-    assert other.returncode == 1, other.stderr
-    assert "environment_after.json: " in other.stdout
+    other = paos(*verify)
+    assert other.code == 1, other.err
+    assert "environment_after.json: " in other.out

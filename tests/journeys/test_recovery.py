@@ -7,26 +7,39 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.recovery_parts.eye import is_in_box
+from phyagentos.assembly.agent_plane import MemoryUse
+from phyagentos.assembly.paths import open_project
+from phyagentos.bench.scorers.simulator_state import is_in_tray
+from phyagentos.bench.suite import open_bench
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.settings.perception import Sensing
+
 ROOT = Path(__file__).resolve().parents[2]
+PARTS = ROOT / "benchmarks" / "recovery_parts"
 
 pytestmark = pytest.mark.journey
 
 
-def run_benchmark(name: str, *arguments: str) -> tuple[int, dict[str, float], str]:
-    command = [sys.executable, str(ROOT / "benchmarks" / name), "--seeds", "1", "--sense", "truth", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert done.stdout, done.stderr
-    return done.returncode, json.loads(done.stdout.splitlines()[-1])["figures"], done.stdout + done.stderr
-
-
 def test_a_hemmed_in_cube_and_a_carton_too_wide_are_had_by_clearing_and_by_pushing(tmp_path):
-    cases = ("--cases", "hemmed", "wide", "--policies", "repair", "--keep", str(tmp_path))
-    _, figures, told = run_benchmark("recovery.py", *cases)
-    assert figures["repair_success"] == 1.0, told
-    assert "flowchart TD" in (document := (tmp_path / "repair" / "TASK.md").read_text())
+    workspace = open_project(tmp_path / "w", ROOT)
+    with open_bench(workspace, SystemClock(), sense=Sensing.TRUTH, memory_use=MemoryUse.NONE) as agent:
+        hemmed, wide = (
+            agent.mission.run(PARTS / f"{case}.yaml", seed=400, goal=f"{case}-400") for case in ("hemmed", "wide")
+        )
+    ends = [workspace.evidence_of(report.sessions[-1].id) for report in (hemmed, wide)]
+
+    assert (hemmed.verdict, wide.verdict) == ("success", "success"), (hemmed, wide)
+    assert is_in_tray(ends[0], "red_cube", "red_tray")
+    assert is_in_box(ends[1], "carton", (0.5, -0.32), (0.08, 0.08))
+    assert "flowchart TD" in (document := (workspace.root / "TASK.md").read_text())
     assert "-- clears -->" in document
 
 
 def test_a_hand_and_a_slip_are_told_apart():
-    code, figures, told = run_benchmark("diagnosis.py", "--cases", "moved", "dropped")
-    assert (code, figures["right"], figures["with_support"]) == (0, 1.0, 1.0), told
+    command = [sys.executable, str(ROOT / "benchmarks" / "diagnosis.py"), "--seeds", "1", "--sense", "truth"]
+    command += ["--cases", "moved", "dropped"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    figures = json.loads(done.stdout.splitlines()[-1])["figures"]
+
+    assert (done.returncode, figures["right"], figures["with_support"]) == (0, 1.0, 1.0), done.stdout + done.stderr

@@ -133,7 +133,7 @@ def read_sound() -> list[Case]:
 
 def read_case(file: Path) -> Case:
     """One case; its name and side are those of its file."""
-    case = msgspec.convert(yaml.safe_load(file.read_text(encoding="utf-8")), type=Case)
+    case = msgspec.convert(_load(file.read_text(encoding="utf-8")), type=Case)
     assert (case.side, case.name) == (file.parent.name, file.stem), f"{file} says {case.side}/{case.name}"
     return case
 
@@ -270,6 +270,14 @@ def _has_graph(root: Path, name: str) -> bool:
     return (root / "goal_graphs" / f"{name}.yaml").is_file()
 
 
+def _load(text: str) -> Any:
+    return yaml.load(text, Loader=yaml.CSafeLoader)
+
+
+def _edit(text: str, edit: Edit) -> str:
+    return yaml.dump(_apply(_load(text), [edit]), Dumper=yaml.CSafeDumper, sort_keys=False)
+
+
 def _settle(session: Session) -> Session:
     given = {name: value for name, value in session.parameters.items() if OPEN not in str(value)}
     return msgspec.structs.replace(session, parameters=given)
@@ -308,10 +316,10 @@ def _edit_file(file: Path, edit: Edit) -> None:
     text = file.read_text(encoding="utf-8")
     if file.suffix == ".md":
         front, _ = split_front_matter(text, str(file))
-        edited = yaml.safe_dump(_apply(yaml.safe_load(front), [edit]), sort_keys=False)
+        edited = _edit(front, edit)
         file.write_text(f"---\n{edited}---\n{text.split('---', 2)[2]}", encoding="utf-8")
     else:
-        file.write_text(yaml.safe_dump(_apply(yaml.safe_load(text), [edit]), sort_keys=False), encoding="utf-8")
+        file.write_text(_edit(text, edit), encoding="utf-8")
 
 
 def _apply(data: Any, edits: Sequence[Edit]) -> Any:
@@ -335,7 +343,7 @@ RESCUED = {"clear_bench": {("clear_bench.carton-carry", "TOO_WIDE")}}  # by desi
 def iter_shipped() -> Iterator[str]:
     """Every goal graph that ships for the robot of the recordings, and the sound policy of the corpus."""
     shipped = sorted((find_shipped_root() / "goal_graphs").glob("*.yaml"))
-    yield from (path.stem for path in shipped if "panda" in yaml.safe_load(path.read_text())["targets"].values())
+    yield from (path.stem for path in shipped if "panda" in _load(path.read_text())["targets"].values())
     yield "follow"
 
 

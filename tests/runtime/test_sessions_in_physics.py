@@ -98,11 +98,11 @@ def check_that_solvers_are_named(folder):
             assert all(0 < goal["hover"]["iterations"] < 10 for goal in stages["goals"] if "hover" in goal)
             assert all(goal["hover"]["position_error_m"] < 1e-7 for goal in stages["goals"] if "hover" in goal)
         else:
-            solved = {"toppra": "Ok", "casadi": "solved"}  # what is carried is shaped
+            solved = {"toppra": "Ok", "casadi": "solved"}  # what is carried is shaped where it is heavy
             assert stages["scaling"]["status"] == solved[stages["scaling"]["solver"]]
             assert (stages["scaling"]["solver"] == "casadi") <= ("unshaped_grip_share" in stages["scaling"])
-            assert stages.get("path", {}).get("planner", "") in ("", "straight", "RRTConnect")
-    assert any(stages.get("scaling", {}).get("solver") == "casadi" for _, stages in answers)
+            assert stages.get("path", {}).get("planner", "") in ("", "straight", "RRT-Connect on spheres")
+    assert any("grip_share" in stages.get("scaling", {}) for _, stages in answers)
 
 
 def test_the_same_seed_gives_the_same_bits(build_world, build):
@@ -182,7 +182,9 @@ def test_the_attempt_after_a_failed_one_sets_down_what_that_held_and_takes_it_ag
     bench = build_world(SEIZED)
     failed, again = (bench.run(build("pick_and_place", 6, number, **TO_GREEN)) for number in (0, 1))
 
-    assert (failed.ended, again.ended) == (Ended.STALLED, Ended.COMPLETED), (failed.message, again.leaf, again.message)
+    seized = {Ended.STALLED, Ended.SAFETY_STOP}  # the other joints may bring the arm near something, as the path goes
+    assert failed.ended in seized, failed.message
+    assert again.ended is Ended.COMPLETED, (again.leaf, again.message)
     assert load_terminal(bench.workspace / failed.evidence).body("green_cube").xpos[2] > 0.1, "it is held"
     assert is_in_tray(load_terminal(bench.workspace / again.evidence), "green_cube", "green_tray")
     assert falls["green_cube"] < 0.01, falls

@@ -127,6 +127,10 @@ class Body(ABC):
         """Boxes of space that have names: `name`, `pose` and `half_m` [m], where `has_truth`."""
         return ()
 
+    def list_signals(self) -> Mapping[str, Sequence[float]]:
+        """Further measurements by the names of `observations`, flattened, where `has_truth`."""
+        return {}
+
     def measure_error(self, wanted: Sequence[float]) -> float:
         """How far it is behind set-points (n_joints,), as the greatest angle of a joint [rad]."""
         return max((abs(q - each) for q, each in zip(self.read().q, wanted, strict=True)), default=0.0)

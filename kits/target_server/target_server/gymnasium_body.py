@@ -3,7 +3,7 @@
     python -m target_server.gymnasium_body < KEY_AND_SETTINGS        # two lines: the key, the settings as JSON
 
 Each row of set-points is one `env.step`. What the environment says of success and reward never goes over the wire: a
-session is judged by evidence. Where `outcomes` names a file, success is written there, for who measures.
+session is judged by evidence. Where `outcomes` names a file, it is written there after each session, for who measures.
 """
 
 import importlib
@@ -24,7 +24,6 @@ from target_server.body import Body, Entity, Joint, State, Triple
 from target_server.server import main
 from target_server.wire import Refusal
 
-STILL = 0.01  # slower than this a joint is at rest [1/s]
 HALT_STEPS = 400
 
 
@@ -32,7 +31,8 @@ HALT_STEPS = 400
 class Motor:
     """How one joint is moved and measured.
 
-    The action is set_point_gain q_d + gain (q_d - q) + velocity_gain qd_d, cut to the bounds of the action space.
+    The action is set_point_gain q_d + gain (q_d - q) + velocity_gain qd_d, cut to the bounds of the action space; where
+    it holds still, hold_gain is added to gain.
 
     Attributes:
         action: Its place in the action.
@@ -47,6 +47,7 @@ class Motor:
     set_point_gain: float = 0.0
     gain: float = 0.0
     velocity_gain: float = 0.0
+    hold_gain: float = 0.0
     velocity: float = math.inf
     rest: float = 0.0
     axis: Triple = (0.0, 0.0, 0.0)
@@ -71,12 +72,31 @@ class Thing:
 
     Attributes:
         size_m: Half extents of its box [m].
+        joint: Place of its joint in the observation, which reads `closed` to `opened`; None without one.
     """
 
     kind: str
     observation: int | None = None
     position_m: Triple = (0.0, 0.0, 0.0)
     size_m: Triple = (0.02, 0.02, 0.02)
+    joint: int | None = None
+    closed: float = 0.0
+    opened: float = 1.0
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A region about a point of the observation.
+
+    Attributes:
+        observation: First of its three places.
+        offset_m: From there to the middle of the region [m].
+        half_m: Half extents [m].
+    """
+
+    observation: int
+    offset_m: Triple = (0.0, 0.0, 0.0)
+    half_m: Triple = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -87,9 +107,14 @@ class Settings:
         target: Its name in the framework.
         id: Of the environment, for `gymnasium.make`, with `kwargs`; `imports` are modules that register it.
         seed_argument: The argument of `gymnasium.make` that takes the scene's seed; without one `reset` takes it.
+        scene_argument: The argument of `gymnasium.make` that takes the scene's name, for that in `kwargs`; without one
+            all scenes are alike.
+        signals: Name of an observation -> its first place in the environment's own, and the one behind its last.
         step_s: What one `env.step` takes [s]; so many in a command: `steps_per_command`.
+        still: Slower than this a joint is at rest [1/s]; above what noise of the observation makes.
         tcp_m: (3,) the tool with all joints at zero [m].
-        outcomes: File to which the success of each episode is appended.
+        outcomes: File to which a line is appended after each session: `success` so far in the episode, `at_end` that of
+            its last step, `completed` the environment's own list of completed parts, and `steps`.
     """
 
     target: str
@@ -97,11 +122,15 @@ class Settings:
     joints: Mapping[str, Motor]
     step_s: float
     steps_per_command: int = 1
-    kwargs: Mapping[str, Any] = field(default_factory=dict)
+    kwargs: dict[str, Any] = field(default_factory=dict)
     imports: Sequence[str] = ()
     seed_argument: str = ""
+    scene_argument: str = ""
     gripper: Gripper | None = None
     entities: Mapping[str, Thing] = field(default_factory=dict)
+    regions: Mapping[str, Zone] = field(default_factory=dict)
+    signals: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    still: float = 0.01
     tcp_m: Triple = (0.0, 0.0, 0.0)
     outcomes: str = ""
 
@@ -110,15 +139,15 @@ def make_settings(given: Mapping[str, Any]) -> Settings:
     """Settings from plain data; raises TypeError for a key that is not known or missing."""
     joints = {name: Motor(**each) for name, each in given["joints"].items()}
     things = {name: Thing(**each) for name, each in given.get("entities", {}).items()}
+    zones = {name: Zone(**each) for name, each in given.get("regions", {}).items()}
     gripper = Gripper(**given["gripper"]) if given.get("gripper") else None
-    return Settings(**{**given, "joints": joints, "entities": things, "gripper": gripper})
+    return Settings(**{**given, "joints": joints, "entities": things, "regions": zones, "gripper": gripper})
 
 
 class GymnasiumBody(Body):
     """One environment as a body."""
 
     has_truth = True
-    observations = ("joint_state", "gripper_width", "entity_poses")
     actions = ("joint_position", "gripper_width")
 
     def __init__(self, settings: Settings) -> None:
@@ -128,12 +157,14 @@ class GymnasiumBody(Body):
         self.joints = [
             Joint(name, each.low, each.high, each.velocity, each.axis) for name, each in settings.joints.items()
         ]
+        self.observations = ("joint_state", "gripper_width", "entity_poses", "regions", *settings.signals)
         self.end_effector = "opening" if settings.gripper else "none"
         if settings.gripper is not None:
             self.gripper_force_n, self.width_max_m = settings.gripper.force_n, settings.gripper.width_m
         for module in settings.imports:
             importlib.import_module(module)
         self._env: Any = None
+        self._made_for = ("", -1)
         self.load("", 0, b"")
 
     @property
@@ -143,11 +174,10 @@ class GymnasiumBody(Body):
     def load(self, scene: str, seed: int, snapshot: bytes) -> None:
         if snapshot:
             raise Refusal("MALFORMED", "an environment goes on from no snapshot")
-        if self._env is not None:
-            self._note_outcome()
-        if self._env is None or self._settings.seed_argument:
-            self._make(seed)
-        self._steps, self._over, self._success = 0, "", False
+        asked = (scene if self._settings.scene_argument else "", seed if self._settings.seed_argument else 0)
+        if asked != self._made_for or self._settings.seed_argument:
+            self._make(*asked)
+        self._steps, self._over, self._outcome = 0, "", {"success": False, "at_end": False, "completed": []}
         self._see(self._env.reset(seed=seed)[0])
         self._before = self._seen
         self._wanted = np.array([each.rest for each in self._motors])
@@ -167,9 +197,20 @@ class GymnasiumBody(Body):
             at = each.position_m if each.observation is None else self._seen[each.observation : each.observation + 3]
             shape = {"kind": "box", "size_m": each.size_m, "pose": {}}
             x, y, z = map(float, at)
+            more = {} if each.joint is None else {"joint": self._measure_opening(each)}
             movable = each.observation is not None
-            found.append(Entity(name, each.kind, (x, y, z), movable=movable, shapes=(shape,)))
+            found.append(Entity(name, each.kind, (x, y, z), movable=movable, shapes=(shape,), more=more))
         return found
+
+    def list_regions(self) -> Sequence[Mapping[str, Any]]:
+        found = []
+        for name, each in self._settings.regions.items():
+            at = self._seen[each.observation : each.observation + 3] + each.offset_m
+            found.append({"name": name, "pose": {"position_m": at.tolist()}, "half_m": each.half_m})
+        return found
+
+    def list_signals(self) -> Mapping[str, Sequence[float]]:
+        return {name: self._seen[first:last].tolist() for name, (first, last) in self._settings.signals.items()}
 
     def step(self, q: Sequence[float], qd: Sequence[float], width_m: float) -> str:
         self._wanted, self._width_m = np.array(q), width_m
@@ -177,7 +218,7 @@ class GymnasiumBody(Body):
         return "TARGET_LIMIT" if self._over else ""
 
     def stay(self) -> None:
-        self._act(np.zeros(len(self._motors)))
+        self._act(np.zeros(len(self._motors)), is_held=True)
 
     def halt(self, category: int) -> None:
         dials = [
@@ -186,19 +227,24 @@ class GymnasiumBody(Body):
         self._wanted = np.array(dials)
         for _ in range(HALT_STEPS):
             self.stay()
-            if max(map(abs, self.read().qd), default=0.0) < STILL or self._over:
+            if max(map(abs, self.read().qd), default=0.0) < self._settings.still or self._over:
                 return
 
+    def note_end(self, session: str) -> None:
+        if self._settings.outcomes:
+            with Path(self._settings.outcomes).open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"session": session, **self._outcome, "steps": self._steps}) + "\n")
+
     def close(self) -> None:
-        self._note_outcome()
         self._env.close()
 
-    def _make(self, seed: int) -> None:
-        settings = self._settings
-        more = {settings.seed_argument: seed} if settings.seed_argument else {}
+    def _make(self, scene: str, seed: int) -> None:
+        settings, self._made_for = self._settings, (scene, seed)
+        more = settings.kwargs | ({settings.seed_argument: seed} if settings.seed_argument else {})
+        more |= {settings.scene_argument: scene} if scene else {}
         if self._env is not None:
             self._env.close()
-        self._env = gymnasium.make(settings.id, **settings.kwargs, **more)
+        self._env = gymnasium.make(settings.id, **more)
         space = self._env.action_space
         if isinstance(space, spaces.Discrete):
             self._low, self._high = np.array([space.start]), np.array([space.start + space.n - 1])
@@ -210,7 +256,7 @@ class GymnasiumBody(Body):
                 raise TypeError(f"an action space {space}; boxes, discrete ones and maps of boxes are possible")
             self._low, self._high = flat.low, flat.high
 
-    def _act(self, qd: "Sequence[float] | NDArray[np.float64]") -> None:
+    def _act(self, qd: "Sequence[float] | NDArray[np.float64]", *, is_held: bool = False) -> None:
         """One step of the environment; an episode that is over stands still."""
         self._steps += 1
         self._before = self._seen
@@ -218,13 +264,14 @@ class GymnasiumBody(Body):
             return
         settings, vector = self._settings, np.clip(np.zeros(len(self._low)), self._low, self._high)
         for each, q, wanted, speed in zip(self._motors, self._read_q(), self._wanted, qd, strict=True):
-            towards = each.gain * (wanted - q) + each.velocity_gain * speed
+            gain = each.gain + each.hold_gain if is_held else each.gain
+            towards = gain * (wanted - q) + each.velocity_gain * speed
             vector[each.action] = each.set_point_gain * wanted + towards
         if settings.gripper is not None:
             grip, share = settings.gripper, self._width_m / settings.gripper.width_m
             vector[grip.action] = grip.closed + share * (grip.opened - grip.closed)
         observed, _reward, terminated, truncated, info = self._env.step(self._compose(vector))
-        self._success |= bool(info.get("success", False))
+        self._note_success(info)
         self._over = "terminated" if terminated else "truncated" if truncated else ""
         self._see(observed)
 
@@ -239,6 +286,17 @@ class GymnasiumBody(Body):
     def _see(self, observed: Any) -> None:
         self._seen = np.asarray(spaces.flatten(self._env.observation_space, observed), dtype=np.float64)
 
+    def _note_success(self, info: Mapping[str, Any]) -> None:
+        is_met = bool(info.get("success", False))
+        completed = [str(each) for each in info.get("episode_task_completions", ())]
+        so_far = bool(self._outcome["success"]) or is_met
+        self._outcome = {"success": so_far, "at_end": is_met, "completed": completed}
+
+    def _measure_opening(self, thing: Thing) -> float:
+        assert thing.joint is not None
+        share = (float(self._seen[thing.joint]) - thing.closed) / (thing.opened - thing.closed)
+        return min(max(share, 0.0), 1.0)
+
     def _read_q(self) -> list[float]:
         pairs = zip(self._motors, self._wanted, strict=True)
         return [float(was if each.observation is None else self._seen[each.observation]) for each, was in pairs]
@@ -248,11 +306,6 @@ class GymnasiumBody(Body):
         if grip is None or grip.observation is None:
             return self._width_m
         return float(np.clip(self._seen[grip.observation] / grip.observed_open, 0.0, 1.0)) * grip.width_m
-
-    def _note_outcome(self) -> None:
-        if self._settings.outcomes and self._steps:
-            with Path(self._settings.outcomes).open("a", encoding="utf-8") as file:
-                file.write(json.dumps({"success": self._success, "steps": self._steps}) + "\n")
 
 
 def make_body() -> GymnasiumBody:

@@ -119,7 +119,7 @@ class LiberoBody(Body):
             tcp_m=tuple(position_m.tolist()),
             tcp_wxyz=(w, x, y, z),
             width_m=self._measure_width(),
-            holding=tuple(each.name for each in self._things if self._is_held(each)),
+            holding=self._list_held(),
         )
 
     def measure_error(self, wanted: Sequence[float]) -> float:
@@ -128,7 +128,8 @@ class LiberoBody(Body):
         return float(max(np.linalg.norm(aim_m - position_m) / LEVER_M, np.linalg.norm(_to_vector(aim @ rotation.T))))
 
     def list_entities(self) -> Sequence[Entity]:
-        return [self._read_entity(each) for each in self._things]
+        held = self._list_held()
+        return [self._read_entity(each, held) for each in self._things]
 
     def list_regions(self) -> Sequence[Mapping[str, Any]]:
         return [self._place(thing, mark) for thing in self._things for mark in thing.regions]
@@ -192,7 +193,8 @@ class LiberoBody(Body):
         self._base_m, self._base = data.body(BASE).xpos.copy(), data.body(BASE).xmat.reshape(3, 3).copy()
         self._grip = data.site(SITE).id
         self._tip_m = self._measure_tip()
-        self._sides = [frozenset(data.body(name).id for name in names) for names in JAWS]
+        jaws = {data.body(name).id: side for side, names in enumerate(JAWS) for name in names}
+        self._side_of = {geom: jaws[body] for geom, body in enumerate(model.geom_bodyid.tolist()) if body in jaws}
         roots = {int(number): name for name, number in inner.obj_body_id.items()}
         kinds = {
             name: each.category_name
@@ -273,28 +275,34 @@ class LiberoBody(Body):
     def _rest(self) -> None:
         self._wanted = np.array(self._data.qpos[self._q_at])
 
-    def _is_held(self, thing: Thing) -> bool:
-        """Whether both jaws touch a thing that moves."""
-        return thing.movable and all(any(self._touches(side, geom) for geom in thing.geoms) for side in self._sides)
-
-    def _touches(self, side: frozenset[int], geom: int) -> bool:
-        pairs = self._data.contact.geom if self._data.ncon else ()
-        bodies = self._model.geom_bodyid
-        return any((a == geom and int(bodies[b]) in side) or (b == geom and int(bodies[a]) in side) for a, b in pairs)
+    def _list_held(self) -> tuple[str, ...]:
+        """What moves and is touched by both jaws."""
+        touched: tuple[set[int], ...] = tuple(set() for _ in JAWS)
+        for pair in self._data.contact.geom.tolist() if self._data.ncon else ():
+            for jaw, other in (pair, pair[::-1]):
+                if jaw in self._side_of:
+                    touched[self._side_of[jaw]].add(other)
+        if not all(touched):
+            return ()
+        return tuple(
+            each.name
+            for each in self._things
+            if each.movable and all(not geoms.isdisjoint(each.geoms) for geoms in touched)
+        )
 
     def _locate(self, thing: Thing) -> tuple[Array, Array]:
         """Position (3,) and rotation (3, 3) of a thing."""
         position_m = self._base.T @ (self._data.xpos[thing.body] - self._base_m)
         return position_m, self._base.T @ self._data.xmat[thing.body].reshape(3, 3)
 
-    def _read_entity(self, thing: Thing) -> Entity:
+    def _read_entity(self, thing: Thing, held: Sequence[str]) -> Entity:
         position_m, rotation = self._locate(thing)
         more: dict[str, Any] = {}
         if thing.movable:
             more["speed_m_s"] = float(np.linalg.norm(self._data.cvel[thing.body][3:]))
         if thing.name == thing.owner:
             more["datum_m"] = (0.0, 0.0, 0.0)
-        if self._is_held(thing):
+        if thing.name in held:
             more["held_by"] = self.target
         if (room := thing.interior) is not None:
             half_m = np.abs(room.rotation) @ room.half_m

@@ -177,6 +177,7 @@ class Served:
                 for each in self.body.list_entities()
             ]
             reply["regions"] = list(self.body.list_regions())
+            reply["signals"] = {name: list(map(float, each)) for name, each in self.body.list_signals().items()}
         snapshot = self.body.snapshot() if request["snapshot"] else None
         if snapshot is not None:
             reply["snapshot"] = {"media_type": snapshot[0], "data": snapshot[1]}

@@ -1,9 +1,11 @@
 """The scorer `simulator`: conditions on the recorded state of a MuJoCo simulation, `{in_tray: [red_cube, red_tray]}`.
 
-A condition is a function `is_…` of `simulator_state` with its arguments, as a list or by name.
+A condition is a function `is_…` of `simulator_state`, or another `module:function` that gets the folder of a bundle
+first, with its arguments, as a list or by name.
 """
 
 import inspect
+import pkgutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,18 +24,23 @@ def _list_conditions() -> dict[str, Callable[..., bool]]:
     return {name.removeprefix("is_"): each for name, each in vars(simulator_state).items() if name.startswith("is_")}
 
 
+def _find_condition(name: str) -> Callable[..., bool]:
+    """Raises KeyError, ImportError or AttributeError for one that is not there."""
+    found: Callable[..., bool] = pkgutil.resolve_name(name) if ":" in name else _list_conditions()[name]
+    return found
+
+
 def _check(located: Located, path: Address, condition: Any) -> list[Problem]:
-    known = _list_conditions()
     if not isinstance(condition, dict) or len(condition) != 1:
         expected = "one condition, {NAME: [ARGUMENT, ...]} or {NAME: {ARGUMENT: VALUE}}"
         return [located.problem("INVALID_VALUE", path, repr(condition), expected)]
     ((name, arguments),) = condition.items()
-    if name not in known:
-        return [located.unknown("UNKNOWN_NAME", (*path, name), name, known)]
     try:
-        _bind(known[name], arguments, Path())
+        _bind(found := _find_condition(name), arguments, Path())
+    except (KeyError, ImportError, AttributeError):
+        return [located.unknown("UNKNOWN_NAME", (*path, name), name, _list_conditions())]
     except TypeError as error:
-        signature = [each for each in inspect.signature(known[name]).parameters if each != "folder"]
+        signature = [each for each in inspect.signature(found).parameters if each != "folder"]
         return [located.problem("WRONG_ARGUMENTS", (*path, name), str(error), ", ".join(signature))]
     return []
 
@@ -50,11 +57,12 @@ def _score(parts: Mapping[str, Any], workspace: Path, bundle: Path | None) -> di
         bundle = ends.parent
     if not ((bundle / TERMINAL).is_file() and (bundle / SCENE_MODEL).is_file()):
         return dict.fromkeys(parts, False)  # nothing was carried out
-    known, found = _list_conditions(), {}
+    found = {}
     for part, condition in parts.items():
         ((name, arguments),) = condition.items()
-        bound = _bind(known[name], arguments, bundle)
-        found[part] = known[name](*bound.args, **bound.kwargs)
+        is_there = _find_condition(name)
+        bound = _bind(is_there, arguments, bundle)
+        found[part] = is_there(*bound.args, **bound.kwargs)
     return found
 
 

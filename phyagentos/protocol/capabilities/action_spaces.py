@@ -60,6 +60,9 @@ class ActionSpace(Authored):
         scale: What 1 in each column of the arm means, where rows are normalised (`[0.05, 0.05, 0.05, 0.5, 0.5, 0.5]`);
             empty where they are not.
         rate_hz: Rows per second.
+        interpolation: Between rows, where the other side has more of them. `linear`: straight lines and shortest turns.
+            `cubic`: a spline (C2) that goes on from the standing set-point at its velocity; it may lead a little
+            beyond rows that change abruptly. The gripper's column is on straight lines all the same.
         chunk_length: Most rows of one chunk.
         gripper: None without a gripper.
         clamp: What leaves the target's range is projected into it, and recorded; otherwise it is refused.
@@ -80,6 +83,7 @@ class ActionSpace(Authored):
     length_unit: Literal["m", "cm", "mm"] = "m"
     scale: tuple[float, ...] = ()
     rate_hz: float = pydantic.Field(gt=0)
+    interpolation: Literal["linear", "cubic"] = "linear"
     chunk_length: int = pydantic.Field(default=1, ge=1)
     gripper: GripperRange | None = None
     clamp: bool = False

@@ -72,6 +72,8 @@ class PolicyExecution(Authored):
         interruption: Where `paos pause` takes hold: after the present control period (`row`), or at the next horizon
             (`chunk`). The arm then brakes on a ramp, and the policy is shown what there is to see when it goes on.
         duration_s: Commanded time after which the policy counts as done, for those that never say so [s].
+        until_met_s: Interval at which the acceptance of the session is looked at, in the target's time; once it holds,
+            the arm is brought to rest and the policy counts as done [s]. The verdict rests on a look after that.
     """
 
     mode: Literal["hard_switch", "receding_horizon", "open_loop", "temporal_ensemble"] = "hard_switch"
@@ -81,6 +83,7 @@ class PolicyExecution(Authored):
     underrun: Literal["wait", "brake", "continue", "fail"] = "wait"
     interruption: Literal["row", "chunk"] = "chunk"
     duration_s: float | None = pydantic.Field(default=None, gt=0.0)
+    until_met_s: float | None = pydantic.Field(default=None, gt=0.0)
 
 
 class PolicyDescriptor(Authored):

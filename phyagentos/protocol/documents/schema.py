@@ -7,6 +7,7 @@ are refused and the JSON Schema for editors comes from the same source.
 import copy
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
@@ -86,6 +87,12 @@ def parse_yaml(text: str, source: str, first_line: int = 1, values_max: int = VA
         DefinitionError: On a syntax error, a value that does not fit its form or tag, a key written twice, or more than
             `values_max` values once aliases are written out.
     """
+    known = _parse(text, source, first_line, values_max)
+    return replace(known, data=copy.deepcopy(known.data), origins={})  # who gets it may change it
+
+
+@lru_cache(maxsize=1024)  # libraries and registries are read by each part of a process
+def _parse(text: str, source: str, first_line: int, values_max: int) -> Located:
     offset = first_line - 1
     marks: dict[Address, tuple[int, int]] = {}
     problems: list[Problem] = []

@@ -10,6 +10,8 @@ from scipy.interpolate import CubicSpline
 
 from phyagentos.runtime.actions.set_points import Array, SetPoints
 
+START_FRACTION = 0.5  # of the acceleration limit; leaves room for the guard's finite differences
+
 
 def iter_periods(
     rows: Array, before: Array, velocity_rad_s: Array, *, n_steps: int, step_s: float
@@ -25,14 +27,43 @@ def iter_periods(
     """
     period_s, k = n_steps * step_s, len(rows)
     knots_s = period_s * np.arange(k + 1)
-    arm = np.vstack((before[:-1], rows[:, :-1]))  # (k + 1, n_joints)
-    spline = CubicSpline(knots_s, arm, bc_type=((1, velocity_rad_s), (1, _compute_end_velocity(arm, period_s))))
+    spline = _fit(rows, before, velocity_rad_s, period_s)
     widths = np.concatenate((before[-1:], rows[:, -1]))
     for index in range(k):
         times_s = knots_s[index] + step_s * np.arange(1, n_steps + 1)
         yield SetPoints(
             q_rad=spline(times_s), qd_rad_s=spline(times_s, 1), gripper_width_m=np.interp(times_s, knots_s, widths)
         )
+
+
+def run_up(rows: Array, before: Array, acceleration_rad_s2: Array, period_s: float) -> Array:
+    """The same path from rest, begun no faster than the arm can: (m + k, n_joints + 1), m the least that suffices.
+
+    The path's own time s(t) = t^2 / (4 m) catches up within 2 m periods; what follows comes m periods later. Rows that
+    jump too far for that stay as they are, for the guard to refuse.
+
+    Args:
+        rows: As of `iter_periods`.
+        before: Likewise; at rest.
+        acceleration_rad_s2: (n_joints,) limits.
+        period_s: Between rows [s].
+    """
+    rest, places, slow = np.zeros(len(before) - 1), np.arange(len(rows) + 1), rows
+    path = CubicSpline(places, np.vstack((before, rows)), bc_type="natural")
+    for m in range(1, len(rows) + 1):
+        start_s = period_s * np.arange(2 * m)
+        if (np.abs(_fit(slow, before, rest, period_s)(start_s, 2)) <= START_FRACTION * acceleration_rad_s2).all():
+            return slow
+        t = np.arange(1, len(rows) + m + 1)
+        s = np.where(t < 2 * m, t * t / (4.0 * m), t - m)
+        slow = np.column_stack((path(s)[:, :-1], np.interp(s, places, path(places)[:, -1])))
+    return rows
+
+
+def _fit(rows: Array, before: Array, velocity_rad_s: Array, period_s: float) -> CubicSpline:
+    arm = np.vstack((before[:-1], rows[:, :-1]))  # (k + 1, n_joints)
+    end_velocity = _compute_end_velocity(arm, period_s)
+    return CubicSpline(period_s * np.arange(len(arm)), arm, bc_type=((1, velocity_rad_s), (1, end_velocity)))
 
 
 def _compute_end_velocity(arm: Array, period_s: float) -> Array:

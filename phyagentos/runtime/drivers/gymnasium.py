@@ -15,6 +15,7 @@ from typing import Any
 from typing_extensions import override
 
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.capabilities.environments import find_python
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml
@@ -42,8 +43,8 @@ class GymnasiumDriver(RemoteDriver):
         self._process.communicate()  # the end of its standard input ends it
 
 
-def open_gymnasium(profile: TargetProfile, folder: Path) -> GymnasiumDriver:
-    """Start the environment and connect to it.
+def open_gymnasium(profile: TargetProfile, folder: Path, outcomes: Path | None = None) -> GymnasiumDriver:
+    """Start the environment and connect to it; its own success goes to the file `outcomes`, for who measures.
 
     Raises:
         DefinitionError: `NO_ENVIRONMENT` when its process does not start.
@@ -55,8 +56,13 @@ def open_gymnasium(profile: TargetProfile, folder: Path) -> GymnasiumDriver:
         raise _explain(path, "no mapping")
     settings = data | {"target": profile.target, "step_s": profile.physics_step_s}
     settings["steps_per_command"] = round(profile.control_period_s / profile.physics_step_s)
+    if outcomes is not None:
+        outcomes.parent.mkdir(parents=True, exist_ok=True)
+        settings.setdefault("outcomes", str(outcomes.absolute()))
     kit = find_shipped_root() / "kits" / "target_server"
-    command = [settings.pop("python", "python3"), "-m", "target_server.gymnasium_body"]
+    made = settings.pop("environment", None)
+    python = settings.pop("python", "python3") if made is None else str(find_python(made))
+    command = [python, "-m", "target_server.gymnasium_body"]
     pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     try:
         process = subprocess.Popen(command, env=os.environ | {"PYTHONPATH": str(kit)}, **pipes)
@@ -85,5 +91,5 @@ def _read_endpoint(process: "subprocess.Popen[str]", lines: str) -> str:
 
 
 def _explain(path: Path, found: str) -> DefinitionError:
-    hint = "Let `python` name an interpreter with gymnasium, the environment, websockets and msgpack (docs/targets.md)."
+    hint = "Name an interpreter (`python`), or what `paos bench setup` has made (`environment`): docs/targets.md."
     return DefinitionError.of("NO_ENVIRONMENT", str(path), found, "a process that serves the environment", hint)

@@ -1,4 +1,4 @@
-"""Whether the objective of a session is met before it begins, so that nothing is to be done.
+"""Whether the objective of a session is met before it begins, so that nothing is to be done, or in the midst of it.
 
 Preflight asks whether it may be, lest a session is refused that has nothing to do; the runner decides on a look of its
 own, and waits for it to show rest. The verdict is the agent's, on the look at the end, as of any session.
@@ -20,11 +20,14 @@ def weigh_before(session: Session, now: Environment) -> Truth:
     if not session.unless_met or not session.accept:
         return Truth.FALSE
     still = {name: replace(each, speed_m_s=0.0, still_since_s=None) for name, each in now.entities.items()}
-    if not _is_met(session, replace(now, entities=still)):
+    if not is_met(session, still_now := replace(now, entities=still), still_now):
         return Truth.FALSE
-    return Truth.TRUE if _is_met(session, now) else Truth.UNKNOWN
+    return Truth.TRUE if is_met(session, now, now) else Truth.UNKNOWN
 
 
-def _is_met(session: Session, now: Environment) -> bool:
-    view = session.make_view(now, now)
-    return all(parse_predicate(text).evaluate(view).truth is Truth.TRUE for text in session.accept)
+def is_met(session: Session, now: Environment, initial: Environment) -> bool:
+    """Whether a session that was begun in `initial` has an acceptance, and all of it is true now."""
+    view = session.make_view(now, initial)
+    return bool(session.accept) and all(
+        parse_predicate(text).evaluate(view).truth is Truth.TRUE for text in session.accept
+    )

@@ -1,17 +1,17 @@
 """Approaches from wanted tool poses: the posture above, the straight line down, and their contacts.
 
-Compiled inverse kinematics screens many seeds; mink polishes the nearest candidates and solves their lines.
+Compiled inverse kinematics screens many seeds and follows lines; mink polishes the nearest candidates.
 """
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
 from phyagentos.geometry import compute_pose
 from phyagentos.protocol.capabilities.targets import BASE_JOINTS
-from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
@@ -39,7 +39,7 @@ class Way:
         hover_m: Distance from `end` at which the straight line begins [m].
         openings_m: Of the fingers when they hold, and when they do not.
         tolerate: Pairs whose contact is intended within `tolerate_m` [m] of the end.
-        site: Pose of the held entity after a place.
+        site: (4, 4) pose of the held entity after a place.
         fall_m: How far it falls there when it is let go.
         is_clear: Whether the fingers keep off what is tolerated while they are open.
         back: (3,) unit direction in the world from `end` to where the line begins.
@@ -51,7 +51,7 @@ class Way:
     openings_m: tuple[float, float]
     tolerate: frozenset[Pair]
     tolerate_m: float
-    site: Pose | None = None
+    site: Array | None = None
     fall_m: float = 0.0
     is_clear: bool = False
     back: tuple[float, ...] = (0.0, 0.0, 1.0)
@@ -64,109 +64,123 @@ class Way:
     def find_blocked(self, q_rad: Array, left_m: float, scene: PlanningScene) -> list[Pair]:
         """Pairs that must not touch in a posture (n_joints,) of the line, `left_m` before its end."""
         tolerate = self.tolerate if left_m <= self.tolerate_m else frozenset()
-        blocked = [pair for pair in scene.sweep(q_rad, *self.openings_m) if pair not in tolerate]
+        blocked = scene.sweep(q_rad, *self.openings_m, tolerate)
         if self.is_clear and not blocked:
             open_m = self.openings_m[1]
             blocked = scene.sweep(q_rad, open_m, open_m)
         return blocked
 
 
-@dataclass(frozen=True, slots=True)
-class _Hover:
-    way: Way
-    q_rad: Array
+class Screen:
+    """Compiled inverse kinematics from start postures `seeds` (k, n_joints): here, home, near home, anywhere.
 
+    A base begins where it stands. What was found is kept: ways that differ in their openings share tool poses.
+    """
 
-def draw_seeds(kinematics: Kinematics, q_rad: Array, home_rad: Array, seed: int) -> list[Array]:
-    """Start postures for the inverse: here, home, near home, anywhere; in that order. A base begins where it stands."""
-    chain = kinematics.chain
-    rng = np.random.default_rng(seed)
-    if chain.slides:
-        home_rad = np.concatenate((q_rad[: len(BASE_JOINTS)], home_rad[len(BASE_JOINTS) :]))
-    near = home_rad + rng.normal(0.0, NEAR_HOME_SPREAD_RAD, (NEAR_HOME_SEEDS, len(home_rad)))
-    anywhere = rng.uniform(chain.q_min_rad, chain.q_max_rad, (UNIFORM_SEEDS, len(home_rad)))
-    return [np.clip(q, chain.q_min_rad, chain.q_max_rad) for q in (q_rad, home_rad, *near, *anywhere)]
+    def __init__(self, kinematics: Kinematics, q_rad: Array, home_rad: Array, seed: int) -> None:
+        self._chain = chain = kinematics.chain
+        rng = np.random.default_rng(seed)
+        if chain.slides:
+            home_rad = np.concatenate((q_rad[: len(BASE_JOINTS)], home_rad[len(BASE_JOINTS) :]))
+        near = home_rad + rng.normal(0.0, NEAR_HOME_SPREAD_RAD, (NEAR_HOME_SEEDS, len(home_rad)))
+        anywhere = rng.uniform(chain.q_min_rad, chain.q_max_rad, (UNIFORM_SEEDS, len(home_rad)))
+        self.seeds = np.clip(np.vstack((q_rad, home_rad, near, anywhere)), chain.q_min_rad, chain.q_max_rad)
+        self._found: dict[tuple[bytes, bool], Array] = {}
+        self._latest_rad = self.seeds[0]
+
+    def find_postures(self, world_T_tcp: Array, job: Job, *, anywhere: bool) -> Array:
+        """Distinct postures (m, n_joints) of a tool pose, from the seeds anywhere or from the others."""
+        key = world_T_tcp.tobytes(), anywhere
+        if key not in self._found:
+            seeds = self.seeds[-UNIFORM_SEEDS:] if anywhere else self.seeds[:-UNIFORM_SEEDS]
+            self._found[key], reached = self._chain.solve_all(world_T_tcp, seeds, SAME_POSTURE_RAD)
+            job.screened += len(seeds)
+            job.reached += reached
+        return self._found[key]
+
+    def find_any(self, world_T_tcp: Array) -> Array | None:
+        """A posture (n_joints,) of a tool pose, sought where the one before was found; None where that fails."""
+        found = self._chain.solve(world_T_tcp, self._latest_rad)
+        self._latest_rad = self._latest_rad if found is None else found
+        return found
 
 
 def find_approaches(
     ways: Sequence[Way],
     *,
     q_rad: Array,
-    seeds: Sequence[Array],
+    screen: Screen,
     kinematics: Kinematics,
     scene: PlanningScene,
     job: Job,
     count: int,
 ) -> list[Approach]:
-    """At most `count` approaches, the nearest to `q_rad` in joint space first; reasons of rejection go to the job."""
-    with job.stage("ik"):
-        hovers = [hover for way in ways for hover in _find_hovers(way, seeds, kinematics, scene, job)]
-    hovers.sort(key=lambda hover: float(np.linalg.norm(hover.q_rad - q_rad)))
+    """At most `count` approaches, the nearest to `q_rad` in joint space first; reasons of rejection go to the job.
+
+    Contacts are checked in that order, so that no more postures are checked than are wanted. Seeds anywhere serve the
+    ways of which no posture above was free.
+    """
     found: list[Approach] = []
-    taken: Counter[str] = Counter()
-    for hover in hovers:
-        if len(found) == count:
-            break
-        way = hover.way
-        if taken[way.label] < POSTURES_PER_WAY and (line := _find_line(hover, kinematics, scene, job)) is not None:
-            taken[way.label] += 1
-            found.append(
-                Approach(
-                    label=way.label,
-                    tcp_end=compute_pose(way.end),
-                    line_rad=line,
-                    site=way.site,
-                    release_m=way.openings_m[1],
-                    fall_m=way.fall_m,
-                )
-            )
+    taken, reached = Counter[str](), set[int]()
+    with job.stage("check"):
+        left = {index for index, way in enumerate(ways) if not _is_closed(way, screen, scene, job)}
+    closed = set[int]()
+    for anywhere in (False, True) if left else ():
+        with job.stage("ik"):
+            hovers = []
+            for index in sorted(left - closed):
+                rows = screen.find_postures(ways[index].start, job, anywhere=anywhere)
+                away = np.linalg.norm(rows - q_rad, axis=1).tolist()
+                hovers += [(*each, index) for each in zip(away, rows, strict=True)]
+        reached |= {index for _, _, index in hovers}
+        for _, q, index in sorted(hovers, key=itemgetter(0)):
+            way = ways[index]
+            if index in closed or taken[way.label] == POSTURES_PER_WAY:
+                continue
+            with job.stage("check"):
+                reason, is_closed = _find_obstruction(way, q, kinematics, scene)
+            closed |= {index} if is_closed else set()
+            if reason:
+                job.rejected[reason] += 1
+                continue
+            left.discard(index)
+            approach = _find_line(way, q, kinematics, scene, job)
+            if approach is not None:
+                taken[way.label] += 1
+                found.append(approach)
+            if len(found) == count:
+                return found
+    if unreached := left - reached:
+        job.rejected["ik"] += len(unreached)
     return found
 
 
-def _find_hovers(
-    way: Way, seeds: Sequence[Array], kinematics: Kinematics, scene: PlanningScene, job: Job
-) -> list[_Hover]:
-    """Postures above a way that are free and whose way down looks open at its end."""
-    job.checkpoint()
-    bounds = scene.robot.bounds
-    if wall := find_wall(bounds, way.end[:3, 3]) or find_wall(bounds, way.start[:3, 3]):
-        job.rejected[name_pair((scene.robot.tool, wall))] += 1
-        return []
-    hovers: list[_Hover] = []
-    reached = False
-    for index, start in enumerate(seeds):
-        if index >= 2 + NEAR_HOME_SEEDS and hovers:
-            break
-        q = kinematics.chain.solve(way.start, start)
-        job.screened += 1
-        if q is None:
-            continue
-        reached = True
-        job.reached += 1
-        if any(np.abs(q - other.q_rad).max() < SAME_POSTURE_RAD for other in hovers):
-            continue
-        blocked = scene.sweep(q, way.openings_m[0], scene.robot.profile.gripper.max_width_m)
-        if not blocked:
-            end = kinematics.chain.solve(way.end, q)
-            if end is None:
-                job.rejected["line"] += 1
-                continue
-            blocked = way.find_blocked(end, 0.0, scene)
-        if blocked:
-            job.rejected[name_pair(blocked[0])] += 1
-            if any(scene.is_of_tool_pose(pair) for pair in blocked):
-                break
-            continue
-        hovers.append(_Hover(way, q))
-    if not reached:
-        job.rejected["ik"] += 1
-    return hovers
+def _is_closed(way: Way, screen: Screen, scene: PlanningScene, job: Job) -> bool:
+    """Whether the tool is out of its bounds or touches something at the end of a way, whatever the arm's posture."""
+    bounds, tool = scene.robot.bounds, scene.robot.tool
+    walls = find_wall(bounds, way.end[:3, 3]) or find_wall(bounds, way.start[:3, 3])
+    end = None if walls else screen.find_any(way.end)
+    pairs = [] if end is None else way.find_blocked(end, 0.0, scene)
+    closed = [(tool, walls)] if walls else [pair for pair in pairs if scene.is_of_tool_pose(pair)]
+    job.rejected.update(map(name_pair, closed[:1]))
+    return bool(closed)
 
 
-def _find_line(hover: _Hover, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Array | None:
-    way = hover.way
+def _find_obstruction(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningScene) -> tuple[str, bool]:
+    """Why a posture above a way is not free, or its end is not; and whether that is so for every posture."""
+    blocked = scene.sweep(q_rad, way.openings_m[0], scene.robot.profile.gripper.max_width_m)
+    if not blocked:
+        end = kinematics.chain.solve(way.end, q_rad)
+        if end is None:
+            return "line", False
+        blocked = way.find_blocked(end, 0.0, scene)
+    return name_pair(blocked[0]) if blocked else "", any(map(scene.is_of_tool_pose, blocked))
+
+
+def _find_line(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Approach | None:
+    """The approach whose line begins near a posture (n_joints,); None where that is cut off or touches something."""
     with job.stage("ik"):
-        start = kinematics.solve(way.start, hover.q_rad, kinematics.polished)
+        start = kinematics.solve(way.start, q_rad, kinematics.polished)
         found = None if start is None else kinematics.solve_line(start.q_rad, way.end)
     if start is None or found is None:
         job.rejected["line"] += 1
@@ -180,4 +194,11 @@ def _find_line(hover: _Hover, kinematics: Kinematics, scene: PlanningScene, job:
                 job.rejected[name_pair(blocked[0])] += 1
                 return None
     job.goals.append(GoalPosture(way.label, found.solved, start.solved))
-    return line
+    return Approach(
+        label=way.label,
+        tcp_end=compute_pose(way.end),
+        line_rad=line,
+        site=None if way.site is None else compute_pose(way.site),
+        release_m=way.openings_m[1],
+        fall_m=way.fall_m,
+    )

@@ -1,7 +1,7 @@
 """Forward kinematics of a tree of joints, those of a base first, and a fast inverse, compiled by numba.
 
-The inverse only screens; mink (`kinematics`) polishes what it finds. No `fastmath`: the same bits on every machine
-with the same mathematical library.
+The inverse screens goal postures, which mink (`kinematics`) polishes, and follows straight lines of the tool. No
+`fastmath`: the same bits on every machine with the same mathematical library.
 """
 
 from dataclasses import dataclass
@@ -16,6 +16,10 @@ from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.robot_model import RobotModel
 
 LIMIT_MARGIN_RAD = 0.02  # a posture at a joint limit leaves no room for a correction
+REACHED = 1e-4, 1e-3  # [m], [rad] of a tool pose: less than a tenth of what perception errs
+STEPS = 60  # of the inverse, at most
+STALL_STEPS, STALL_SHARE = 8, 0.8  # given up where so many steps leave more than this share of the error
+JUMP_MAX_RAD = 0.35  # a larger step between neighbours on a line is another branch of the inverse
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,12 +64,35 @@ class Chain:
 
     def solve(self, world_T_tcp: Array, start_rad: Array) -> Array | None:
         """A posture within 1e-4 m and 1e-3 rad of a tool pose, found from `start_rad`, or None."""
-        q = np.zeros_like(self.q_min_rad)
+        rows, _ = self.solve_all(world_T_tcp, np.asarray(start_rad, dtype=np.float64)[None], 0.0)
+        return rows[0] if len(rows) else None
+
+    def solve_all(self, world_T_tcp: Array, starts_rad: Array, apart_rad: float) -> tuple[Array, int]:
+        """Postures (m, n_joints) that starts (k, n_joints) lead to, of which a joint differs by `apart_rad` or more.
+
+        Also returns how many starts led to one, like it or not.
+        """
+        rows = np.empty_like(starts_rad)
         target = np.ascontiguousarray(world_T_tcp[:3])
-        start = np.ascontiguousarray(start_rad, dtype=np.float64)
-        tree = self.frames, self.parents, self.slides, self.tool, self.tcp
-        found = _solve(start, target, *tree, self.q_min_rad, self.q_max_rad, q)
-        return q if found else None
+        count, reached = _solve_all(np.ascontiguousarray(starts_rad), target, apart_rad, rows, *self._tree)
+        return rows[:count], reached
+
+    def follow(
+        self, poses: Array, start_rad: Array, fine: tuple[float, float]
+    ) -> tuple[Array, int, float, float] | None:
+        """Postures (k, n_joints) at tool poses (k, 4, 4) of a line, of which `start_rad` is the first.
+
+        None where a pose is out of reach or on another branch; otherwise also the steps that the inverse took, and the
+        largest errors [m], [rad]: `fine` where that was reached.
+        """
+        rows = np.empty((len(poses), len(start_rad)))
+        rows[0] = start_rad
+        steps, *errors, is_reached = _follow(rows, np.ascontiguousarray(poses[:, :3]), fine, *self._tree)
+        return (rows, steps, *errors) if is_reached else None
+
+    @property
+    def _tree(self) -> tuple[Array, NDArray[np.int64], int, int, Array, Array, Array]:
+        return self.frames, self.parents, self.slides, self.tool, self.tcp, self.q_min_rad, self.q_max_rad
 
 
 def build_chain(robot: RobotModel) -> Chain:
@@ -136,30 +163,77 @@ def compute_links(q, frames, parents, slides, links):  # type: ignore[no-untyped
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def copy_row(row, place):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Write `row` (n,) into `place`; an assignment to a slice compiles its errors' messages, which takes seconds."""
+    for i in range(len(row)):
+        place[i] = row[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _compute_tool_links(path, frames, parents, slides, tool, carrier):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Write `world_T_link` (k, 3, 4) of the link with the tool in each posture of a path into `carrier`."""
     links = np.empty_like(frames)
     for k in range(len(path)):
         compute_links(path[k], frames, parents, slides, links)
-        carrier[k] = links[tool]
+        for r in range(3):
+            copy_row(links[tool, r], carrier[k, r])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve(start, target, frames, parents, slides, tool, tcp, q_min, q_max, q):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Damped least squares, dq = J^T (J J^T + lambda I)^-1 e, clamped to the limits; at most 60 steps."""
+def _solve_all(starts, target, apart, rows, frames, parents, slides, tool, tcp, q_min, q_max):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Write into `rows` what the starts lead to, once each; how many these are, and how many starts led to one."""
+    count, reached = 0, 0
+    for i in range(len(starts)):
+        q, _, _, _, is_reached = _solve(starts[i], target, REACHED, frames, parents, slides, tool, tcp, q_min, q_max)
+        reached += 1 if is_reached else 0
+        is_new = is_reached
+        for k in range(count):
+            is_new = is_new and np.abs(q - rows[k]).max() >= apart
+        if is_new:
+            copy_row(q, rows[count])
+            count += 1
+    return count, reached
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _follow(rows, poses, fine, frames, parents, slides, tool, tcp, q_min, q_max):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Solve each row of a line where the rows before it go on at an even pace."""
+    steps, farthest, most = 0, 0.0, 0.0
+    for k in range(1, len(rows)):
+        onward = rows[k - 1] if k == 1 else 2.0 * rows[k - 1] - rows[k - 2]
+        for i in range(len(onward)):
+            onward[i] = min(q_max[i], max(q_min[i], onward[i]))
+        q, taken, off_m, off_rad, is_reached = _solve(
+            onward, poses[k], fine, frames, parents, slides, tool, tcp, q_min, q_max
+        )
+        steps, farthest, most = steps + taken, max(farthest, off_m), max(most, off_rad)
+        if not is_reached or np.abs(q - rows[k - 1]).max() > JUMP_MAX_RAD:
+            return steps, farthest, most, False
+        copy_row(q, rows[k])
+    return steps, farthest, most, True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve(start, target, fine, frames, parents, slides, tool, tcp, q_min, q_max):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Damped least squares, dq = J^T (J J^T + lambda I)^-1 e, clamped to the limits, until `fine` or a stall."""
     n = start.shape[0]
     links, T = np.zeros(frames.shape), np.zeros((3, 4))
     J, H, e = np.zeros((6, n)), np.zeros((6, 6)), np.zeros(6)
-    q[:] = start
-    for _ in range(60):
+    q, position_error, rotation_error, before = start.copy(), np.inf, np.inf, np.inf
+    for step in range(STEPS + 1):
         compute_links(q, frames, parents, slides, links)
         for r in range(3):
             for c in range(4):
                 T[r, c] = links[tool, r, 0] * tcp[0, c] + links[tool, r, 1] * tcp[1, c] + links[tool, r, 2] * tcp[2, c]
             T[r, 3] += links[tool, r, 3]
         position_error, rotation_error = _compute_error(target, T, e)
-        if position_error < 1e-4 and rotation_error < 1e-3:
-            return True
+        is_over = step == STEPS or (position_error < fine[0] and rotation_error < fine[1])
+        if step % STALL_STEPS == 0:
+            is_over = is_over or position_error + rotation_error > STALL_SHARE * before
+            before = position_error + rotation_error
+        if is_over:
+            is_reached = position_error < REACHED[0] and rotation_error < REACHED[1]
+            return q, step, position_error, rotation_error, is_reached
         J[:] = 0.0
         link = tool
         while link > 0:  # the joints that carry the tool
@@ -171,7 +245,8 @@ def _solve(start, target, frames, parents, slides, tool, tcp, q_min, q_max, q): 
             J[2, i] = L[0, 2] * dy - L[1, 2] * dx
             J[3, i], J[4, i], J[5, i] = L[0, 2], L[1, 2], L[2, 2]
             if i < slides:
-                J[:3, i], J[3:, i] = L[:, 2], 0.0
+                for r in range(3):
+                    J[r, i], J[r + 3, i] = L[r, 2], 0.0
         damping = 1e-4 + 1e-2 * min(1.0, position_error**2 + rotation_error**2)
         for r in range(6):
             for c in range(r + 1):
@@ -182,15 +257,15 @@ def _solve(start, target, frames, parents, slides, tool, tcp, q_min, q_max, q): 
         _solve_cholesky(H, e)
         largest = 0.0
         for i in range(n):
-            step = 0.0
+            by = 0.0
             for r in range(6):
-                step += J[r, i] * e[r]
-            J[0, i] = step
-            largest = max(largest, abs(step))
+                by += J[r, i] * e[r]
+            J[0, i] = by
+            largest = max(largest, abs(by))
         scale = 1.0 if largest < 0.5 else 0.5 / largest
         for i in range(n):
             q[i] = min(q_max[i], max(q_min[i], q[i] + scale * J[0, i]))
-    return False
+    return q, STEPS, position_error, rotation_error, False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -20,7 +20,7 @@ from phyagentos.protocol.capabilities.targets import Gripper
 from phyagentos.protocol.world.environment import Entity, ShapeKind
 from phyagentos.protocol.world.mechanisms import compute_motion
 from phyagentos.protocol.world.predicates.geometry import compute_extent, compute_reach
-from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approaches
+from phyagentos.runtime.motion.approaches import Screen, Way, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.pad_contacts import PadContact, find_pad_contact
@@ -77,13 +77,13 @@ def find_grasps(
         corners, _ = _compute_ways(entity, gripper, make_way, whole=True, corners=True)
     solids = list(_iter_solid_ways(entity, gripper, make_way))
     last = chain(_iter_front_ways(request, entity, gripper, make_way), _iter_edge_ways(entity, gripper, make_way))
-    seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
+    screen = Screen(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     tried, dead, dead_ends = set[str](), set[str](), list[list[Approach]]()
     for batch in chain(_iter_batches(ways, corners, solids, last, entity), (poor,)):
         wanted = [way for way in batch if way.label not in {*request.avoid, *dead} and _is_wanted(way, entity, request)]
         tried.update(way.label for way in wanted)
         found = find_approaches(
-            wanted, q_rad=request.q_rad, seeds=seeds, kinematics=kinematics, scene=scene, job=job, count=request.count
+            wanted, q_rad=request.q_rad, screen=screen, kinematics=kinematics, scene=scene, job=job, count=request.count
         )
         if found:
             leading, leads_on = _drop_dead_ends(found, place)

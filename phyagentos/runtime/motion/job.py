@@ -18,7 +18,7 @@ class Job:
     Attributes:
         rejected: Rejected candidates, counted by reason.
         screened: Start postures of compiled inverse kinematics; `reached` of them reached their tool pose.
-        goals: How mink solved each approach.
+        goals: How each approach was solved.
         crowded_by: Other robots that were too near in a posture.
     """
 

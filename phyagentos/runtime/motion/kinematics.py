@@ -1,7 +1,8 @@
-"""Inverse kinematics with mink: single postures and straight tool lines.
+"""Inverse kinematics from near: single postures with mink, straight tool lines with the compiled inverse of the chain.
 
-A quadratic program in joint velocities tracks the tool frame, prefers a posture and respects joint limits. Collisions
-are checked afterwards: a collision limit makes the program fail more often.
+mink's quadratic program in joint velocities tracks the tool frame, prefers a posture and respects joint limits. On a
+line the posture before is near enough for damped least squares alone, to the same tolerance. Collisions are checked
+afterwards: a collision limit makes the program fail more often.
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from phyagentos.runtime.motion.robot_model import RobotModel
 
 LINE_STEP_M = 0.01
 LINE_STEP_RAD = 0.1
-JUMP_MAX_RAD = 0.35  # a larger step between neighbours on a line is another branch of the inverse
+PROGRAMS = 60  # at most, for a posture
 POSE_JOINTS = 6  # fewer reach a pose only as exactly as the axes of a model are parallel
 _DT_S = 0.1  # scales the velocity limits of the program only; convergence does not depend on it
 
@@ -36,7 +37,7 @@ POLISHED = Tolerance(1e-7, 1e-6)  # of goal postures; one or two programs beyond
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """A posture (n_joints,), or rows (k, n_joints), and how mink came to it."""
+    """A posture (n_joints,), or rows (k, n_joints), and how it was solved."""
 
     q_rad: Array
     solved: Differential
@@ -59,18 +60,16 @@ class Kinematics:
         rows = 2 * robot.model.nv
         self._unbounded, self._inequalities = np.full(rows, -1e30), np.zeros(rows, dtype=np.int32)  # in daqp's words
 
-    def solve(
-        self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance = REACHED, *, least: int = 0, most: int = 60
-    ) -> Solution | None:
-        """A posture near `start_rad` whose tool pose is within tolerance, after `least` to `most` programs, or None."""
+    def solve(self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance = REACHED) -> Solution | None:
+        """A posture near `start_rad` whose tool pose is within tolerance, by mink, or None."""
         self._tool.set_target(mink.SE3.from_matrix(world_T_tcp))
         self._posture.set_target(start_rad)
         configuration = self._configuration
         configuration.update(start_rad)
-        for iteration in range(most):
+        for iteration in range(PROGRAMS):
             error = self._tool.compute_error(configuration)
             off_m, off_rad = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
-            if iteration >= least and off_m < tolerance.position_m and off_rad < tolerance.rotation_rad:
+            if off_m < tolerance.position_m and off_rad < tolerance.rotation_rad:
                 return Solution(np.array(configuration.q), Differential(iteration, _round(off_m), _round(off_rad)))
             program = mink.build_ik(configuration, [self._tool, self._posture], _DT_S, 1e-6, self._limits)
             step_rad, _, found, _ = daqp.solve(
@@ -86,16 +85,12 @@ class Kinematics:
 
         None where the line leaves the workspace or jumps to another branch.
         """
-        line, solved = [np.array(start_rad)], Differential(0, 0.0, 0.0)
-        start = self.chain.compute_tcp(line[0])
-        for pose in interpolate_poses(start, end, LINE_STEP_M, LINE_STEP_RAD)[1:]:
-            onward = 2.0 * line[-1] - line[-2] if len(line) > 1 else line[-1]  # at an even pace: saves a program
-            found = self.solve(pose, np.clip(onward, self.chain.q_min_rad, self.chain.q_max_rad), least=1, most=25)
-            if found is None or np.abs(found.q_rad - line[-1]).max() > JUMP_MAX_RAD:
-                return None
-            line.append(found.q_rad)
-            solved = combine(solved, found.solved)
-        return Solution(np.array(line), solved)
+        poses = interpolate_poses(self.chain.compute_tcp(start_rad), end, LINE_STEP_M, LINE_STEP_RAD)
+        found = self.chain.follow(poses, start_rad, (self.polished.position_m, self.polished.rotation_rad))
+        if found is None:
+            return None
+        rows, steps, off_m, off_rad = found
+        return Solution(rows, Differential(steps, _round(off_m), _round(off_rad)))
 
 
 def _round(error: float) -> float:
@@ -103,7 +98,7 @@ def _round(error: float) -> float:
 
 
 def combine(first: Differential, second: Differential) -> Differential:
-    """The sum of both counts of programs, the larger of both errors."""
+    """The sum of both counts, the larger of both errors."""
     return Differential(
         first.iterations + second.iterations,
         max(first.position_error_m, second.position_error_m),

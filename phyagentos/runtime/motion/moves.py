@@ -1,21 +1,33 @@
 """A collision-free timed motion to any of several postures.
 
 The path is searched on spheres, rounded, timed, and checked exactly in fine steps. A row in contact repeats the work,
-first with denser corners, then on the exact model in as fine steps, with another seed. A start in contact begins with a
-short escape. Where the spheres refuse a start or all goals that are free in truth, the search uses the exact model.
+first with denser corners, then with larger spheres, then on the exact model in as fine steps, with another seed. A
+start in contact begins with a short escape. Spheres that refuse a start or goal that is free in truth are made smaller.
+Where they leave no path, the exact model is searched, unless it is other robots that are in the way.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 
 from phyagentos.runtime.motion.job import Job
-from phyagentos.runtime.motion.path import Checker, Path, Query, compute_length, densify, find_path, round_corners
+from phyagentos.runtime.motion.path import (
+    ITERATIONS,
+    ITERATIONS_CROWDED,
+    Checker,
+    Path,
+    Query,
+    compute_length,
+    densify,
+    find_path,
+    round_corners,
+)
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
 from phyagentos.runtime.motion.requests import Array, Motion, NoPlan, PathSearch, PlanMove, Stages
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
-from phyagentos.runtime.motion.sphere_model import SphereModel
+from phyagentos.runtime.motion.sphere_model import SphereArrays, SphereModel
 from phyagentos.runtime.motion.timing import Timed
 
 TimeRows = Callable[[Array], Timed]
@@ -25,6 +37,7 @@ ATTEMPTS = 3
 DENSE_RAD = 0.05
 FINE_RAD = 0.005  # moves what is held by less than a wall of 5 mm is thick
 _SEED_STRIDE = 101
+LARGER_M = 0.005  # so much the spheres grow where a motion touched something that they did not see
 ESCAPE_RADII_RAD = (0.05, 0.1, 0.2, 0.35)  # the nearest way out first
 ESCAPE_DIRECTIONS = 48  # tried at each radius
 ESCAPE_STEP_RAD = 0.02
@@ -67,13 +80,16 @@ def plan_move(
         return prepared
     for attempt in range(ATTEMPTS):
         with job.stage("path"):
-            path = find_path(prepared.query, prepared.checker, request.seed + _SEED_STRIDE * attempt, job.should_cancel)
+            prepared, path = _search(prepared, scene, request.seed + _SEED_STRIDE * attempt, job.should_cancel)
         job.checkpoint()
         if path is None:
             job.crowded_by.update(scene.crowd)
             return job.fail("NO_PATH_FOUND", f"No path to any of {len(prepared.goals)} goals was found in the budget.")
         timed = _time_and_check(path, prepared, scene, time_rows, job)
-        if timed is None:
+        if timed is None and attempt == 0 and isinstance(prepared.checker, SphereChecker):
+            larger = _fit(prepared.checker.arrays.grow(LARGER_M), prepared.query)
+            prepared = replace(prepared, checker=larger, name="larger spheres")
+        elif timed is None:
             prepared = replace(prepared, checker=_Fine(scene), name="exact, fine")
         else:
             search = PathSearch(
@@ -116,13 +132,38 @@ def _prepare(request: PlanMove, scene: PlanningScene, spheres: SphereModel, job:
             free.append(index)
     if not free:
         return job.fail("IN_COLLISION", f"None of {len(goals)} goal postures is free.")
-    checker = SphereChecker(spheres.build_arrays(scene))
-    seen_free = [index for index in free if checker.is_free(goals[index])]
-    is_crowded = bool(scene.crowd)
-    if seen_free and checker.is_free(start):
-        query = Query(start, goals[seen_free], q_min, q_max, is_crowded)
-        return _Search(query, checker, seen_free, "spheres", stuck, touched)
-    return _Search(Query(start, goals[free], q_min, q_max, is_crowded), scene, free, "exact", stuck, touched)
+    arrays, most = spheres.build_arrays(scene), ITERATIONS_CROWDED if scene.crowd else ITERATIONS
+    query = Query(start, goals[free], q_min, q_max, arrays.weights, most)
+    return _Search(query, _fit(arrays, query), free, "spheres", stuck, touched)
+
+
+def _fit(arrays: SphereArrays, query: Query) -> SphereChecker:
+    """Spheres that refuse neither the start nor a goal, all of which are free in truth."""
+    checker = SphereChecker(arrays)
+    for q in (query.start_rad, *query.goals_rad):
+        if not checker.is_free(q):
+            arrays = arrays.yield_at(q)
+            checker = SphereChecker(arrays)
+    return checker
+
+
+def _search(
+    search: _Search, scene: PlanningScene, seed: int, should_cancel: Callable[[], bool]
+) -> tuple[_Search, Path | None]:
+    """A path, and how it was sought at last."""
+    query, checker = search.query, search.checker
+    if isinstance(checker, SphereChecker):
+        path = find_path(query, checker, seed, should_cancel)
+        if path is not None:
+            return search, path
+        if scene.crowd:
+            alone = SphereChecker(checker.arrays.leave_alone())
+            if find_path(query, alone, seed, should_cancel) is not None:
+                return search, None
+        search = replace(search, checker=scene, name="exact")
+    from phyagentos.runtime.motion.exact_search import find_exact_path  # OMPL: only where it is used
+
+    return search, find_exact_path(query, search.checker, seed, should_cancel)
 
 
 def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows: TimeRows, job: Job) -> Timed | None:
@@ -150,12 +191,19 @@ def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows
 
 def thin_out(rows_rad: Array) -> Array:
     """As few rows of a motion (k, n_joints) as leave no joint more than `FINE_RAD`, or one row, between two of them."""
-    turned = [0.0, *np.abs(np.diff(rows_rad, axis=0)).max(axis=1).cumsum().tolist(), np.inf]
+    turned = np.abs(np.diff(rows_rad, axis=0)).max(axis=1).cumsum()
+    kept: Array = rows_rad[_keep_apart(np.concatenate(((0.0,), turned, (np.inf,))), FINE_RAD)]
+    return kept
+
+
+@njit(cache=True, error_model="numpy")
+def _keep_apart(turned, apart):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - compiled
+    """Indices of a rising series before each that is more than `apart` from the one kept before; the first is kept."""
     kept = [0]
-    for row, following in enumerate(turned[2:], start=1):
-        if following - turned[kept[-1]] > FINE_RAD:
+    for row in range(1, len(turned) - 1):
+        if turned[row + 1] - turned[kept[-1]] > apart:
             kept.append(row)
-    return rows_rad[kept]
+    return np.array(kept)
 
 
 def _exceeds_limits(q_rad: Array, scene: PlanningScene) -> bool:

@@ -26,6 +26,8 @@ def find_joint_sites(placing: Placing, attitudes: Mapping[int, Array]) -> Sites:
     """
     request, space = placing.request, placing.space
     rest = _list_rest(request, space) if space.walled else []
+    if not rest:
+        return Sites(iter(()))
     near = (space.center_m, np.inf) if request.near is None else (np.array(request.near), request.near_radius_m)
     rectangles = {degrees: sites.measure_rectangle(placing.held, R) for degrees, R in attitudes.items()}
     taken = sites.list_neighbours(placing)
@@ -48,7 +50,7 @@ def find_joint_sites(placing: Placing, attitudes: Mapping[int, Array]) -> Sites:
                     yield site
 
     found = [islice(iter_beside(others), sites.SITES_MAX) for others in (taken, staying)]
-    return Sites(chain(*found, iter_corners()) if rest else iter(()))
+    return Sites(chain(*found, iter_corners()))
 
 
 def _list_rest(request: FindPlacements, space: Space) -> list[Array]:

@@ -1,4 +1,4 @@
-"""Collision-free paths: OMPL's RRT-Connect, shortened and rounded.
+"""Collision-free paths by RRT-Connect on spheres, shortened and rounded.
 
 All goals are roots of the goal tree. The budget is a number of iterations, so that the same seed gives the same path.
 The shortest of several cheap searches is kept: asymptotically optimal planners took 50 to 300 ms for what three starts
@@ -6,21 +6,19 @@ give in 5.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
+from operator import itemgetter
 from typing import Protocol
 
 import numpy as np
-from numba import njit
-from ompl import base as ob
-from ompl import geometric as og
-from ompl import util as ou
+from numpy.typing import NDArray
 
 from phyagentos.runtime.motion.requests import Array
+from phyagentos.runtime.motion.sphere_checker import SphereChecker
+from phyagentos.runtime.motion.tree_search import RESOLUTION_RAD, grow_path, measure, shorten_path
 
-RANGE_RAD = 1.5
-RESOLUTION_RAD = 0.03
-ITERATIONS = 20_000
+ITERATIONS = 4_000
 ITERATIONS_CROWDED = 2_000  # where another robot is near: the leaf waits, and asks again
 STARTS = 3
 SHORTCUTS = 100
@@ -48,14 +46,26 @@ class Query:
     Attributes:
         start_rad: (n_joints,) free posture.
         goals_rad: (m, n_joints) free postures, m >= 1.
-        is_crowded: Whether another robot is near, which may move on.
+        weights: (n_joints,) of the joints in the length of a path.
+        iterations: The most that are spent.
     """
 
     start_rad: Array
     goals_rad: Array
     q_min_rad: Array
     q_max_rad: Array
-    is_crowded: bool = False
+    weights: Array
+    iterations: int
+
+    @property
+    def order(self) -> NDArray[np.intp]:
+        """(m,) goals, the nearest first."""
+        away = np.linalg.norm(self.weights * (self.goals_rad - self.start_rad), axis=1)
+        return np.argsort(away, kind="stable")
+
+    def find_goal(self, q_rad: Array) -> int:
+        """The goal at a posture (n_joints,)."""
+        return int(np.argmin(np.linalg.norm(self.goals_rad - q_rad, axis=1)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,119 +84,36 @@ class Path:
     planner: str = "straight"
 
 
-def find_path(query: Query, checker: Checker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
-    """The direct way to the nearest goal that has one, else the shortest of a few searches, else None."""
-    order = np.argsort(np.linalg.norm(query.goals_rad - query.start_rad, axis=1), kind="stable")
-    for goal in order.tolist():
+def find_path(query: Query, checker: SphereChecker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
+    """The direct way to the nearest goal that has one, else the shortest of a few searches on spheres, else None."""
+    if straight := find_straight(query, checker):
+        return straight
+    found: list[tuple[float, Array, int]] = []
+    goals, bounds = query.goals_rad[query.order], (query.q_min_rad, query.q_max_rad)
+    for start in range(STARTS):
+        rng = np.random.default_rng((seed, start))
+        grown = grow_path(query.start_rad, goals, bounds, checker.arrays, rng, query.iterations, should_cancel)
+        if grown is None:
+            break
+        rows = shorten_path(grown[0], np.sort(rng.random((SHORTCUTS, 2)), axis=1), RESOLUTION_RAD, checker.arrays)
+        found.append((float(measure(rows, query.weights)[-1]), rows, grown[1]))
+    if not found:
+        return None
+    _, rows, iterations = min(found, key=itemgetter(0))
+    return Path(rows, query.find_goal(rows[-1]), iterations, "RRT-Connect on spheres")
+
+
+def find_straight(query: Query, checker: Checker) -> Path | None:
+    """The direct way to the nearest goal that has one."""
+    for goal in query.order.tolist():
         if checker.edge_is_free(query.start_rad, query.goals_rad[goal]):
             return Path(np.array((query.start_rad, query.goals_rad[goal])), goal)
-    found: list[Path] = []
-    for start in range(STARTS):
-        path = _search(query, checker, seed + start, should_cancel)
-        if path is None:
-            return None if not found else min(found, key=lambda path: compute_length(path.rows_rad))
-        rng = np.random.default_rng((seed, start))
-        found.append(replace(path, rows_rad=shorten(path.rows_rad, checker, rng)))
-    return min(found, key=lambda path: compute_length(path.rows_rad))
+    return None
 
 
 def compute_length(rows_rad: Array) -> float:
     """Length of a path (k, n_joints) in joint space [rad]."""
     return float(np.linalg.norm(np.diff(rows_rad, axis=0), axis=1).sum())
-
-
-class _EdgeValidator(ob.MotionValidator):  # type: ignore[misc]
-    def __init__(self, information: ob.SpaceInformation, checker: Checker) -> None:
-        super().__init__(information)
-        self._checker, self._n = checker, information.getStateDimension()
-
-    def checkMotion(self, first: ob.State, second: ob.State, *_: object) -> bool:  # noqa: N802 - OMPL's name
-        n = self._n
-        return bool(self._checker.edge_is_free(np.array(first[0:n]), np.array(second[0:n])))
-
-
-def _search(query: Query, checker: Checker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
-    """One run of RRT-Connect."""
-    ou.setLogLevel(ou.LogLevel.LOG_NONE)
-    ou.RNG.setSeed(1 + seed % (2**31 - 2))
-    n = len(query.start_rad)
-    space, bounds = ob.RealVectorStateSpace(n), ob.RealVectorBounds(n)
-    for joint in range(n):
-        bounds.setLow(joint, float(query.q_min_rad[joint]))
-        bounds.setHigh(joint, float(query.q_max_rad[joint]))
-    space.setBounds(bounds)
-    information = ob.SpaceInformation(space)
-    information.setStateValidityChecker(lambda state: checker.is_free(np.array(state[0:n])))
-
-    validator = _EdgeValidator(information, checker)
-    information.setMotionValidator(validator)
-    information.setup()
-    problem = ob.ProblemDefinition(information)
-    problem.addStartState(_allocate(information, query.start_rad))
-    goals = ob.GoalStates(information)
-    for goal in query.goals_rad:
-        goals.addState(_allocate(information, goal))
-    problem.setGoal(goals)
-    planner = og.RRTConnect(information)
-    planner.setRange(RANGE_RAD)
-    planner.setProblemDefinition(problem)
-    planner.setup()
-    iterations, most = 0, ITERATIONS_CROWDED if query.is_crowded else ITERATIONS
-
-    def is_over() -> bool:
-        nonlocal iterations
-        iterations += 1
-        return iterations > most or bool(should_cancel())
-
-    planner.solve(ob.PlannerTerminationCondition(is_over))
-    if not problem.hasExactSolution():
-        return None
-    rows = np.array([state[0:n] for state in problem.getSolutionPath().getStates()])
-    goal = int(np.argmin(np.linalg.norm(query.goals_rad - rows[-1], axis=1)))
-    rows[0], rows[-1] = query.start_rad, query.goals_rad[goal]
-    return Path(rows, goal, iterations, planner.getName())
-
-
-def _allocate(information: ob.SpaceInformation, q_rad: Array) -> ob.State:
-    state = information.allocState()
-    state[0 : len(q_rad)] = q_rad.tolist()
-    return state
-
-
-def shorten(rows_rad: Array, checker: Checker, rng: np.random.Generator) -> Array:
-    """Replace random parts of a path (k, n_joints) by straight motions where these are free."""
-    rows, along = rows_rad, _measure(rows_rad)
-    for fractions in np.sort(rng.random((SHORTCUTS, 2)), axis=1):
-        if len(rows) < 3:
-            break
-        low, high = fractions * along[-1]
-        i, j, a, b = _cut(rows, along, low, high)
-        if i < j < len(rows) and checker.edge_is_free(a, b):
-            rows = np.concatenate((rows[:i], a[None], b[None], rows[j:]))
-            along = _measure(rows)
-    return rows
-
-
-@njit("f8[::1](f8[:,::1])", cache=True, nogil=True)
-def _measure(rows):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - compiled
-    """(k,) length of a path up to each of its corners."""
-    return np.concatenate((np.zeros(1), np.cumsum(np.sqrt(((rows[1:] - rows[:-1]) ** 2).sum(axis=1)))))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _cut(rows, along, low, high):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - compiled
-    """Points (n_joints,) at two distances along a path and the corners after them; equal corners: nothing to gain."""
-    ends, points = np.zeros(2, np.int64), np.zeros((2, rows.shape[1]))
-    for k, distance in enumerate((low, high)):
-        end = np.searchsorted(along, distance, side="right")
-        ends[k] = end
-        if end == len(rows):
-            return end, end, points[0], points[1]
-        fraction = (distance - along[end - 1]) / max(along[end] - along[end - 1], 1e-12)
-        points[k] = rows[end - 1] + fraction * (rows[end] - rows[end - 1])
-    if np.sqrt(((points[1] - points[0]) ** 2).sum()) >= 0.98 * (high - low):
-        return ends[1], ends[1], points[0], points[1]
-    return ends[0], ends[1], points[0], points[1]
 
 
 def round_corners(rows_rad: Array, checker: Checker) -> Array:

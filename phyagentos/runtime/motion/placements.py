@@ -7,23 +7,23 @@ between the walls of a container, the entity is let go as little above its floor
 falls.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from itertools import product
 
 import msgspec
 import numpy as np
 
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, turn
+from phyagentos.geometry import compute_matrix, turn
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.predicates.geometry import compute_extent
-from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approaches
+from phyagentos.runtime.motion.approaches import Screen, Way, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.packing import find_joint_sites
 from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
-from phyagentos.runtime.motion.poses import DOWN, find_way_out, measure_tilt, point_tool_down, point_up
+from phyagentos.runtime.motion.poses import DOWN, find_way_out, measure_tilt, move_pose, point_tool_down, point_up
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPlacements, NoPlan
 from phyagentos.runtime.motion.sites import Placing, Site, Sites, find_sites, find_space, measure_footprint
 from phyagentos.runtime.motion.standing import find_standing_sites, fit_tight
@@ -56,8 +56,7 @@ def find_placements(
         footprint = measure_footprint(held, DOWN @ tilt @ tcp_T_entity[:3, :3])
         attitudes = _list_attitudes(tilt @ tcp_T_entity[:3, :3])
         placing = Placing(request, space, held, footprint, world_T_tcp[:3, 3])
-        fitted = (fit_tight(placing, attitudes, group, job) for group in find_sites(placing, attitudes, job))
-        groups = [group for group in fitted if group]
+        groups = [fit_tight(placing, attitudes, group, job) for group in find_sites(placing, attitudes, job)]
         joint = find_joint_sites(placing, attitudes)
     open_m, held_m = scene.robot.profile.gripper.max_width_m, request.payload.width_m
     low_m, high_m = compute_extent(held, tuple(tcp_T_entity[1, :3].tolist()))
@@ -65,7 +64,7 @@ def find_placements(
     releases_m = (open_m, min(open_m, held_m + RELEASE_M), min(open_m, held_m + LEAST_RELEASE_M))[is_part:]
     search = _Search(placing, tilt, releases_m, kinematics, scene, job)
     found = search.run([joint], attitudes) or search.run(groups, attitudes)
-    if (not found and set(job.rejected) - OUT_OF_REACH) or not groups:
+    if (not found and set(job.rejected) - OUT_OF_REACH) or not any(groups):
         with job.stage("sites"):
             finer = _list_attitudes(tilt @ tcp_T_entity[:3, :3], FINE_DEG)
             standing = find_standing_sites(placing, finer, job)
@@ -107,20 +106,20 @@ class _Search:
     def run(self, groups: list[Sites], attitudes: Mapping[int, Array]) -> list[Approach]:
         """Approaches to the first sites that have any: without a fall, of an earlier group, with the fingers wide."""
         placing, request, job = self.placing, self.placing.request, self.job
-        seeds = draw_seeds(self.kinematics, request.q_rad, self.scene.robot.home_rad, request.seed)
+        screen = Screen(self.kinematics, request.q_rad, self.scene.robot.home_rad, request.seed)
         search = partial(
-            find_approaches, q_rad=request.q_rad, seeds=seeds, kinematics=self.kinematics, scene=self.scene, job=job
+            find_approaches, q_rad=request.q_rad, screen=screen, kinematics=self.kinematics, scene=self.scene, job=job
         )
-        turned = {degrees: _turn(degrees, placing, self.tilt) for degrees in attitudes}
+        turned = {degrees: cache(partial(_turn, degrees, placing, self.tilt)) for degrees in attitudes}
         found: list[Approach] = []
         for fall_m, sites, release_m in product(_list_falls(placing), groups, self.releases_m):
             for site in (each for each in sites if not (each.is_tight and fall_m)):
-                ways = [
+                ways = (
                     way
                     for way in _ways_to(site, turned, placing, release_m, fall_m)
                     if not {way.label, site.name} & set(request.avoid)
-                ]
-                for batch in ([way] for way in ways) if request.count == 1 else (ways,):
+                )
+                for batch in ([way] for way in ways) if request.count == 1 else (list(ways),):
                     found += search(batch, count=request.count - len(found))
                     if len(found) >= request.count:
                         break
@@ -150,36 +149,38 @@ def _list_falls(placing: Placing) -> list[float]:
     return [0.0, *np.arange(FALL_STEP_M, highest_m, FALL_STEP_M).round(6).tolist(), highest_m]
 
 
-def _turn(degrees: int, placing: Placing, tilt: Array) -> tuple[Array, Array]:
-    """Of a yaw of the tool: attitude of the payload (4, 4), and where its frame is (3,) from the site below it [m]."""
+_Turned = tuple[Array, Array, tuple[float, ...]]
+
+
+def _turn(degrees: int, placing: Placing, tilt: Array) -> _Turned:
+    """Of a yaw of the tool: poses (4, 4) of payload and tool over a site at the origin, and the way back (3,)."""
     tool = point_tool_down(placing.space.yaw_rad + np.radians(degrees), np.zeros(3))
     tool[:3, :3] = tool[:3, :3] @ tilt
     entity = tool @ compute_matrix(placing.request.payload.tcp_T_entity)
     low_m = compute_extent(placing.held, tuple((-entity[2, :3]).tolist()))[1]
-    return entity, np.append(-(entity[:3, :3] @ placing.middle_m)[:2], low_m)
+    by_m = np.append(-(entity[:3, :3] @ placing.middle_m)[:2], low_m) - entity[:3, 3]
+    return move_pose(entity, by_m), move_pose(tool, by_m), find_way_out(tool)
 
 
 def _ways_to(
-    site: Site, turned: Mapping[int, tuple[Array, Array]], placing: Placing, release_m: float, fall_m: float
+    site: Site,
+    turned: Mapping[int, Callable[[], _Turned]],
+    placing: Placing,
+    release_m: float,
+    fall_m: float,
 ) -> Iterator[Way]:
-    request = placing.request
-    entity_T_tcp = compute_inverse(compute_matrix(request.payload.tcp_T_entity))
-    tolerate = frozenset((PAYLOAD, name) for name in placing.space.supports)
+    request, above_m = placing.request, site.point_m + np.array((0.0, 0.0, DROP_M + fall_m))
+    tolerate = frozenset((PAYLOAD, name) for name in placing.space.supports) if not fall_m else frozenset()
     for degrees in turned if site.yaws is None else site.yaws:
-        attitude, from_site_m = turned[degrees]
-        entity = attitude.copy()
-        entity[:3, 3] = site.point_m + from_site_m
-        site_pose = compute_pose(entity)
-        entity[2, 3] += DROP_M + fall_m
-        end = entity @ entity_T_tcp
+        entity, tool, back = turned[degrees]()
         yield Way(
             label=f"{site.name}.yaw+{degrees:03d}" + (f".fall+{round(1e3 * fall_m):03d}" if fall_m else ""),
-            end=end,
+            end=move_pose(tool, above_m),
             hover_m=request.hover_m,
             openings_m=(min(request.payload.width_m, release_m), release_m),
-            tolerate=tolerate if not fall_m else frozenset(),
+            tolerate=tolerate,
             tolerate_m=TOUCH_DOWN_M,
-            site=site_pose,
+            site=move_pose(entity, site.point_m),
             fall_m=fall_m,
-            back=find_way_out(end),
+            back=back,
         )

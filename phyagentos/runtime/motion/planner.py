@@ -54,6 +54,7 @@ from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, time_path
 from phyagentos.runtime.motion.tool_bounds import ANYWHERE, ToolBounds
 from phyagentos.runtime.motion.touches import find_touch
+from phyagentos.runtime.motion.tree_search import load_kernels
 
 REMOVED_MAX = 2  # entities that are moved out for one that comes in
 
@@ -117,6 +118,7 @@ class MotionPlanner:
         self.answer(FindGrasps(world=world, object="cube", q_rad=home, seed=0, count=1))
         held = Payload("cube", Pose(), load=Load(0.1, (0.0, 0.0, 0.0), 0.02, 0.4, 20.0))
         self.answer(PlanMove(world=world, q_rad=home, goals_rad=home[None] + 0.1, seed=0, payload=held))
+        load_kernels(home, SphereChecker(self._spheres.build_arrays(self._scenes.get_scene(world))).arrays)
 
     def _dispatch(self, request: MotionRequest, job: Job) -> MotionAnswer:
         match request:

@@ -8,7 +8,8 @@ commanded; around a payload they take every opening from that at which they hold
 tool centre point is a ball that meets only its bounds.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
+from functools import lru_cache
 from itertools import pairwise
 
 import mujoco
@@ -37,6 +38,7 @@ ROOM_BIT = 4
 PARKED_M = (0.0, 0.0, -10.0)
 SWEEP = 4  # openings that stand for a range: at most 13 mm apart, as thick as a finger; walls are inflated
 _CACHE_SIZE = 8
+_SPREADS = 64  # openings at which the places of the fingers are kept
 _COPY = "/opening"  # in the name of a body that stands for a finger
 _GEOM_TYPES = {
     ShapeKind.BOX: mujoco.mjtGeom.mjGEOM_BOX,
@@ -63,6 +65,7 @@ class PlanningScene:
         self.checks = 0
         self._model = _compile(robot, entities, payload_shapes)
         self._data = mujoco.MjData(self._model)
+        self._qpos = self._data.qpos
         self._mocap = {each.name: int(self._model.body(each.name).mocapid[0]) for each in entities}
         self._payload_body = int(self._model.body(PAYLOAD).id) if payload_shapes else -1
         self._owner = [self._model.body(int(body)).name.partition(_COPY)[0] for body in self._model.geom_bodyid]
@@ -73,6 +76,7 @@ class PlanningScene:
             for index in range(SWEEP if payload_shapes else 1)
             for body in (self._model.body(_name_copy(name, index)),)
         ]
+        self._places: dict[tuple[float, float], tuple[Array, Array]] = {}  # of all fingers, by the openings
         self._spread: tuple[float, float] | None = None  # openings at which the fingers stand
         self.obstacles: list[Entity] = []
         self.crowd: dict[str, list[Array]] = {}
@@ -107,25 +111,30 @@ class PlanningScene:
         self.checks = 0
         self.crowd, self.crowd_checks, self.crowded_by = {}, {}, set()
 
-    def sweep(self, q_rad: Array, low_m: float, high_m: float) -> list[Pair]:
-        """Pairs that touch in a posture (n_joints,) at any opening of the fingers from `low_m` to `high_m` [m]."""
-        if self.payload_shapes or low_m == high_m:  # copies of the fingers stand for all of them
-            self.spread_fingers(low_m, high_m)
-            return self.find_contacts(q_rad)
-        pairs: set[Pair] = set()
-        for opening_m in np.linspace(high_m, low_m, SWEEP).tolist():
-            self.spread_fingers(opening_m, opening_m)
-            pairs.update(self.find_contacts(q_rad))
-        return sorted(pairs)
+    def sweep(self, q_rad: Array, low_m: float, high_m: float, tolerate: Collection[Pair] = frozenset()) -> list[Pair]:
+        """Pairs that touch in a posture (n_joints,), but for those to `tolerate`.
+
+        That is at the widest opening of the fingers, from `high_m` down to `low_m` [m], at which any do.
+        """
+        stands_for_all = self.payload_shapes or low_m == high_m  # with a payload there are copies of the fingers
+        for opening_m in (high_m,) if stands_for_all else _list_openings(low_m, high_m):
+            self.spread_fingers(low_m if stands_for_all else opening_m, opening_m)
+            if pairs := [pair for pair in self.find_contacts(q_rad) if pair not in tolerate]:
+                return pairs
+        return []
 
     def spread_fingers(self, low_m: float, high_m: float) -> None:
         """Let the fingers stand at an opening `high_m` [m]; with a payload also at those down to `low_m` [m]."""
         if self._spread == (low_m, high_m):
             return
         self._spread = low_m, high_m
-        openings = np.linspace(high_m, low_m, SWEEP) if low_m < high_m else (high_m,) * SWEEP
-        for body, index, track in self._fingers:
-            self._model.body_pos[body], self._model.body_quat[body] = track.place(float(openings[index]))
+        if self._spread not in self._places:
+            openings_m = _list_openings(min(low_m, high_m), high_m)
+            placed = [track.place(openings_m[index]) for _, index, track in self._fingers]
+            places = np.array([p for p, _ in placed]).reshape(-1, 3), np.array([q for _, q in placed]).reshape(-1, 4)
+            self._places = dict([*self._places.items(), (self._spread, places)][-_SPREADS:])
+        bodies = [body for body, _, _ in self._fingers]
+        self._model.body_pos[bodies], self._model.body_quat[bodies] = self._places[self._spread]
 
     def _resize(self, name: str, shapes: Shapes) -> None:
         """Give a body's solids the sizes of shapes, and the bounds by which MuJoCo passes over them."""
@@ -147,10 +156,10 @@ class PlanningScene:
     def is_free(self, q_rad: Array) -> bool:
         """Whether a posture (n_joints,) touches nothing; exact."""
         self.checks += 1
-        self._data.qpos[:] = q_rad
+        self._qpos[:] = q_rad
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_collision(self._model, self._data)
-        return int(self._data.ncon) == 0 and not self._find_crowding(q_rad)
+        return self._data.ncon == 0 and not (self.crowd_checks and self._find_crowding(q_rad))
 
     def _find_crowding(self, q_rad: Array) -> list[str]:
         """Other robots that are too near in a posture (n_joints,)."""
@@ -167,9 +176,10 @@ class PlanningScene:
             return []
         pairs = set()
         contacts = self._data.contact
-        for first, second in contacts.geom[contacts.dist < -depth_m].tolist():
-            a, b = self._owner[first], self._owner[second]
-            pairs.add((b, a) if self._is_obstacle[first] else (a, b))
+        for (first, second), away_m in zip(contacts.geom.tolist(), contacts.dist.tolist(), strict=True):
+            if away_m < -depth_m:
+                a, b = self._owner[first], self._owner[second]
+                pairs.add((b, a) if self._is_obstacle[first] else (a, b))
         pairs.update((ARM, name) for name in self._find_crowding(q_rad))
         return sorted(pairs)
 
@@ -210,6 +220,12 @@ class PlanningScenes:
             del self._scenes[next(iter(self._scenes))]
         scene.pose(world, payload if held else None, ignore)
         return scene
+
+
+@lru_cache(maxsize=256)
+def _list_openings(low_m: float, high_m: float) -> list[float]:
+    """Those that stand for a range, the widest first [m]."""
+    return np.linspace(high_m, low_m, SWEEP).tolist()  # type: ignore[no-any-return]
 
 
 def name_pair(pair: Pair) -> str:

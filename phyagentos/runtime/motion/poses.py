@@ -6,6 +6,7 @@ from phyagentos.geometry import compute_rotation_vector, turn
 from phyagentos.runtime.motion.requests import Array
 
 SLIGHT_RAD = 0.05  # less is the error of a posture
+STILL_RAD = 1e-5  # less is not worth a turn along a line
 UNDER_SINE = 0.7  # of the closing axis with the horizontal
 RISE = 0.2  # for each metre of a level way out, so that what is held leaves what it stands on
 UP = np.array((0.0, 0.0, 1.0))
@@ -74,8 +75,13 @@ def interpolate_poses(start: Array, end: Array, step_m: float, step_rad: float) 
     way_m = end[:3, 3] - start[:3, 3]
     steps = max(float(np.linalg.norm(way_m)) / step_m, float(np.linalg.norm(turned_rad)) / step_rad)
     k = max(2, 1 + int(np.ceil(steps)))
+    shares, angle_rad = np.linspace(0.0, 1.0, k), float(np.linalg.norm(turned_rad))
     poses = np.repeat(start[None], k, axis=0)
-    for pose, fraction in zip(poses, np.linspace(0.0, 1.0, k), strict=True):
-        pose[:3, :3] = start[:3, :3] @ turn(fraction * turned_rad)
-        pose[:3, 3] += fraction * way_m
+    if angle_rad < STILL_RAD:
+        poses[1:, :3, :3] = end[:3, :3]
+    else:
+        K = np.cross(turned_rad / angle_rad, np.eye(3)).T
+        turns = shares[:, None, None] * angle_rad
+        poses[:, :3, :3] = start[:3, :3] @ (np.eye(3) + np.sin(turns) * K + (1.0 - np.cos(turns)) * K @ K)
+    poses[:, :3, 3] += shares[:, None] * way_m
     return poses

@@ -1,6 +1,6 @@
 """The planner process and the port through which a worker plans.
 
-A process of its own, since OMPL keeps the interpreter lock while it searches. One request at a time. Cancelling raises
+A process of its own, so that no search holds up a tick. One request at a time. Cancelling raises
 a flag that every search polls; a planner that does not react within the grace, or died, is replaced.
 """
 

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 from phyagentos.geometry import compute_matrix, compute_pose, to_parent
 from phyagentos.protocol.world.environment import Entity, Pose
 from phyagentos.protocol.world.predicates.geometry import compute_center, compute_centroid, compute_reach, find_surface
-from phyagentos.runtime.motion.approaches import SAME_POSTURE_RAD, draw_seeds
+from phyagentos.runtime.motion.approaches import SAME_POSTURE_RAD, Screen
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.lines import follow_waypoints
@@ -65,7 +65,7 @@ def find_push(
         return job.fail("TOO_TALL", f"{entity.name} is {1e3 * tall_m:.0f} mm tall, the hand would meet or topple it.")
     bottom_m = compute_entity_box(settle(entity, request.world.entities)).bottom_m
     strokes = _Strokes(
-        draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed),
+        Screen(kinematics, request.q_rad, scene.robot.home_rad, request.seed).seeds,
         bottom_m,
         heights_m,
         half_m,
@@ -91,7 +91,7 @@ def find_push(
 class _Strokes:
     """Straight pushes at `heights_m` above the lowest point of the object, with fingers of `half_m` (2,)."""
 
-    seeds: list[Array]
+    seeds: Array
     bottom_m: float
     heights_m: list[float]
     half_m: Array
@@ -239,7 +239,7 @@ def _shift(entity: Entity, to_m: Array) -> Entity:
 
 
 def _find_ways(
-    poses: tuple[Pose, ...], label: str, seeds: list[Array], kinematics: Kinematics, scene: PlanningScene, job: Job
+    poses: tuple[Pose, ...], label: str, seeds: Array, kinematics: Kinematics, scene: PlanningScene, job: Job
 ) -> list[Approach]:
     """The same tool poses from several postures above the first one."""
     tried: list[Array] = []

@@ -291,9 +291,10 @@ class Screening(msgspec.Struct, frozen=True):
 
 
 class Differential(msgspec.Struct, frozen=True):
-    """Inverse kinematics by mink; errors are the largest of all solved postures.
+    """Inverse kinematics that starts near; errors are the largest of all solved postures.
 
-    `iterations` counts quadratic programs; 0 where the start was within tolerance.
+    `iterations` counts mink's quadratic programs of a hover posture, and steps of the compiled inverse along a line; 0
+    where the start was within tolerance.
     """
 
     iterations: int
@@ -302,7 +303,7 @@ class Differential(msgspec.Struct, frozen=True):
 
 
 class GoalPosture(msgspec.Struct, frozen=True, omit_defaults=True):
-    """How one approach was solved: the postures on its line, and the polish of its hover posture.
+    """How one approach was solved: its hover posture, polished by mink, and the postures on its line, by compiled code.
 
     `hover` is None for a line that begins at the present posture.
     """
@@ -316,10 +317,10 @@ class PathSearch(msgspec.Struct, frozen=True):
     """How a path was found.
 
     Attributes:
-        planner: `straight` where the direct joint motion is free, otherwise the name of OMPL's planner.
-        checker: Collision check of the search: `spheres`, or `exact` for MuJoCo.
+        planner: `straight` where the direct joint motion is free, otherwise RRT-Connect, and on which model.
+        checker: Collision check of the search: `spheres`, `larger spheres`, or `exact` and `exact, fine` for MuJoCo.
         goals: Offered postures; all of them are roots of one search.
-        iterations: Polls of the planner's termination condition; 0 for `straight`.
+        iterations: Of the search that is kept; 0 for `straight`.
         attempts: Searches until a path stayed free once it was timed.
         exact_checks: Postures that MuJoCo checked.
     """
@@ -358,7 +359,8 @@ class TimeScaling(msgspec.Struct, frozen=True, omit_defaults=True):
 class Stages(msgspec.Struct, frozen=True, omit_defaults=True):
     """Which solvers made an answer; a stage that did not run is absent.
 
-    Compiled inverse kinematics screens, mink solves goals, OMPL the path, toppra or casadi the scaling.
+    Compiled inverse kinematics screens and follows lines, mink polishes goals, compiled RRT-Connect finds the path, or
+    OMPL where the spheres leave none, toppra or casadi the scaling.
     """
 
     screening: Screening | None = None

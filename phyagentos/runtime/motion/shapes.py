@@ -44,14 +44,15 @@ class Box:
         return sqrt(outside @ outside)
 
 
-def compute_shape_boxes(entity: Entity) -> list[Box]:
-    """One oriented box for each solid of an entity."""
+@lru_cache(maxsize=256)
+def compute_shape_boxes(entity: Entity) -> tuple[Box, ...]:
+    """One oriented box for each solid of an entity; kept, since a search asks several times."""
     world_T_entity = compute_matrix(entity.pose)
     poses = [(world_T_entity @ _compute_frame(shape.pose), shape) for shape in entity.shapes]
-    return [
+    return tuple(
         Box(_level(pose) if shape.kind in ROUND_KINDS else pose, np.array(compute_half_box(shape)))
         for pose, shape in poses
-    ]
+    )
 
 
 def _level(pose: Array) -> Array:

@@ -6,7 +6,7 @@ find no room, or a wall is beside the fingers, sites are packed (`pack-060+045`)
 along the walls of the destination first, so that the room that is left stays in one piece.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -188,15 +188,12 @@ def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> li
     """
     space, footprint, neighbours = placing.space, placing.footprint, list_neighbours(placing)
     interest, farthest_m = placing.near
-    sites: list[Site] = []
+    sites, is_near = list[Site](), _stand_among(neighbours)
     for prefix, radius_m in (("", footprint.outer_m), ("tight_", footprint.inner_m)):
         for name, site in _iter_sites(space, radius_m, interest):
             if np.linalg.norm((site - interest)[:2]) > farthest_m:
                 job.rejected["far"] += 1
-            elif any(
-                box.compute_distance(np.array((site[0], site[1], box.pose[2, 3]))) < radius_m + GAP_M
-                for box in neighbours
-            ):
+            elif is_near(site[:2], radius_m + GAP_M):
                 job.rejected["occupied"] += 1
             else:
                 sites.append(Site(prefix + name, site, is_tight=bool(prefix)))
@@ -205,7 +202,7 @@ def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> li
         if sites:
             break
     if not space.walled:
-        return [Sites(iter(sites))] if sites else []
+        return [Sites(iter(sites))]
     packed = Sites(
         site
         for degrees, R in attitudes.items()
@@ -214,8 +211,19 @@ def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> li
     is_single = np.all(space.half_m < 2.0 * footprint.outer_m + 0.5 * TILE_GAP_M + GAP_M) and np.isinf(farthest_m)
     is_wide = float(np.prod(space.half_m)) > ROOM_SHARE * float(np.prod(footprint.half_m + GAP_M))
     comes_first = is_single and (is_wide or placing.request.coming)
-    groups = [packed, Sites(iter(sites))] if comes_first else [Sites(iter(sites)), packed]
-    return [group for group in groups if group]
+    return [packed, Sites(iter(sites))] if comes_first else [Sites(iter(sites)), packed]
+
+
+def _stand_among(boxes: Sequence[Box]) -> Callable[[Array, float], bool]:
+    """Whether a point (2,) is nearer than a distance [m] to any box, as far up as its middle is."""
+    poses = np.array([box.pose for box in boxes]).reshape(-1, 4, 4)
+    half_m = np.array([box.half_m for box in boxes]).reshape(-1, 3)
+
+    def is_near(point_m: Array, distance_m: float) -> bool:
+        local = np.einsum("br,bri->bi", point_m - poses[:, :2, 3], poses[:, :2, :3])
+        return bool(((np.maximum(np.abs(local) - half_m, 0.0) ** 2).sum(axis=1) < distance_m**2).any())
+
+    return is_near
 
 
 def list_neighbours(placing: Placing, *, without: Collection[str] = ()) -> list[Box]:

@@ -29,6 +29,8 @@ QUANTILE = 0.01  # of free postures that a calibrated pair may still refuse
 SAMPLES = 1000
 BALL_MARGIN_M = 1e-9  # so that rounding never lets a ball miss what its box meets
 SEED = 0
+YIELD_M = 1e-4  # further from what was touched: rounding must not touch it again
+METRE_RAD = 2.0  # a metre of a base's way is as long as so much turning of a joint
 _NEVER, MOVABLE, _FIXED, _WALL = 0, 1, 2, 4  # kinds of obstacles; other robots are movable
 _ALL = MOVABLE | _FIXED
 
@@ -52,6 +54,7 @@ class SphereArrays(NamedTuple):
         crowd: (m, 4) spheres of other robots in the world: centre, radius; in groups like the own clusters.
         crowd_first: (g + 1,) index of the first sphere of each group.
         crowd_bounds: (g, 4) bounding sphere of each group.
+        weights: (n,) of the joints in the length of a motion.
     """
 
     frames: Array
@@ -69,6 +72,35 @@ class SphereArrays(NamedTuple):
     crowd: Array
     crowd_first: Integers
     crowd_bounds: Array
+    weights: Array
+
+    def yield_at(self, q_rad: Array) -> "SphereArrays":
+        """The same with whatever refuses a posture (n_joints,) among still obstacles smaller, until that is free."""
+        links = np.zeros_like(self.frames)
+        compute_links(q_rad, self.frames, self.parents, self.slides, links)
+        cluster = np.repeat(np.arange(len(self.link)), np.diff(self.first))
+        T = links[self.link[cluster]]  # (s, 3, 4)
+        centers = np.einsum("srk,sk->sr", T[:, :, :3], self.spheres[:, :3]) + T[:, :, 3]
+        local = np.einsum("sbr,brk->sbk", centers[:, None] - self.boxes[:, :3], self.boxes[:, 3:12].reshape(-1, 3, 3))
+        gaps = np.linalg.norm(np.maximum(np.abs(local) - self.boxes[:, 12:15], 0.0), axis=2)  # (s, b)
+        gaps[self.meets[cluster][:, None] & self.kinds == 0] = np.inf
+        spheres, shrink = self.spheres.copy(), self.shrink.copy()
+        spheres[:, 3] = np.clip(gaps.min(axis=1, initial=np.inf) - YIELD_M, 0.0, spheres[:, 3])
+        for pair, members in enumerate(self.pairs):
+            a, b = (slice(self.first[member], self.first[member + 1]) for member in members)
+            between = np.linalg.norm(centers[a, None] - centers[b], axis=2)
+            overlap = (spheres[a, 3, None] + spheres[b, 3] - between).max()
+            shrink[pair] = max(shrink[pair], overlap + YIELD_M)
+        return self._replace(spheres=spheres, shrink=shrink)
+
+    def grow(self, margin_m: float) -> "SphereArrays":
+        """The same with larger spheres."""
+        wider = np.array((0.0, 0.0, 0.0, margin_m))
+        return self._replace(spheres=self.spheres + wider, bounds=self.bounds + wider)
+
+    def leave_alone(self) -> "SphereArrays":
+        """The same without other robots."""
+        return self._replace(**_join_groups(()))
 
     def meet_only(self, groups: Sequence[Array]) -> "SphereArrays":
         """The same robot among the spheres (k, 4) of these groups, and nothing else."""
@@ -85,19 +117,20 @@ class SphereModel:
         self._clusters = list(iter_clusters(robot, chain))
         self._pairs = _find_pairs(model, [int(b) for b in range(1, model.nbody) if model.body_geomnum[b]], chain)
         self._shrink = self._calibrate(robot)
+        self._clusters.append((chain.tool, _WALL, np.append(chain.tcp[:, 3], BALL_M)[None]))
+        self._bounds = [bound_spheres(cover) for _, _, cover in self._clusters]
 
     def build_arrays(self, scene: PlanningScene) -> SphereArrays:
         """The arrays for the scene as posed now, payload included."""
-        clusters, pairs, shrink = list(self._clusters), list(self._pairs), list(self._shrink)
-        last = self._chain.tool
+        clusters, bounds, pairs, shrink = self._clusters, self._bounds, self._pairs, self._shrink
         if scene.payload_shapes:
-            tcp = np.vstack((self._chain.tcp, (0.0, 0.0, 0.0, 1.0)))
+            last, tcp = self._chain.tool, np.vstack((self._chain.tcp, (0.0, 0.0, 0.0, 1.0)))
             cover = [move_spheres(cover_shape(s), compute_matrix(s.pose)) for s in scene.payload_shapes]
-            links = [link for link, _, _ in clusters]
-            pairs += [(i, len(clusters)) for i, link in enumerate(links) if not last - self._wrist < link <= last]
-            shrink += [0.0] * (len(pairs) - len(shrink))
-            clusters.append((last, _ALL, move_spheres(np.vstack(cover), tcp @ scene.tcp_T_payload)))
-        clusters.append((last, _WALL, np.append(self._chain.tcp[:, 3], BALL_M)[None]))
+            held = move_spheres(np.vstack(cover), tcp @ scene.tcp_T_payload)
+            links = [link for link, _, _ in clusters[:-1]]
+            met = [(i, len(clusters)) for i, link in enumerate(links) if not last - self._wrist < link <= last]
+            pairs, shrink = [*pairs, *met], [*shrink, *[0.0] * len(met)]
+            clusters, bounds = [*clusters, (last, _ALL, held)], [*bounds, bound_spheres(held)]
         boxes, kinds = _box_obstacles(scene)
         return SphereArrays(
             frames=self._chain.frames,
@@ -106,12 +139,13 @@ class SphereModel:
             spheres=np.vstack([cover for _, _, cover in clusters]),
             first=np.cumsum([0, *(len(cover) for _, _, cover in clusters)]),
             link=np.array([link for link, _, _ in clusters]),
-            bounds=np.array([bound_spheres(cover) for _, _, cover in clusters]),
+            bounds=np.array(bounds),
             meets=np.array([meets for _, meets, _ in clusters]),
             pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
             shrink=np.array(shrink),
             boxes=boxes,
             kinds=kinds,
+            weights=np.where(np.arange(len(self._chain.q_min_rad)) < self._chain.slides, METRE_RAD, 1.0),
             **_join_groups([group for groups in scene.crowd.values() for group in groups]),
         )
 

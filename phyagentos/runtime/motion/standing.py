@@ -67,15 +67,21 @@ def find_standing_sites(placing: Placing, attitudes: Mapping[int, Array], job: J
 
 def fit_tight(placing: Placing, attitudes: Mapping[int, Array], sites: Sites, job: Job) -> Sites:
     """The sites with the yaws at which the payload meets nothing: its box may reach through a low wall."""
-    if not next(iter(sites)).is_tight:  # all of a group, or none
-        return sites
-    room, fitted = StandingRoom(placing, GAPS_M[-1]), []
-    for site in sites:
-        away_m = site.point_m - placing.space.center_m
-        yaws = tuple(degrees for degrees, R in attitudes.items() if room.is_free(room.turn(R) + away_m))
-        fitted += [replace(site, yaws=yaws)] if yaws else []
-        job.rejected["occupied"] += not yaws
-    return Sites(iter(fitted))
+
+    def iter_fitted() -> Iterator[Site]:
+        room = None
+        for site in sites:
+            if not site.is_tight:
+                yield site
+                continue
+            room = room or StandingRoom(placing, GAPS_M[-1])
+            away_m = site.point_m - placing.space.center_m
+            yaws = tuple(degrees for degrees, R in attitudes.items() if room.is_free(room.turn(R) + away_m))
+            job.rejected["occupied"] += not yaws
+            if yaws:
+                yield replace(site, yaws=yaws)
+
+    return Sites(iter_fitted())
 
 
 def _find_near(placing: Placing) -> list[Entity]:

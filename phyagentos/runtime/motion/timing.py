@@ -6,7 +6,7 @@ differences respect them too, and to whole control periods, so that the last com
 
 import logging
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -34,12 +34,13 @@ def _without_figures() -> Iterator[None]:
 with _without_figures():
     import toppra
     from toppra import algorithm, constraint
+    from toppra.solverwrapper.cy_seidel_solverwrapper import seidelWrapper
 
 VELOCITY_SCALE = 0.9  # of the datasheet's limits; the rest is for the controller
 ACCELERATION_SCALE = 0.7  # toppra exceeds its limit by some per cent between grid points
 FINITE_DIFFERENCE_SCALE = 0.98  # the guard differentiates too, and refuses at 1
 DUPLICATE_RAD = 1e-4
-GRID_MIN, GRID_MAX = 48, 300
+GRID_SHARE, GRID_MIN, GRID_MAX = 4, 48, 300  # points of the grid for a row, and in all
 _FASTEST = np.array((1e-9, -1.0))
 
 logging.getLogger("toppra").setLevel(logging.ERROR)
@@ -203,7 +204,14 @@ def _creep(start_rad: Array, end_rad: Array, limits: JointLimits) -> Trajectory:
 
 
 class _Toppra(algorithm.TOPPRA):  # type: ignore[misc]
-    """toppra's algorithm with leaner steps between its solver's linear programs, which cost a third of it."""
+    """toppra's algorithm with leaner steps between its solver's linear programs, which cost a third of it.
+
+    Its solver is given; toppra looks for others on disk each time.
+    """
+
+    def __init__(self, constraints: Sequence[constraint.Constraint], path: object, *, gridpoints: Array) -> None:
+        algorithm.algorithm.ParameterizationAlgorithm.__init__(self, constraints, path, gridpoints=gridpoints)
+        self.solver_wrapper = seidelWrapper(self.constraints, path, self.gridpoints, solve_lp1d=True)
 
     def _one_step(self, i: int, K_next: Array) -> tuple[float, float]:
         solve, low, high = self.solver_wrapper.solve_stagewise_optim, K_next[0], K_next[1]
@@ -225,8 +233,7 @@ def _run_toppra(
     solver = _Toppra(
         list(_constrain(tuple(limits.velocity_rad_s.tolist()), tuple(limits.acceleration_rad_s2.tolist()))),
         path,
-        gridpoints=np.linspace(0.0, 1.0, int(np.clip(6 * len(rows), GRID_MIN, GRID_MAX))),
-        solver_wrapper="seidel",
+        gridpoints=np.linspace(0.0, 1.0, int(np.clip(GRID_SHARE * len(rows), GRID_MIN, GRID_MAX))),
     )
     solver.compute_parameterization(0.0, 0.0)
     return path, solver.problem_data

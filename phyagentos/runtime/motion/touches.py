@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approaches
+from phyagentos.runtime.motion.approaches import Screen, Way, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import PlanningScene
@@ -28,9 +28,9 @@ def find_touch(request: FindTouch, kinematics: Kinematics, scene: PlanningScene,
         )
         for degrees in TURNS_DEG
     ]
-    seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
+    screen = Screen(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     found = find_approaches(
-        ways, q_rad=request.q_rad, seeds=seeds, kinematics=kinematics, scene=scene, job=job, count=request.count
+        ways, q_rad=request.q_rad, screen=screen, kinematics=kinematics, scene=scene, job=job, count=request.count
     )
     if found:
         return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)

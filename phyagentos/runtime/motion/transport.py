@@ -44,6 +44,7 @@ GRIP_SHARE = 0.8  # of what the grip bears at the bad ends of all doubts
 REST_SHARE = 1.1  # of what gravity alone takes, where that is more
 PAD_RADIUS_M = 0.008  # lever of a pad's friction against turning: two thirds of its contact's radius
 RAMP_S, LEVEL_RAMP_S = 0.04, 0.1  # over which acceleration builds up; for an open vessel
+LIGHT_SHARE = 0.2  # of the grip; where an arm overshoots each jump of acceleration by all of it, that is two fifths
 LONGER = 1.15  # times toppra's motion, where both keep within the bounds; ramps take about a tenth
 SLOWDOWN = 1.03
 SLOWEST = 40  # slowdowns, after which a carry is as slow as its path is long
@@ -91,8 +92,9 @@ def time_carry(
 ) -> Timed:
     """The motion through rows (k, n_joints), from rest to rest, that respects what it carries.
 
-    Toppra's motion is returned if it does so already and either it `keeps_toppra` or the shaped one takes `LONGER`:
-    joints that turn a corner between two knots faster than they may stretch all of it.
+    Toppra's motion is returned if it does so already and either it `keeps_toppra`, uses `LIGHT_SHARE` of the grip at
+    most, or the shaped one takes `LONGER`: joints that turn a corner between two knots faster than they may stretch all
+    of it.
     """
     rows = drop_duplicates(rows_rad, SPACING_RAD)
     timed = time_path(rows_rad, limits)
@@ -102,7 +104,8 @@ def time_carry(
     unshaped = {f"unshaped_{name}": value for name, value in felt.items()}
     scaling = msgspec.structs.replace(timed.scaling, unshaped_duration_s=timed.scaling.duration_s, **felt, **unshaped)
     unshaped_motion = Timed(plain, scaling)
-    if not is_shaped or len(rows) < 2 or (keeps_toppra and share <= GRIP_SHARE):
+    enough = GRIP_SHARE if keeps_toppra else LIGHT_SHARE
+    if not is_shaped or len(rows) < 2 or (care.tilt_max_rad is None and share <= enough):
         return unshaped_motion
     path = _Path.describe(rows, chain, care)
     ramp_s = RAMP_S if care.tilt_max_rad is None else LEVEL_RAMP_S
@@ -245,6 +248,7 @@ def _build(n_joints: int) -> tuple[ca.Function, Array, Array]:
             "structure_detection": "auto",
             "equality": equality,
             "fatrop.print_level": 0,
+            "fatrop.tol": 1e-4,
             "print_time": False,
             "error_on_fail": False,
         },

@@ -46,18 +46,8 @@ def read_look(path: Path, sha256: str) -> Look:
     """A look as recorded; raises ExecutionError `LOOK_MISSING` or `EVIDENCE_UNREADABLE`, which name the file."""
     read_stored_look(path, sha256)
     with zipfile.ZipFile(path) as file:
-
-        def load(_: type, name: str) -> NDArray[Any]:
-            data = file.read(name)
-            if name.endswith(".npy"):
-                return np.asarray(np.load(io.BytesIO(data)))
-            decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-            if decoded is None:
-                raise ValueError(f"{name} is no PNG")
-            return np.ascontiguousarray(decoded[..., ::-1])
-
         try:
-            look = msgspec.json.decode(file.read(LOOK), type=Look, dec_hook=load)
+            look = msgspec.json.decode(file.read(LOOK), type=Look, dec_hook=lambda _, name: read_array(file, name))
         except (msgspec.MsgspecError, KeyError, ValueError) as error:
             raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
     look.file, look.sha256 = str(path), sha256
@@ -75,19 +65,34 @@ def encode_picture(rgb: NDArray[Any]) -> bytes:
     return cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]))[1].tobytes()
 
 
+def write_array(file: zipfile.ZipFile, name: str, array: NDArray[Any]) -> str:
+    """Put an array into a zip file, a picture as PNG and any other one as `.npy`; its name there."""
+    if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3:
+        file.writestr(zipfile.ZipInfo(f"{name}.png"), encode_picture(array))
+        return f"{name}.png"
+    data = io.BytesIO()
+    np.save(data, array)
+    file.writestr(zipfile.ZipInfo(f"{name}.npy"), data.getvalue(), zipfile.ZIP_DEFLATED, _LEVEL)
+    return f"{name}.npy"
+
+
+def read_array(file: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """An array of a zip file by its name there; raises ValueError where it is none, KeyError without one."""
+    data = file.read(name)
+    if name.endswith(".npy"):
+        return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
+    decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if decoded is None:
+        raise ValueError(f"{name} is no PNG")
+    return np.ascontiguousarray(decoded[..., ::-1])
+
+
 def _encode(look: Look) -> bytes:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as file:
 
         def keep(array: NDArray[Any]) -> str:
-            name = f"{len(file.namelist()):02d}"
-            if array.dtype == np.uint8:
-                file.writestr(zipfile.ZipInfo(f"{name}.png"), encode_picture(array))
-                return f"{name}.png"
-            data = io.BytesIO()
-            np.save(data, array)
-            file.writestr(zipfile.ZipInfo(f"{name}.npy"), data.getvalue(), zipfile.ZIP_DEFLATED, _LEVEL)
-            return f"{name}.npy"
+            return write_array(file, f"{len(file.namelist()):02d}", array)
 
         blank = msgspec.structs.replace(look, file="", sha256="")
         file.writestr(zipfile.ZipInfo(LOOK), msgspec.json.encode(blank, enc_hook=keep), zipfile.ZIP_DEFLATED, _LEVEL)

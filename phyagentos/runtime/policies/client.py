@@ -14,7 +14,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor, Stream
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.policy_service import PolicyService
-from phyagentos.runtime.policies.services import describe, open_service
+from phyagentos.runtime.policies.services import open_service
 
 ASK_S = 3.0  # a server that needs longer for its descriptor will not keep a control rate
 BEATS = 4  # signs of life within the longest silence
@@ -31,8 +31,8 @@ def ask_policy(endpoint: str) -> PolicyDescriptor | None:
     """
     service = open_service(endpoint, {})
     try:
-        reply = _exchange(service, wire.Introduce(), wire.Introduction, ASK_S, _UNLIMITED_S)
-        return describe(reply, endpoint)
+        told = _exchange(service, wire.Introduce(), wire.Introduction, ASK_S, _UNLIMITED_S).descriptor
+        return PolicyDescriptor.model_validate({**told, "endpoint": endpoint}) if told else None
     except pydantic.ValidationError as error:
         raise ExecutionError("POLICY_FAULT", f"{endpoint} describes no policy: {error}") from error
     finally:

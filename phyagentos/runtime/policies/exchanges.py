@@ -8,23 +8,19 @@ import hashlib
 import io
 import time
 import zipfile
-from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import cv2
 import msgspec
-import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.evidence import POLICY, POLICY_PREFIX
-from phyagentos.runtime.perception.look_file import encode_picture
+from phyagentos.runtime.perception.look_file import read_array, write_array
 from phyagentos.runtime.policies import wire
 
 ROWS = "rows"  # of the chunk, beside the observations by their names
-_LEVEL = 1  # of deflate
 
 Array = NDArray[Any]
 
@@ -79,10 +75,13 @@ class ExchangeLog:
             each.result()
 
     def _write(self, request: wire.Infer, chunk: wire.Chunk, wall_s: float) -> None:
-        data = _pack(dict(request.observations) | {ROWS: chunk.rows})
-        sha256 = hashlib.sha256(data).hexdigest()
+        buffer = io.BytesIO()
+        with zipfile.ZipFile(buffer, "w") as kept:
+            for name, array in (dict(request.observations) | {ROWS: chunk.rows}).items():
+                write_array(kept, name, array)
+        sha256 = hashlib.sha256(buffer.getvalue()).hexdigest()
         file = f"{POLICY_PREFIX}{sha256[:16]}.zip"
-        (self._folder / file).write_bytes(data)
+        (self._folder / file).write_bytes(buffer.getvalue())
         exchange = Exchange(
             sequence=request.sequence,
             rows_done=request.rows_done,
@@ -112,35 +111,8 @@ def read_arrays(folder: Path, exchange: Exchange) -> tuple[dict[str, Array], Arr
         data = path.read_bytes()
         if hashlib.sha256(data).hexdigest() != exchange.sha256:
             raise ValueError(f"its bytes are not those of sha256 {exchange.sha256}")
-        arrays = _unpack(data)
+        with zipfile.ZipFile(io.BytesIO(data)) as file:
+            arrays = {Path(name).stem: read_array(file, name) for name in file.namelist()}
         return arrays, arrays.pop(ROWS)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
-
-
-def _pack(arrays: Mapping[str, Array]) -> bytes:
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as file:
-        for name, array in arrays.items():
-            if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3:
-                file.writestr(zipfile.ZipInfo(f"{name}.png"), encode_picture(array))
-                continue
-            data = io.BytesIO()
-            np.save(data, array)
-            file.writestr(zipfile.ZipInfo(f"{name}.npy"), data.getvalue(), zipfile.ZIP_DEFLATED, _LEVEL)
-    return buffer.getvalue()
-
-
-def _unpack(data: bytes) -> dict[str, Array]:
-    arrays = {}
-    with zipfile.ZipFile(io.BytesIO(data)) as file:
-        for name in file.namelist():
-            held = file.read(name)
-            if name.endswith(".png"):
-                decoded = cv2.imdecode(np.frombuffer(held, np.uint8), cv2.IMREAD_COLOR)
-                if decoded is None:
-                    raise ValueError(f"{name} is no PNG")
-                arrays[name[:-4]] = np.ascontiguousarray(decoded[..., ::-1])
-            else:
-                arrays[name[:-4]] = np.load(io.BytesIO(held), allow_pickle=False)
-    return arrays

@@ -58,7 +58,6 @@ def _fit(picture: Array, stream: Stream) -> Array:
     inner = max(1, int(picture.shape[1] / ratio)), max(1, int(picture.shape[0] / ratio))
     how = cv2.INTER_NEAREST if stream.modality == "depth" else cv2.INTER_LINEAR
     small = cv2.resize(np.ascontiguousarray(picture), inner, interpolation=how)
-    out = np.zeros((height, width, *picture.shape[2:]), dtype=picture.dtype)
     top, left = (height - inner[1]) // 2, (width - inner[0]) // 2
-    out[top : top + inner[1], left : left + inner[0]] = small
-    return out
+    black = top, height - inner[1] - top, left, width - inner[0] - left
+    return cv2.copyMakeBorder(small, *black, cv2.BORDER_CONSTANT, value=0)

@@ -1,8 +1,10 @@
 """Observations of a policy: the streams of its descriptor, each from the sensor that provides it.
 
-Simulator truth is no stream, and a camera that does not show the present, as `sensor_health` judges it, is refused.
+Simulator truth is a stream only where the sensing is `truth`. A camera that does not show the present, as
+`sensor_health` judges it, is refused.
 """
 
+import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -16,7 +18,7 @@ from phyagentos.protocol.settings.sensors import Sensors, find_source
 from phyagentos.protocol.world.environment import SensorHealth, TargetState
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.perception.sensor_health import assess
-from phyagentos.runtime.targets.wire import Frame, Frames
+from phyagentos.runtime.targets.wire import Frame, Frames, Observation
 
 TIME_TOLERANCE_S = 1e-6  # sums of control periods are not exact
 _OF_STATE: Mapping[str, Callable[[TargetState], Any]] = {
@@ -81,7 +83,7 @@ class Observer:
         cameras = {
             name: self._find_camera(name, each)
             for name, each in streams.items()
-            if each.modality != "proprioception" or name not in _OF_STATE  # the target measures those itself
+            if each.modality in {"rgb", "depth", "rgbd"}  # the target measures the others itself
         }
         frames = self.handle.capture(tuple(dict.fromkeys(cameras.values()))) if cameras else Frames(())
         now = self.handle.observe()  # after the frames: where time goes on by itself, they were taken before it
@@ -91,7 +93,7 @@ class Observer:
                 frame = self._believe(cameras[name], frames, now.time_s, self.late_max_s + 1.0 / stream.rate_hz)
                 shown[name] = _hold_to_form(name, frame.depth_m if stream.modality == "depth" else frame.rgb, stream)
             else:
-                shown[name] = _read(name, now.target, stream)
+                shown[name] = _read(name, now, stream)
         return now.time_s, shown
 
     def read_time(self) -> float:
@@ -115,8 +117,15 @@ class Observer:
         raise ExecutionError("OBSERVATION_UNAVAILABLE", f"camera {camera!r} is {health.status}: {health.detail}")
 
 
-def _read(name: str, state: TargetState, stream: Stream) -> np.ndarray:
-    value = np.asarray(_OF_STATE[name](state), dtype=stream.dtype)
+def _read(name: str, now: Observation, stream: Stream) -> np.ndarray:
+    if name not in _OF_STATE and name not in now.signals:
+        raise ExecutionError("OBSERVATION_UNAVAILABLE", f"the target measures no {name!r} for a session")
+    value = np.asarray(_OF_STATE[name](now.target) if name in _OF_STATE else now.signals[name], dtype=stream.dtype)
+    if name not in _OF_STATE:
+        shape = tuple(len(now.target.q_rad) if length == "n_joints" else length for length in stream.shape)
+        if value.size != math.prod(shape):
+            raise ExecutionError("OBSERVATION_UNAVAILABLE", f"{name!r} has {value.size} numbers; {shape} is declared")
+        value = value.reshape(shape)
     if not np.isfinite(value).all():
         raise ExecutionError("OBSERVATION_UNAVAILABLE", f"{name!r} is no number")
     return value

@@ -13,15 +13,7 @@ from phyagentos.errors import ExecutionError, format_names
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.openpi_codec import ACTIONS, PROMPT
 
-TYPES = {
-    "tensor(float)": np.float32,
-    "tensor(double)": np.float64,
-    "tensor(float16)": np.float16,
-    "tensor(uint8)": np.uint8,
-    "tensor(int32)": np.int32,
-    "tensor(int64)": np.int64,
-    "tensor(string)": np.str_,
-}
+TYPES = {"float": "float32", "double": "float64", "string": "str"}  # of ONNX that numpy has under another name
 DONE = "done"
 
 
@@ -66,5 +58,6 @@ class OnnxPolicy:
 def _prepare(put: Any, shown: dict[str, Any]) -> Any:
     if put.name not in shown:
         raise ValueError(f"the model takes {put.name!r}; it is shown {format_names(shown)}")
-    value = np.asarray(shown[put.name]).astype(TYPES.get(put.type, np.float32))
+    kind = put.type.removeprefix("tensor(").removesuffix(")")
+    value = np.asarray(shown[put.name]).astype(TYPES.get(kind, kind))
     return value[None] if value.ndim == len(put.shape) - 1 else value

@@ -40,10 +40,9 @@ class OpenpiService(PolicyService):
         try:
             connecting = connect(url, compression=None, ping_interval=None, proxy=None, **limits)
             self._connection = self._opened.enter_context(connecting)
+            self._metadata = self._read(CONNECT_S, CONNECT_S)
         except (OSError, EOFError, InvalidHandshake, InvalidURI, ValueError) as error:
             raise ExecutionError("POLICY_UNREACHABLE", f"{endpoint}: {type(error).__name__} {error}") from error
-        try:
-            self._metadata = self._read(CONNECT_S, CONNECT_S)
         except ExecutionError as error:
             self.close()
             raise ExecutionError("POLICY_UNREACHABLE", f"{endpoint}: no metadata on connect: {error}") from error

@@ -26,14 +26,16 @@ from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
 from phyagentos.runtime.actions.bridges.tool_poses import describe_frames, read_arm
-from phyagentos.runtime.actions.chunks import iter_periods
+from phyagentos.runtime.actions.chunks import iter_periods, run_up
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.actions.set_points import Array, SetPoints
 from phyagentos.runtime.actions.violations import Violation
+from phyagentos.runtime.execution.already_met import is_met
 from phyagentos.runtime.execution.commands import compute_brake
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf import FailureCode
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
+from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient
 from phyagentos.runtime.policies.ensemble import TemporalEnsemble
@@ -75,17 +77,21 @@ class PolicySkillRuntime:
         self._periods: deque[SetPoints] = deque()
         self._beyond: Iterator[SetPoints] = iter(())  # of the present chunk, after the next one should have come
         self._ready: wire.Chunk | None = None  # waits for the horizon of the one before
-        self._ensemble = TemporalEnsemble(self._how.ensemble_decay) if self._mode == "temporal_ensemble" else None
+        self._ensemble = TemporalEnsemble(self._how.ensemble_decay) if self._how.mode == "temporal_ensemble" else None
         self._events: list[TraceEvent] = []
         self._failure: Failure | None = None
         self._before = np.append(context.commands.q_rad, context.commands.gripper_width_m)
         self._velocity = np.zeros(len(self._before) - 1)
+        self._acceleration = np.asarray(context.profile.arm.acceleration_rad_s2)
         context.lag.begin()
-        self._asked_at_s, self._asked_after, self._asked_before = 0.0, 0, self._before
+        self._asked_at_s, self._asked_after = 0.0, 0
+        self._asked_from = self._before, self._velocity
         self._shown_at_s = 0.0  # of the present chunk
         self._chunks = self._commands = self._empty = 0
-        self._is_last = False
+        self._is_last = self._is_met = False
+        self._look_due_s = 0.0
         self._is_outdated = False  # what was asked for before a pause
+        self._has_braked = False  # so that the policy, which did not, may speak of an arm in motion
         self._keeps_past = any(stream.history > 1 for stream in parts.descriptor.observations.values())
 
     def tick(self) -> TickResult:
@@ -108,7 +114,8 @@ class PolicySkillRuntime:
             self._commands += 1
             return TickResult(SkillStatus.RUNNING, points, LEAF)
         if self._is_last:
-            message = f"the policy reported done after {self._commands} control periods"
+            why = "the acceptance was seen to hold" if self._is_met else "the policy reported done"
+            message = f"{why} after {self._commands} control periods"
             self._note(Status.SUCCESS.value, message=message)
             return TickResult(SkillStatus.SUCCEEDED, None, LEAF)
         return TickResult(SkillStatus.RUNNING, None, LEAF, thinking=True)
@@ -141,10 +148,6 @@ class PolicySkillRuntime:
             self._parts.log.close()
 
     @property
-    def _mode(self) -> str:
-        return self._parts.descriptor.execution.mode
-
-    @property
     def _period_s(self) -> float:
         return self._context.profile.control_period_s
 
@@ -159,11 +162,11 @@ class PolicySkillRuntime:
                 if self._parts.log is not None:
                     self._parts.log.answer(chunk)
         elif self._ready is None and not self._is_last and not is_pausing:
-            is_ahead = self._parts.is_realtime and self._mode != "open_loop"
+            is_ahead = self._parts.is_realtime and self._how.mode != "open_loop"
             ahead_s = self._parts.descriptor.inference_s if is_ahead else 0.0
             if len(self._periods) <= np.ceil(ahead_s / self._period_s):
                 self._ask()
-        may_switch = self._mode != "receding_horizon" or not self._periods
+        may_switch = self._how.mode != "receding_horizon" or not self._periods
         if self._ready is not None and may_switch and not is_pausing:
             chunk, self._ready = self._ready, None
             self._take(chunk)
@@ -171,7 +174,8 @@ class PolicySkillRuntime:
     def _choose(self) -> SetPoints | None:
         """The next control period: of the present chunk, or one that brakes."""
         how = self._how
-        if how.duration_s is not None and self._commands * self._period_s >= how.duration_s - TIME_TOLERANCE_S:
+        spent_s = self._commands * self._period_s
+        if (how.duration_s is not None and spent_s >= how.duration_s - TIME_TOLERANCE_S) or self._looks_met():
             self._drop()
             self._is_last = True
             return self._brake()
@@ -182,11 +186,20 @@ class PolicySkillRuntime:
         if how.expiry_s is not None and self._context.time_s - self._shown_at_s > how.expiry_s + TIME_TOLERANCE_S:
             if self._periods:
                 self._note(Status.RUNNING.value, message="the chunk has expired", rows=len(self._periods))
-                self._is_last = False
             self._drop_rows()
         if self._periods:
             return self._periods.popleft()
         return self._bridge_gap() if self._parts.is_realtime and self._commands else None
+
+    def _looks_met(self) -> bool:
+        """Whether the acceptance was seen to hold after something was commanded; looked at when it is due."""
+        context, every_s = self._context, self._how.until_met_s
+        if every_s is None or self._is_met or not self._commands:
+            return self._is_met
+        if context.time_s >= self._look_due_s - TIME_TOLERANCE_S:
+            self._look_due_s = context.time_s + every_s
+            self._is_met = is_met(context.session, context.world.observe(WORLD), context.initial)
+        return self._is_met
 
     def _bridge_gap(self) -> SetPoints | None:
         """What is commanded while the next chunk is late."""
@@ -204,9 +217,9 @@ class PolicySkillRuntime:
         """A control period towards rest; None at rest."""
         if not self._velocity.any():
             return None
-        commands = self._context.commands
-        limits = np.asarray(self._context.profile.arm.acceleration_rad_s2)
-        q_rad, qd_rad_s = compute_brake(self._before[:-1], self._velocity, limits, commands.n_steps, commands.step_s)
+        commands, self._has_braked = self._context.commands, True
+        arm = self._before[:-1], self._velocity, self._acceleration
+        q_rad, qd_rad_s = compute_brake(*arm, commands.n_steps, commands.step_s)
         return SetPoints(q_rad, qd_rad_s, np.full(commands.n_steps, self._before[-1]))
 
     def _drop(self) -> None:
@@ -217,13 +230,15 @@ class PolicySkillRuntime:
             self._ensemble.clear()
 
     def _drop_rows(self) -> None:
+        self._is_last = self._is_last and not self._periods
         self._periods.clear()
         self._beyond = iter(())
 
     def _ask(self) -> None:
         session = self._context.session
         self._asked_at_s, observations = self._parts.observer.observe()
-        self._asked_after, self._asked_before, self._is_outdated = self._commands, self._before, False
+        self._asked_after, self._is_outdated = self._commands, False
+        self._asked_from = self._before, self._velocity
         request = wire.Infer(
             session=session.id,
             sequence=self._chunks,
@@ -263,8 +278,8 @@ class PolicySkillRuntime:
 
     def _convert(self, rows: Array) -> Array | None:
         """Rows of the target, from the set-point at their request; None when they are refused."""
-        chain = self._parts.chain
-        bridged = chain.apply(np.asarray(rows, dtype=np.float64), self._asked_before[: chain.target.width])
+        chain, (before, velocity) = self._parts.chain, self._asked_from
+        bridged = chain.apply(np.asarray(rows, dtype=np.float64), before[: chain.target.width], velocity)
         if isinstance(bridged, Violation):
             where = f"{self._parts.descriptor.policy}, chunk {self._chunks}"
             self._fail(str(bridged.code), f"{where}: {bridged}")
@@ -283,17 +298,23 @@ class PolicySkillRuntime:
 
     def _queue(self, rows: Array, late: int) -> None:
         """Replace the chunk before, up to the rows that the next one will repeat."""
-        self._note(Status.RUNNING.value, rows=len(rows), late=late, sequence=self._chunks - 1)
+        commands, m = self._context.commands, 0
+        if len(rows) and self._has_braked and not self._velocity.any():
+            n_rows, rows = len(rows), run_up(rows, self._before, self._acceleration, self._period_s)
+            m = len(rows) - n_rows
+            if m and self._ensemble is not None:
+                self._ensemble.clear()  # its rows come later than the chunk says
+        self._note(Status.RUNNING.value, rows=len(rows), late=late, run_up=m, sequence=self._chunks - 1)
         if not len(rows):
             return
-        commands = self._context.commands
+        self._has_braked = False
         periods = iter_periods(rows, self._before, self._velocity, n_steps=commands.n_steps, step_s=commands.step_s)
-        self._periods = deque(islice(periods, self._count_until_next(len(rows))))
+        self._periods = deque(islice(periods, max(self._count_until_next(len(rows) - m) + m, 2 * m)))
         self._beyond, self._shown_at_s = periods, self._asked_at_s
 
     def _count_until_next(self, n_rows: int) -> int:
         """Control periods until the next chunk is to take over; all of them where none follows."""
-        if self._is_last or self._mode == "open_loop":
+        if self._is_last or self._how.mode == "open_loop":
             return n_rows
         horizon = self._how.horizon or (1 if self._ensemble is not None else 0)
         if not horizon:

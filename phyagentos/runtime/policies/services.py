@@ -8,7 +8,7 @@ from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
 from phyagentos.network.deadline import Deadline
-from phyagentos.protocol.capabilities.policy_descriptors import MODEL_SCHEME, PolicyDescriptor, Stream
+from phyagentos.protocol.capabilities.policy_descriptors import MODEL_SCHEME, Stream
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.model_inputs import arrange
 from phyagentos.runtime.policies.policy_service import PolicyService
@@ -46,7 +46,7 @@ class OwnWire(PolicyService):
             except TimeoutError:
                 message = f"the policy server is at work for longer than {timeout_s:g} s"
                 raise ExecutionError("POLICY_LOST", message) from None
-            data = self._transport.await_more(min(left_s, silence_s))
+            data = self._transport.exchange(None, min(left_s, silence_s))
         return reply
 
     @override
@@ -82,10 +82,3 @@ class LocalService(PolicyService):
     @override
     def close(self) -> None:
         """Nothing is open."""
-
-
-def describe(introduction: wire.Introduction, endpoint: str) -> PolicyDescriptor | None:
-    """What a server says of itself; None where it says nothing. Raises pydantic.ValidationError."""
-    if not introduction.descriptor:
-        return None
-    return PolicyDescriptor.model_validate({**introduction.descriptor, "endpoint": endpoint})

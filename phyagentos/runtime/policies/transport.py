@@ -22,15 +22,12 @@ _LENGTH = struct.Struct(">I")
 class Transport(Protocol):
     """A connection to one server."""
 
-    def exchange(self, message: bytes, timeout_s: float) -> bytes:
-        """Send one message and wait for the whole reply, at most `timeout_s` [s].
+    def exchange(self, message: bytes | None, timeout_s: float) -> bytes:
+        """Send one message, if there is one, and wait for the next whole reply, at most `timeout_s` [s].
 
         Raises:
             ExecutionError: `POLICY_LOST`; `POLICY_FAULT` for a reply longer than any chunk.
         """
-
-    def await_more(self, timeout_s: float) -> bytes:
-        """Wait for one more reply to the same message; raises as `exchange`."""
 
     def close(self) -> None:
         """Close the connection."""
@@ -53,17 +50,12 @@ class _Tcp:
     def __init__(self, host: str, port: int) -> None:
         self._socket = connect(host, port, Deadline(CONNECT_S))
 
-    def exchange(self, message: bytes, timeout_s: float) -> bytes:
-        return self._converse(_LENGTH.pack(len(message)) + message, timeout_s)
-
-    def await_more(self, timeout_s: float) -> bytes:
-        return self._converse(b"", timeout_s)
-
-    def _converse(self, sent: bytes, timeout_s: float) -> bytes:
+    def exchange(self, message: bytes | None, timeout_s: float) -> bytes:
         deadline, received = Deadline(timeout_s), bytearray()
         try:
             self._socket.settimeout(timeout_s)
-            self._socket.sendall(sent)
+            if message is not None:
+                self._socket.sendall(_LENGTH.pack(len(message)) + message)
             self._receive(received, _LENGTH.size, deadline)
             (length,) = _LENGTH.unpack(received)
             if length > REPLY_MAX_BYTES:
@@ -99,11 +91,10 @@ class _Http:
         codes = Codes(late="POLICY_LOST", lost="POLICY_LOST", refused="POLICY_LOST", malformed="POLICY_FAULT")
         self._client = HttpClient(endpoint, codes, f"the policy server at {endpoint}")
 
-    def exchange(self, message: bytes, timeout_s: float) -> bytes:
+    def exchange(self, message: bytes | None, timeout_s: float) -> bytes:
+        if message is None:
+            raise ExecutionError("POLICY_FAULT", "an answer over HTTP that promises another one")
         return self._client.post(message, timeout_s=timeout_s, max_bytes=REPLY_MAX_BYTES)
-
-    def await_more(self, timeout_s: float) -> bytes:
-        raise ExecutionError("POLICY_FAULT", "an answer over HTTP that promises another one")
 
     def close(self) -> None:
         self._client.close()

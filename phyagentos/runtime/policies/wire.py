@@ -101,11 +101,8 @@ encode, decode_request = _REPLIES.encode, REQUESTS.decode
 
 
 def decode_reply(data: bytes) -> Reply:
-    """One reply; raises ExecutionError `POLICY_FAULT` for a `Fault`, and for bytes that are no reply."""
+    """One reply; raises ExecutionError `POLICY_FAULT` for bytes that are none."""
     try:
-        reply = _REPLIES.decode(data)
+        return _REPLIES.decode(data)
     except ExecutionError as error:
         raise ExecutionError("POLICY_FAULT", str(error)) from error
-    if isinstance(reply, Fault):
-        raise ExecutionError("POLICY_FAULT", reply.message[:FAULT_MAX])
-    return reply

@@ -306,7 +306,8 @@ class Observation(msgspec.Struct, frozen=True, tag=True):
     """What the target senses of itself at one moment, before perception.
 
     Attributes:
-        entities: Ground truth, on request; likewise `regions`.
+        entities: Ground truth, on request; likewise `regions`, and `signals`, further measurements of the target by
+            their names, flattened.
         snapshot: The driver's state at this moment, on request; None where the driver has none.
         neighbours: The other robots of its world, by name.
     """
@@ -315,6 +316,7 @@ class Observation(msgspec.Struct, frozen=True, tag=True):
     target: TargetState
     entities: tuple[Entity, ...] = ()
     regions: tuple[Region, ...] = ()
+    signals: dict[str, tuple[float, ...]] = {}
     snapshot: Artefact | None = None
     neighbours: tuple[Neighbour, ...] = ()
 

@@ -135,8 +135,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.motion.planning_scene",
-                "openings = np.linspace(high_m, low_m, SWEEP) if low_m < high_m else (high_m,) * SWEEP",
-                "openings = np.full(SWEEP, self.robot.profile.gripper.max_width_m)",
+                "openings_m = _list_openings(min(low_m, high_m), high_m)",
+                "openings_m = [self.robot.profile.gripper.max_width_m] * SWEEP",
             ),
         ),
         tests=(
@@ -149,8 +149,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.motion.approaches",
-                "for pair in scene.sweep(q_rad, *self.openings_m)",
-                "for pair in scene.sweep(q_rad, self.openings_m[1], self.openings_m[1])",
+                "scene.sweep(q_rad, *self.openings_m, tolerate)",
+                "scene.sweep(q_rad, self.openings_m[1], self.openings_m[1], tolerate)",
             ),
         ),
         tests=("tests/runtime/motion/test_grasps.py::test_a_thing_whose_walls_open_fingers_would_straddle_is_refused",),

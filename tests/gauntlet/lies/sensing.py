@@ -480,7 +480,7 @@ SABOTAGES = (
     Sabotage(
         name="planner_sees_no_wall",
         lie="Every posture is free, whatever the arm would run into.",
-        edits=(Edit("phyagentos.runtime.motion.planning_scene", "return int(self._data.ncon) == 0", "return True"),),
+        edits=(Edit("phyagentos.runtime.motion.planning_scene", "return self._data.ncon == 0", "return True"),),
         tests=(
             "tests/runtime/motion/test_planner.py::test_goals_inside_a_wall_are_refused_with_the_pair_that_touches",
         ),

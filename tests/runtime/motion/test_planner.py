@@ -118,14 +118,14 @@ def test_every_goal_posture_is_polished_by_mink_below_what_screening_reached(pla
             assert tip == pytest.approx(np.add(approach.tcp_end.position_m, (0.0, 0.0, 0.08)), abs=2e-7)
 
 
-def test_a_posture_of_a_line_takes_one_program_since_it_is_sought_where_the_line_goes_on(planner, build, home):
-    rows, programs = 0, 0
+def test_a_posture_of_a_line_takes_about_two_steps_since_it_is_sought_where_the_line_goes_on(planner, build, home):
+    rows, steps = 0, 0
     for seed in range(12):
         found = planner.answer(FindGrasps(world=build.scene(seed), object="cube0", q_rad=home, seed=seed))
         rows += sum(len(approach.line_rad) - 1 for approach in found.approaches)
-        programs += sum(goal.line.iterations for goal in found.stages.goals)
+        steps += sum(goal.line.iterations for goal in found.stages.goals)
 
-    assert rows <= programs < 1.25 * rows
+    assert rows <= steps < 2.25 * rows
 
 
 def test_another_seed_may_go_another_way(planner, build, home):
@@ -136,7 +136,7 @@ def test_another_seed_may_go_another_way(planner, build, home):
         planner.answer(PlanMove(world=World((wall,)), q_rad=start, goals_rad=goals, seed=seed)) for seed in (1, 2)
     ]
 
-    assert [motion.stages.path.planner for motion in motions] == ["RRTConnect"] * 2
+    assert [motion.stages.path.planner for motion in motions] == ["RRT-Connect on spheres"] * 2
     assert all(motion.stages.path.iterations > 0 for motion in motions)
     assert motions[0].trajectory.q_rad.tobytes() != motions[1].trajectory.q_rad.tobytes()
 
@@ -209,15 +209,15 @@ def test_a_cancelled_request_is_answered_so(planner, build, home):
 
 @pytest.fixture
 def impossible(build, home):
-    """A move from one side of a high wall to the other, with a lid over the gap for the arm's column."""
+    """A move from one side of a high wall to the other, whose gap for the arm's column is too small for its elbow."""
     world = World(
         (
-            build.fixed("front", (0.75, 0.0, 0.8), build.box((0, 0, 0), (0.6, 0.01, 0.8))),
-            build.fixed("back", (-0.75, 0.0, 0.8), build.box((0, 0, 0), (0.6, 0.01, 0.8))),
-            build.fixed("lid", (0.0, 0.0, 0.9), build.box((0, 0, 0), (0.16, 0.16, 0.01))),
+            build.fixed("front", (1.2, 0.0, 1.0), build.box((0, 0, 0), (1.0, 0.01, 1.0))),
+            build.fixed("back", (-1.2, 0.0, 1.0), build.box((0, 0, 0), (1.0, 0.01, 1.0))),
+            build.fixed("lid", (0.0, 0.0, 1.3), build.box((0, 0, 0), (0.2, 0.01, 0.75))),
         )
     )
-    start, goal = (home + np.array((turn, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0)) for turn in (0.9, -0.9))
+    start, goal = (home + np.array((turn, 1.4, 0.0, 0.0, 0.0, 0.5, 0.0)) for turn in (1.5, -1.5))
     return PlanMove(world=world, q_rad=start, goals_rad=goal[None], seed=1)
 
 
@@ -234,7 +234,7 @@ def test_a_search_without_a_way_can_be_cancelled(planner, impossible):
 
 
 def test_a_search_without_a_way_ends_with_its_budget(planner, impossible, monkeypatch):
-    monkeypatch.setattr("phyagentos.runtime.motion.path.ITERATIONS", 300)
+    monkeypatch.setattr("phyagentos.runtime.motion.moves.ITERATIONS", 300)
     answer = planner.answer(impossible)
 
     assert answer.code == "NO_PATH_FOUND"

@@ -90,6 +90,7 @@ def test_what_preflight_asked_is_known_when_the_skill_asks_it(process, request_o
 def test_a_lost_planner_is_reported_and_replaced(process, request_of_cube):
     assert isinstance(ask(process, request_of_cube), Approaches)
     lost = process.pid
+    os.kill(lost, signal.SIGSTOP)  # or it may answer before it is killed
     process.submit(replace(request_of_cube, seed=7))
     os.kill(lost, signal.SIGKILL)
     answer = ask_again(process)

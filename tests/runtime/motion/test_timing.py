@@ -1,5 +1,7 @@
 """Timing and shaping: limits, rest at both ends, exact goals, degenerate paths, spilling."""
 
+from functools import partial
+
 import msgspec
 import mujoco
 import numpy as np
@@ -38,7 +40,7 @@ def test_the_leaner_steps_give_the_bits_of_toppra(limits, home, seed, monkeypatc
     rng = np.random.default_rng(seed)
     rows = densify(home + np.cumsum(rng.normal(0.0, 0.3, (6, len(home))), axis=0), 0.12)
     lean = time_path(rows, limits)
-    monkeypatch.setattr(timing, "_Toppra", algorithm.TOPPRA)
+    monkeypatch.setattr(timing, "_Toppra", partial(algorithm.TOPPRA, solver_wrapper="seidel"))
     plain = time_path(rows, limits)
 
     assert lean.scaling == plain.scaling

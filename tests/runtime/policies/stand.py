@@ -48,11 +48,12 @@ class Client:
 class Stand:
     """A runtime on a perfect arm, in real time or in lockstep; remembers the set-point at the end of every period.
 
-    Set `pauses` to let it rest; `asked` holds the requests, `speed` the velocity of joint 1 at the end of each period.
+    Set `pauses` to let it rest; `asked` holds the requests, `speed` the velocity of joint 1 at the end of each period,
+    `rows` its position at each physics step.
     """
 
     def __init__(
-        self, profile, infer, *, delay_s=0.0, delta=False, rate_hz=50.0, realtime=True, history=1, execution=()
+        self, profile, infer, *, delay_s=0.0, delta=False, rate_hz=50.0, realtime=True, history=1, execution=(), **space
     ):
         clock, self.realtime, self.pauses, self.asked, self.speed = ManualClock(), realtime, False, [], []
 
@@ -62,12 +63,13 @@ class Stand:
 
         self.q = np.array(profile.arm.home_rad)
         self.width_m = OPEN_M if profile.end_effector == "opening" else 0.0
-        space = ActionSpace(
+        spoken = ActionSpace(
             representation="joint_position",
             delta=delta,
             joints=profile.arm.joints,
             rate_hz=rate_hz,
             chunk_length=ROWS,
+            **space,
             gripper=GripperRange(closed=0.0, open=1.0) if profile.end_effector == "opening" else None,
         )
         stream = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
@@ -96,14 +98,14 @@ class Stand:
         )
         parts = PolicyParts(
             descriptor=descriptor,
-            chain=compile_chain(space, describe_target_space(profile)),
+            chain=compile_chain(spoken, describe_target_space(profile)),
             observer=observer,
             client=Client(clock, remember, delay_s),
             is_realtime=realtime,
             is_pausing=lambda: self.pauses,
         )
         self.runtime, self.clock = PolicySkillRuntime(parts, self.context), clock
-        self.joint, self.widths = [], []
+        self.joint, self.rows, self.widths = [], [], []
 
     def observe(self):
         zeros = (0.0,) * len(self.q)
@@ -118,6 +120,7 @@ class Stand:
             if result.set_points is not None:
                 self.q, self.width_m = result.set_points.q_rad[-1], float(result.set_points.gripper_width_m[-1])
                 self.joint.append(self.q[0])
+                self.rows.extend(result.set_points.q_rad[:, 0])
                 self.widths.append(self.width_m)
                 self.speed.append(float(result.set_points.qd_rad_s[-1][0]))
             if result.set_points is not None or self.realtime:

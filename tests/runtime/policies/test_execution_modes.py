@@ -1,5 +1,7 @@
 """Each field of `policy.execution` decides what is commanded when; without it the same policy moves another way."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -190,3 +192,83 @@ def test_an_answer_to_what_was_shown_before_a_pause_is_not_carried_out_after_it(
     assert [request.sequence for request in stand.asked] == [0, 1, 2]
     assert stand.asked[2].rows_done == done + 1
     assert len(stand.joint) > done + 1
+
+
+@pytest.mark.parametrize(("every_s", "stops_at"), [(None, 68), (0.02, 10), (0.1, 10), (0.16, 16)])
+def test_a_policy_counts_as_done_once_a_look_shows_that_the_acceptance_holds(profile, monkeypatch, every_s, stops_at):
+    """The stand's world is the number of commands; ten of them meet the acceptance."""
+    monkeypatch.setattr("phyagentos.runtime.policies.policy_runtime.is_met", lambda session, now, before: now >= 10)
+    stand = Stand(profile, walk(profile, last=3), execution={"until_met_s": every_s}, **LOCKSTEP)
+    stand.context.world = SimpleNamespace(observe=lambda need: len(stand.joint))
+    stand.context.initial = 0
+
+    assert stand.run() is SkillStatus.SUCCEEDED
+    assert stand.speed[-1] == 0.0 or every_s is None, "it comes to rest before it ends"
+    moved = [index for index, speed in enumerate(stand.speed) if speed]
+    assert len(moved) == pytest.approx(stops_at, abs=2)
+
+
+def test_a_pause_within_the_last_chunk_is_no_end_of_it(profile):
+    stand = Stand(profile, walk(profile, last=0), execution={"interruption": "row"}, **LOCKSTEP)
+    stand.run(turns=6)
+    stand.pauses = True
+    assert stand.run(turns=10) is SkillStatus.RUNNING, "rows were left"
+    stand.pauses = False
+    assert stand.run() is SkillStatus.SUCCEEDED
+    assert len(stand.asked) == 2
+
+
+@pytest.mark.parametrize("interruption", ["row", "chunk"])
+@pytest.mark.parametrize(("way", "mode"), [(0.0022, "hard_switch"), (0.01, "hard_switch"), (0.01, "temporal_ensemble")])
+def test_a_policy_that_goes_on_after_a_pause_is_brought_up_to_its_speed(profile, way, mode, interruption):
+    stand = Stand(profile, walk(profile, way=way), execution={"mode": mode, "interruption": interruption}, **LOCKSTEP)
+    stand.run(turns=30)
+    stand.pauses = True
+    stand.run(turns=30)
+    assert stand.speed[-1] == 0.0
+    rested, at = len(stand.joint), stand.joint[-1]
+    stand.pauses = False
+    stand.run(turns=40)
+    bends = np.abs(np.diff(stand.rows[10 * rested - 1 :], n=2)) / 0.002**2
+    assert bends.max() < 0.9 * profile.arm.acceleration_rad_s2[0], "the guard refuses more"
+    assert stand.speed[-1] == pytest.approx(way / PERIOD_S, rel=0.05)
+    assert np.abs(np.array(stand.joint[rested:]) - at - 8 * way).min() < 1e-4, "the same way, later"
+
+
+def swing(profile, way_rad, duration_s, rate_hz):
+    """A policy that swings joint 1 by `way_rad` with the least jerk, at a rate of its own."""
+    home = np.array(profile.arm.home_rad)
+
+    def infer(request):
+        s = np.clip((request.time_s + np.arange(1, ROWS + 1) / rate_hz) / duration_s, 0.0, 1.0)
+        out = np.tile(np.append(home, 1.0), (ROWS, 1))
+        out[:, 0] += way_rad * s**3 * (10 - 15 * s + 6 * s**2)
+        return out, request.time_s > duration_s
+
+    return infer
+
+
+@pytest.mark.parametrize("execution", [{"mode": "open_loop"}, {"horizon": 2}, {"mode": "temporal_ensemble"}])
+@pytest.mark.parametrize("rate_hz", [10.0, 15.0])
+@pytest.mark.parametrize(("interpolation", "passes"), [("linear", False), ("cubic", True)])
+def test_a_fast_motion_at_a_low_rate_has_no_corners_where_its_rows_lie_on_a_spline(
+    profile, execution, rate_hz, interpolation, passes
+):
+    way_rad, duration_s = 0.6, 0.8  # least jerk: 5.4 rad/s^2 of 15
+    infer = swing(profile, way_rad, duration_s, rate_hz)
+    stand = Stand(profile, infer, rate_hz=rate_hz, execution=execution, interpolation=interpolation, **LOCKSTEP)
+    assert stand.run() is SkillStatus.SUCCEEDED
+    bends = np.abs(np.diff(stand.rows, n=2, prepend=[profile.arm.home_rad[0]] * 2)) / 0.002**2
+    assert bool(bends.max() < profile.arm.acceleration_rad_s2[0]) is passes
+    assert stand.joint[-1] - profile.arm.home_rad[0] == pytest.approx(way_rad, abs=1e-3)
+
+
+def test_a_policy_whose_chunk_came_too_late_is_brought_up_to_its_speed_as_well(profile):
+    how = {"horizon": 8, "underrun": "brake"}
+    stand = Stand(profile, walk(profile, way=0.01), delay_s=0.3, execution=how)
+    stand.run(turns=40)
+    rested = stand.speed.index(0.0) + 1
+    bends = np.abs(np.diff(stand.rows[10 * rested - 1 :], n=2)) / 0.002**2
+    assert len(stand.joint) > rested + 5
+    assert bends[:90].max() < 0.9 * profile.arm.acceleration_rad_s2[0], "the guard refuses more"
+    assert stand.runtime.trace()[1].numbers["run_up"] > 0

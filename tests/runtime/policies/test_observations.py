@@ -37,8 +37,9 @@ def expose(stamp_s, shade=7):
 class Handle:
     """Its camera gives one frame after the other; its time goes on by `lag_s` with every question."""
 
-    def __init__(self, frames, time_s=1.0, lag_s=0.0, state=STATE):
+    def __init__(self, frames, time_s=1.0, lag_s=0.0, state=STATE, signals=None):
         self.frames, self.time_s, self.lag_s, self.state = list(frames), time_s, lag_s, state
+        self.signals = signals or {}
         self.asked = []
 
     def capture(self, cameras):
@@ -48,7 +49,7 @@ class Handle:
 
     def observe(self):
         self.time_s += self.lag_s
-        return Observation(time_s=self.time_s, target=self.state)
+        return Observation(time_s=self.time_s, target=self.state, signals=self.signals)
 
 
 def open_eye(*frames, rate_hz=10.0, health=None, color_std=1.0, **given):
@@ -142,3 +143,22 @@ def test_a_camera_that_froze_before_the_session_shows_nothing_at_all():
 def test_where_time_goes_on_meanwhile_a_picture_is_as_old_as_the_world_says():
     assert open_eye(expose(1.2), lag_s=0.2).observe()[0] == pytest.approx(1.4)
     assert "its latest frame is 0.50 s old" in find_refusal(open_eye(expose(0.9), lag_s=0.2))
+
+
+@pytest.mark.parametrize(
+    ("signals", "why"),
+    [
+        ({"scan": (1.0, 2.0, 3.0, 4.0)}, ""),
+        ({}, "the target measures no 'scan' for a session"),
+        ({"scan": (1.0, 2.0)}, "'scan' has 2 numbers; (2, 2) is declared"),
+        ({"scan": (1.0, 2.0, 3.0, float("nan"))}, "'scan' is no number"),
+    ],
+    ids=["as declared", "not at all", "another size", "nonsense"],
+)
+def test_a_further_measurement_of_the_target_is_shown_in_its_declared_form(signals, why):
+    streams = {"scan": Stream(modality="simulator_state", shape=(2, 2), rate_hz=10.0)}
+    observer = Observer(streams, Sensors(sensors={}), Handle([], signals=signals), LATE_MAX_S, {})
+    if why:
+        assert why in find_refusal(observer)
+    else:
+        assert observer.observe()[1]["scan"].tolist() == [[1.0, 2.0], [3.0, 4.0]]

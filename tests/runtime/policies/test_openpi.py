@@ -1,8 +1,11 @@
 """openpi's wire: what this project serves, what it asks, and what a hostile server can do to it: nothing."""
 
 import contextlib
+import pickle
+import ssl
 import threading
 import urllib.request
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -17,6 +20,7 @@ from phyagentos.runtime.policies import openpi_codec, wire
 from phyagentos.runtime.policies.client import PolicyClient, ask_policy
 from phyagentos.runtime.policies.model_inputs import arrange
 from phyagentos.runtime.policies.openpi_server import serve_openpi
+from tests.certificates import make_certificate
 
 CLOCK = SystemClock()
 JOINTS = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
@@ -139,16 +143,20 @@ def hostile():
     """A server whose connections are handled by a function of the test, after the metadata; its endpoint."""
     with contextlib.ExitStack() as stack:
 
-        def start(handle, metadata=b"\x80"):
+        def start(handle, metadata=b"\x80", certificate=None):
+            tls = None if certificate is None else ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            if tls is not None:
+                tls.load_cert_chain(certificate)
+
             def receive(connection):
                 if metadata is not None:
                     connection.send(metadata)
                 with contextlib.suppress(Exception):
                     handle(connection)
 
-            server = stack.enter_context(serve(receive, "127.0.0.1", 0, compression=None, close_timeout=0.1))
+            server = stack.enter_context(serve(receive, "127.0.0.1", 0, ssl=tls, compression=None, close_timeout=0.1))
             threading.Thread(target=server.serve_forever, daemon=True).start()
-            return f"openpi://127.0.0.1:{server.socket.getsockname()[1]}"
+            return f"openpi{'' if tls is None else 's'}://127.0.0.1:{server.socket.getsockname()[1]}"
 
         yield start
 
@@ -205,6 +213,46 @@ def test_an_answer_that_lies_is_a_fault_in_words(hostile, frame, told):
     with open_client(hostile(answer_with(frame))) as client, pytest.raises(ExecutionError, match=told) as error:
         ask(client)
     assert error.value.code == "POLICY_FAULT"
+
+
+def test_a_server_with_tls_is_asked_where_its_certificate_is_trusted(hostile, tmp_path, monkeypatch):
+    both, alone = make_certificate(tmp_path)
+    endpoint = hostile(answer_with(pack(actions=ROWS)), certificate=both)
+    assert endpoint.startswith("openpis://")
+    with open_client(endpoint) as client, pytest.raises(ExecutionError, match="self-signed certificate") as error:
+        ask(client)
+    assert error.value.code == "POLICY_UNREACHABLE"
+    monkeypatch.setenv("SSL_CERT_FILE", str(alone))
+    with open_client(endpoint) as client:
+        assert ask(client).rows == pytest.approx(ROWS)
+    with pytest.raises(ExecutionError, match="Hostname mismatch"):
+        ask_policy(endpoint.replace("127.0.0.1", "localhost"))
+    with pytest.raises(ExecutionError) as error:
+        ask_policy(endpoint.replace("openpis", "openpi"))
+    assert error.value.code == "POLICY_UNREACHABLE"
+
+
+class Spy:
+    """Makes a file where it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+def test_a_pickle_is_bytes_that_are_no_message(hostile, tmp_path):
+    seen = tmp_path / "seen"
+    data = pickle.dumps([Spy(seen)])
+    array = {b"__ndarray__": True, b"data": data, b"dtype": "|O", b"shape": [1]}
+    for frame in (data, msgspec.msgpack.encode({"actions": array}), msgspec.msgpack.encode({"actions": data})):
+        with open_client(hostile(answer_with(frame))) as client, pytest.raises(ExecutionError) as error:
+            ask(client)
+        assert error.value.code == "POLICY_FAULT"
+    assert not seen.exists()
+    pickle.loads(data)
+    assert seen.exists(), "it would have been made"
 
 
 def test_a_single_action_is_a_chunk_of_one_row(hostile):

@@ -50,18 +50,13 @@ class ActionBridge(ABC):
     def apply(self, rows: Array, before: Array) -> Array:
         """Convert a chunk; raises `Unconvertible`."""
 
-    @abstractmethod
-    def invert(self, rows: Array, before: Array) -> Array:
-        """Convert a chunk back; where `apply` keeps less than it was given, to one that converts alike."""
+    def invert(self, rows: Array) -> Array:
+        """Postures of the target as rows of the source; the same where only their number or their range changes."""
+        return rows
 
     @abstractmethod
     def __str__(self) -> str:
         """A few words, as a chain prints them (`units deg->rad`)."""
-
-    def carry_back(self, before: Array) -> Array:
-        """The set-point before the chunk, in the source space."""
-        earlier: Array = self.invert(before[None], before)[0]
-        return earlier
 
     def find_interventions(self, rows: Array, converted: Array) -> Sequence[Intervention]:
         """Changes beyond conversion."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Unconvertible, name_columns
+from phyagentos.runtime.actions.bridges.resampling import ResampleBridge
 from phyagentos.runtime.actions.bridges.rotations import decode_rotation, find_bad_rotation
 from phyagentos.runtime.actions.violations import Intervention, Violation, ViolationCode
 
@@ -32,24 +33,28 @@ class BridgeChain:
     target: ActionSpace
     links: tuple[ActionBridge, ...] = ()
 
-    def apply(self, rows: Array, before: Array) -> Bridged | Violation:
+    def apply(self, rows: Array, before: Array, velocity: Array | None = None) -> Bridged | Violation:
         """Convert one chunk, or refuse it.
 
         Args:
             rows: (k, width of the source), float64, 1 <= k <= chunk_length.
-            before: (width of the target,) standing set-point; absolute even where the target takes changes.
+            before: (width of the target,) standing set-point.
+            velocity: (arm of the target,) at which it goes on, per second; unknown without it.
         """
         violation = self._check_form(rows)
         if violation is not None:
             return violation
         anchors = [before]
         for link in reversed(self.links):
-            anchors.append(link.carry_back(anchors[-1]))
+            anchors.append(link.invert(anchors[-1][None])[0])
         anchors.reverse()
         interventions: list[Intervention] = []
         for link, anchor in zip(self.links, anchors[1:], strict=True):
             try:
-                converted = link.apply(rows, anchor)
+                if isinstance(link, ResampleBridge):
+                    converted = link.refine(rows, anchor, velocity)
+                else:
+                    converted = link.apply(rows, anchor)
             except Unconvertible as refused:
                 return refused.violation
             interventions += link.find_interventions(rows, converted)
@@ -57,13 +62,6 @@ class BridgeChain:
             if not len(rows):
                 return Violation(ViolationCode.WRONG_SHAPE, "chunk", 0.0, 1.0, "rows of the target")
         return self._check_jumps(rows, before) or Bridged(rows, tuple(interventions))
-
-    def invert(self, rows: Array, before: Array) -> Array:
-        """Convert rows of the target back, as far as possible."""
-        for link in reversed(self.links):
-            rows = link.invert(rows, before)
-            before = link.carry_back(before)
-        return rows
 
     def _check_form(self, rows: Array) -> Violation | None:
         source = self.source
@@ -111,15 +109,10 @@ def compute_steps(rows: Array, before: Array, space: ActionSpace) -> Array:
     (k, n_joints) of joints; (k, 2) of poses: distance and angle [rad].
     """
     if space.representation == "joint_position":
-        joints = rows[:, : space.arm_width]
-        return np.abs(joints if space.delta else np.diff(joints, axis=0, prepend=before[None, : space.arm_width]))
+        return np.abs(np.diff(rows[:, : space.arm_width], axis=0, prepend=before[None, : space.arm_width]))
     columns = slice(POSITION_WIDTH, space.arm_width)
-    if space.delta:
-        distance = np.linalg.norm(rows[:, :POSITION_WIDTH], axis=1)
-        angle = decode_rotation(rows[:, columns], space).magnitude()
-    else:
-        known = np.concatenate((before[None], rows))
-        distance = np.linalg.norm(np.diff(known[:, :POSITION_WIDTH], axis=0), axis=1)
-        turns = decode_rotation(known[:, columns], space)
-        angle = (turns[1:] * turns[:-1].inv()).magnitude()
+    known = np.concatenate((before[None], rows))
+    distance = np.linalg.norm(np.diff(known[:, :POSITION_WIDTH], axis=0), axis=1)
+    turns = decode_rotation(known[:, columns], space)
+    angle = (turns[1:] * turns[:-1].inv()).magnitude()
     return np.stack((distance, angle), axis=1)

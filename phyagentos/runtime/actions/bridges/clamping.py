@@ -40,10 +40,6 @@ class ClampBridge(ActionBridge):
         return np.clip(rows, self.low, self.high)
 
     @override
-    def invert(self, rows: Array, before: Array) -> Array:
-        return rows
-
-    @override
     def find_interventions(self, rows: Array, converted: Array) -> Sequence[Intervention]:
         names = name_columns(self.source)
         return tuple(

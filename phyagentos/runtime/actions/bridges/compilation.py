@@ -9,7 +9,7 @@ from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, UNIT_
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Frames
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.bridges.clamping import ClampBridge
-from phyagentos.runtime.actions.bridges.deltas import ToAbsoluteBridge, ToDeltaBridge
+from phyagentos.runtime.actions.bridges.deltas import ToAbsoluteBridge
 from phyagentos.runtime.actions.bridges.frames import FrameBridge
 from phyagentos.runtime.actions.bridges.gripper import GripperBridge
 from phyagentos.runtime.actions.bridges.joints import JointOrderBridge, ProjectionBridge
@@ -18,8 +18,7 @@ from phyagentos.runtime.actions.bridges.rotations import RotationBridge
 from phyagentos.runtime.actions.bridges.tool_poses import ArmKinematics, ToolPoseBridge
 from phyagentos.runtime.actions.bridges.units import UnitBridge
 
-# In the order of a chain: changes are summed before anything that is not linear, and taken again at the very end. A
-# clamp is the last to see absolute rows.
+# In the order of a chain: changes are summed before anything that is not linear, and a clamp has the last word.
 BRIDGES: tuple[type[ActionBridge], ...] = (
     UnitBridge,
     RotationBridge,
@@ -31,7 +30,6 @@ BRIDGES: tuple[type[ActionBridge], ...] = (
     GripperBridge,
     ResampleBridge,
     ClampBridge,
-    ToDeltaBridge,
 )
 
 
@@ -55,6 +53,8 @@ def compile_chain(
         problems.append(
             Problem("REPRESENTATION_UNBRIDGED", "source.representation", found, target.representation, hint)
         )
+    if target.delta:
+        problems.append(Problem("REPRESENTATION_UNBRIDGED", "target.delta", "changes", "postures"))
     if problems:
         return tuple(problems)
     known = {"world": np.eye(4), **(frames or {})}

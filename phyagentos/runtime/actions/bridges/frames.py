@@ -40,7 +40,7 @@ class FrameBridge(ActionBridge):
         return self._transform(rows, self.target_T_source)
 
     @override
-    def invert(self, rows: Array, before: Array) -> Array:
+    def invert(self, rows: Array) -> Array:
         return self._transform(rows, np.array(np.linalg.inv(self.target_T_source), dtype=np.float64))
 
     def _transform(self, rows: Array, T: Array) -> Array:

@@ -34,7 +34,7 @@ class GripperBridge(ActionBridge):
         return _map_last(rows, self.came, self.goes)
 
     @override
-    def invert(self, rows: Array, before: Array) -> Array:
+    def invert(self, rows: Array) -> Array:
         return _map_last(rows, self.goes, self.came)
 
     @override

@@ -33,7 +33,7 @@ class JointOrderBridge(ActionBridge):
         return rows[:, self.order]
 
     @override
-    def invert(self, rows: Array, before: Array) -> Array:
+    def invert(self, rows: Array) -> Array:
         out = np.empty_like(rows)
         out[:, self.order] = rows
         return out
@@ -72,8 +72,7 @@ class ProjectionBridge(ActionBridge):
         stay = tuple(joint for joint in source.joints if joint in target.joints)
         converted = replace_space(source, joints=(*stay, *absent), fixed={}, drop=())
         kept = np.array([source.joints.index(joint) for joint in stay], dtype=np.intp)
-        rest = 0.0 if source.delta else 1.0  # a change of nothing keeps a joint where it stands
-        return cls(source, converted, kept, rest * np.array([source.fixed[joint] for joint in absent]))
+        return cls(source, converted, kept, np.array([source.fixed[joint] for joint in absent], dtype=np.float64))
 
     @override
     def apply(self, rows: Array, before: Array) -> Array:
@@ -81,7 +80,7 @@ class ProjectionBridge(ActionBridge):
         return np.concatenate((rows[:, self.kept], still, rows[:, self.source.arm_width :]), axis=1)
 
     @override
-    def invert(self, rows: Array, before: Array) -> Array:
+    def invert(self, rows: Array) -> Array:
         out = np.zeros((len(rows), self.source.width))
         out[:, self.kept] = rows[:, : self.kept.size]
         out[:, self.source.arm_width :] = rows[:, self.target.arm_width :]

@@ -82,7 +82,7 @@ class RotationBridge(ActionBridge):
         return _rewrite(rows, self.source, self.target)
 
     @override
-    def invert(self, rows: Array, before: Array) -> Array:
+    def invert(self, rows: Array) -> Array:
         return _rewrite(rows, self.target, self.source)
 
     @override

@@ -115,7 +115,7 @@ class ToolPoseBridge(ActionBridge):
             yield np.concatenate((q, row[self.source.arm_width :]))
 
     @override
-    def invert(self, rows: Array, before: Array) -> Array:
+    def invert(self, rows: Array) -> Array:
         arm, n = self._get_arm(), self.target.arm_width
         places = [arm.place(row[:n]) for row in rows]
         turns = encode_rotation(Rotation.from_matrix([rotation for _, rotation, _ in places]), self.source)

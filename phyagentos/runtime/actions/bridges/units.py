@@ -52,7 +52,7 @@ class UnitBridge(ActionBridge):
         return rows * self.factors
 
     @override
-    def invert(self, rows: Array, before: Array) -> Array:
+    def invert(self, rows: Array) -> Array:
         return rows / self.factors
 
     @override

@@ -104,11 +104,16 @@ def test_joints_lead_to_no_pose_and_are_told_so(target):
     assert "poses of the tool" in problem.hint
 
 
+def test_no_chain_leads_to_a_target_that_takes_changes(target):
+    (problem,) = compile_chain(target, target.model_copy(update={"delta": True}))
+    assert (problem.code, problem.address) == ("REPRESENTATION_UNBRIDGED", "target.delta")
+
+
 def test_a_scale_is_a_factor_of_each_column_and_needs_one_for_each(target):
     scaled = ActionSpace(**POSE, delta=True, rotation="axis_angle", scale=(0.05,) * 3 + (0.5,) * 3)
-    goal = ActionSpace(**POSE, delta=True, rotation="axis_angle")
+    goal = ActionSpace(**POSE, rotation="axis_angle")
     chain = compile_chain(scaled, goal)
-    assert str(chain) == "scale"
+    assert str(chain) == "scale . delta->absolute"
     bridged = chain.apply(np.array([[1.0, 0.0, -1.0, 0.0, 1.0, 0.0]]), np.zeros(6))
     assert bridged.rows == pytest.approx(np.array([[0.05, 0.0, -0.05, 0.0, 0.5, 0.0]]))
     for wrong in ({"scale": (0.05,)}, {"scale": (0.05,) * 7, "rotation": "quaternion_wxyz"}):
@@ -230,8 +235,11 @@ def test_a_joint_that_the_policy_does_not_command_stands_where_the_contract_says
     assert chain.apply(rows, HOME).rows[0, :7] == pytest.approx([*HOME[:6], np.pi / 4])
 
 
-def test_fifteen_hertz_become_fifty_by_way_of_their_multiple(target):
+def test_fifteen_hertz_become_fifty(target):
     chain = compile_chain(build_source(rate_hz=15.0), target)
     assert isinstance(chain, BridgeChain)
-    assert str(chain).endswith("resample 15->150 Hz . resample 150->50 Hz")
-    assert len(chain.apply(make_rows(chain.source, count=6), HOME).rows) == 20
+    assert str(chain).endswith("resample 15->50 Hz")
+    rows = make_rows(chain.source, count=6)
+    rows[:, 6] += np.degrees(0.01) * np.arange(1, 7)
+    reached = chain.apply(rows, HOME).rows
+    assert reached[:, 0] == pytest.approx(0.003 * np.arange(1, 21))

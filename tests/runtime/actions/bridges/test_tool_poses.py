@@ -67,7 +67,7 @@ def test_rows_that_the_arm_can_reach_are_reached(seed, rotation):
     goal = ActionSpace(representation="joint_position", joints=tuple("abcdefg"), rate_hz=10)
     link = ToolPoseBridge(source, goal, arm)
     postures = HOME + np.cumsum(rng.uniform(-0.03, 0.03, (5, 7)), axis=0)
-    rows = link.invert(postures, HOME)
+    rows = link.invert(postures)
     found = link.apply(rows, HOME)
     for q, wanted in zip(found, postures, strict=True):
         assert arm.place(q)[0] == pytest.approx(arm.place(wanted)[0], abs=1e-4)

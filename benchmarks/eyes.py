@@ -1,0 +1,145 @@
+"""Conditions of suites beside those of the scorer `simulator`: from a recorded simulator state, MuJoCo and numpy alone.
+
+A suite names one as `benchmarks.eyes:is_borne`; nothing of the framework that acted is imported.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import yaml
+
+from phyagentos.bench.scorers.simulator_state import REST_SPEED_M_S, read_end
+
+ROBOTS = Path(__file__).resolve().parents[1] / "robots"
+GAP_M = 0.006  # between what rests on each other, contact softness and a small tilt included
+LEVEL_COS = 0.985  # ten degrees
+FLOOR_SLACK_M = 0.004
+POSED_RAD, POSED_S, REST_RAD_S = 0.05, 0.9, 0.05  # of a posture: how near, how long before the end, how still
+BASE_JOINTS = ["base_x", "base_y", "base_yaw"]
+
+
+def is_borne(folder: Path, load: str, carrier: str, half_m: Sequence[float], height_m: float) -> bool:
+    """Whether the middle of `load` stands `height_m` [m] above that of a level box of these half extents (2,) [m]."""
+    _, data = read_end(folder)
+    rotation = data.body(carrier).xmat.reshape(3, 3)
+    place = rotation.T @ (data.body(load).xpos - data.body(carrier).xpos)
+    is_over = abs(place[0]) <= half_m[0] and abs(place[1]) <= half_m[1]
+    return bool(rotation[2, 2] > LEVEL_COS and is_over and abs(place[2] - height_m) <= GAP_M)
+
+
+def is_in_place(folder: Path, thing: str, place: str, center_m: Sequence[float], half_m: Sequence[float]) -> bool:
+    """Whether the box of a free body lies at rest in the interior of a place, on its floor.
+
+    Args:
+        folder: An evidence bundle.
+        thing: Body name of a free body whose first geometry is a box.
+        place: Body name of a body with an interior.
+        center_m: (3,) middle of the interior in the frame of the place [m].
+        half_m: (3,) half extents of the interior [m].
+    """
+    model, data = read_end(folder)
+    body, base, half = model.body(thing), model.body(place), np.array(half_m)
+    geom, dof = body.geomadr[0], body.dofadr[0]
+    corners = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, 8) * model.geom_size[geom][:, None]
+    world = data.geom_xpos[geom][:, None] + data.geom_xmat[geom].reshape(3, 3) @ corners
+    local = data.xmat[base.id].reshape(3, 3).T @ (world - data.xpos[base.id][:, None]) - np.array(center_m)[:, None]
+    within = np.all(np.abs(local[:2].mean(axis=1)) < half[:2])
+    at_rest = np.linalg.norm(data.qvel[dof : dof + 3]) < REST_SPEED_M_S
+    return bool(within and -half[2] - FLOOR_SLACK_M < local[2].min() < half[2] and at_rest)
+
+
+def is_posed(
+    folder: Path, posture_rad: Mapping[str, float], held_s: float = POSED_S, still_rad_s: float = REST_RAD_S
+) -> bool:
+    """Whether every joint is at its place [rad] and at rest at the end, and was measured there for some time before.
+
+    Args:
+        folder: An evidence bundle.
+        posture_rad: By name of a joint, in the order of the recorded trajectory.
+        held_s: That time [s].
+        still_rad_s: How fast a joint at rest may be; one that is pushed sways [rad/s].
+    """
+    if not (folder / "trajectory.npz").exists():
+        return False  # its worker was lost: nothing was measured
+    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
+    joints, wanted = [model.joint(name) for name in posture_rad], np.array(list(posture_rad.values()))
+    with np.load(folder / "terminal.npz") as terminal, np.load(folder / "trajectory.npz") as course:
+        q = terminal["qpos"][[int(joint.qposadr[0]) for joint in joints]]
+        qd = terminal["qvel"][[int(joint.dofadr[0]) for joint in joints]]
+        late = course["time_s"] >= course["time_s"][-1] - held_s
+        rows = np.vstack((course["q_measured"][late][:, -len(q) :], q))  # the pose of a base comes first
+    return bool((np.abs(rows - wanted) <= POSED_RAD).all() and (np.abs(qd) <= still_rad_s).all())
+
+
+def is_standing(folder: Path, body: str, least_m: float, place: str = "", ahead_m: float = 0.0) -> bool:
+    """Whether a body is level within 10 degrees and at least so high at the end, at rest on feet that touch the floor.
+
+    With a `place` it also faces that body within 6 degrees, its origin within 7 cm of `ahead_m` from its centre.
+    """
+    model, data = read_end(folder)
+    own, R = data.body(body), data.body(body).xmat.reshape(3, 3)
+    pairs = model.geom_bodyid[data.contact.geom[: data.ncon]]
+    roots = {int(model.body_rootid[each]) for pair in pairs if model.body("floor").id in pair for each in pair}
+    stands = R[2, 2] > np.cos(np.radians(10)) and own.xpos[2] >= least_m and model.body(body).id in roots
+    still = float(np.linalg.norm(data.qvel[model.body_dofadr[model.body(body).id] :][:3])) < REST_SPEED_M_S
+    if not place:
+        return bool(stands and still)
+    to_place = (data.body(place).xpos - own.xpos)[:2]
+    turned = np.arctan2(*(R[1::-1, 0])) - np.arctan2(to_place[1], to_place[0])
+    faces = abs(np.remainder(turned + np.pi, 2 * np.pi) - np.pi) < np.radians(6)
+    return bool(stands and still and faces and abs(np.linalg.norm(to_place) - ahead_m) < 0.07)
+
+
+def is_parked(folder: Path, body: str, mount_wxyz: Sequence[float], place: str, at_m: Sequence[float]) -> bool:
+    """Whether a base is at rest within 5 cm and 6 degrees of a point (3,) of a body's frame, headed as that frame is.
+
+    `mount_wxyz` is how the base's own frame stands in the world where it is headed along x.
+    """
+    model, data = read_end(folder)
+    own, there, mount = data.body(body), data.body(place), np.zeros(9)
+    mujoco.mju_quat2Mat(mount, np.array(mount_wxyz, dtype=float))
+    turned = there.xmat.reshape(3, 3).T @ own.xmat.reshape(3, 3) @ mount.reshape(3, 3).T
+    away = there.xmat.reshape(3, 3).T @ (own.xpos - there.xpos) - at_m
+    still = float(np.linalg.norm(data.qvel[model.body_dofadr[model.body(body).id] :][:3])) < REST_SPEED_M_S
+    return bool(still and np.linalg.norm(away[:2]) < 0.05 and turned[0, 0] > np.cos(np.radians(6)))
+
+
+def is_held_up(folder: Path, thing: str, supports: Sequence[str]) -> bool:
+    """Whether a free body is at rest, on none of its supports, and touched by two fingers or more.
+
+    A finger is all that hangs on one body whose parent does not move.
+    """
+    model, data = read_end(folder)
+    own = model.body(thing).id
+    pairs = model.geom_bodyid[data.contact.geom[: data.ncon]]
+    touching = {int(a if b == own else b) for a, b in pairs if own in (a, b)}
+    fingers = set()
+    for body in touching:
+        while model.body_weldid[body] and model.body_weldid[model.body_parentid[body]]:
+            body = int(model.body_parentid[body])
+        fingers |= {body} if model.body_weldid[body] else set()
+    dof = model.body_dofadr[own]
+    at_rest = float(np.linalg.norm(data.qvel[dof : dof + 3])) < REST_SPEED_M_S
+    return at_rest and len(fingers) >= 2 and not touching & {model.body(name).id for name in supports}
+
+
+def is_in_posture(
+    folder: Path, robot: str, posture: str, held_s: float = POSED_S, still_rad_s: float = REST_RAD_S
+) -> bool:
+    """Whether a robot ended in a posture that its profile names, and was measured there for some time before."""
+    profile = yaml.safe_load((ROBOTS / robot / "target.yaml").read_text())
+    joints = [name for name in profile["arm"]["joints"] if name not in BASE_JOINTS]
+    return is_posed(folder, dict(zip(joints, profile["postures"][posture], strict=True)), held_s, still_rad_s)
+
+
+def is_kept(folder: Path, robot: str, posture: str, body: str, least_m: float) -> bool:
+    """Whether a posture was kept for ten seconds by a robot that is pushed, which stands at its height at the end."""
+    return is_in_posture(folder, robot, posture, 9.9, 0.2) and is_standing(folder, body, least_m)
+
+
+def is_within(folder: Path, thing: str, middle_m: Sequence[float], half_m: Sequence[float]) -> bool:
+    """Whether the origin of a free body is within a box (3,) along the axes of the world."""
+    _, data = read_end(folder)
+    return bool((np.abs(data.body(thing).xpos - middle_m) <= half_m).all())

@@ -1,0 +1,117 @@
+"""What a warm goal takes beside its physics alone: `tidy_table`, one runtime plane alone on the machine, no fault.
+
+    python benchmarks/goal_time.py --seeds 12
+
+The time of a goal is that from claim to finish, over its sessions; beside it stands a bare `mj_step` loop over the same
+simulated time, from the recorded initial states, taken while the plane waits for the next goal, so that both see the
+same machine. The first goal warms the plane up and is left out. Success is a figure of the suite `tabletop`.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from datetime import datetime
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from phyagentos.agent.mission.report import MissionReport
+from phyagentos.assembly.paths import open_project
+from phyagentos.bench.report import Ask, Spread, format_outcome
+from phyagentos.bench.scoring import measure
+from phyagentos.bench.suite import open_bench
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.settings.perception import Sensing
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Journal
+
+ROOT = Path(__file__).resolve().parents[1]
+GRAPH = ROOT / "goal_graphs" / "tidy_table.yaml"
+ASKED = {
+    "goal_over_physics_alone_median": Ask(4.5, at_least=False),
+    "planning_per_pick_and_place_s_median": Ask(0.10, at_least=False),
+}
+
+
+def time_physics(workspace: Workspace, report: MissionReport) -> float:
+    """Wall time of a bare `mj_step` loop over the simulated time of a goal's sessions [s]."""
+    spent_s = 0.0
+    for session in report.sessions:
+        folder = workspace.evidence_of(session.id)
+        model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
+        data = mujoco.MjData(model)
+        with np.load(folder / "initial.npz") as initial, np.load(folder / "terminal.npz") as terminal:
+            mujoco.mj_setState(model, data, initial["state"], mujoco.mjtState.mjSTATE_INTEGRATION)
+            steps = round(float(terminal["time"] - initial["time"]) / model.opt.timestep)
+        began_s = time.perf_counter()
+        for _ in range(steps):
+            mujoco.mj_step(model, data)
+        spent_s += time.perf_counter() - began_s
+    return spent_s
+
+
+def time_goals(workspace: Workspace) -> dict[str, float]:
+    """Seconds between claim and finish, summed over the sessions of a goal, from the journal."""
+    journal = Journal(workspace.root, side=Side.OPERATOR, by="bench", clock=SystemClock())
+    claimed: dict[str, datetime] = {}
+    spent_s: dict[str, float] = {}
+    for record in journal.read_new():
+        at = datetime.fromisoformat(record.at)
+        if record.ev == "claim":
+            claimed[record.id] = at
+        elif record.ev == "finish":
+            goal = record.id.split(".")[0]
+            spent_s[goal] = spent_s.get(goal, 0.0) + (at - claimed[record.id]).total_seconds()
+    journal.close()
+    return spent_s
+
+
+def main() -> int:
+    """Run, show, and exit with whether every asked figure holds."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=12)
+    parser.add_argument("--sense", choices=("perceived", "truth"), default="perceived")
+    given = parser.parse_args()
+    physics_s: dict[str, float] = {}
+    stages: dict[str, list[float]] = {}
+    with tempfile.TemporaryDirectory(prefix="goal-time-") as scratch:
+        workspace = open_project(Path(scratch), ROOT)
+        with open_bench(workspace, SystemClock(), sense=Sensing(given.sense)) as agent:
+            for seed in range(given.seeds):
+                report = agent.mission.run(GRAPH, seed=seed)
+                physics_s[report.goal] = time_physics(workspace, report)
+                for session in report.sessions:
+                    for stage, ms in measure(workspace.evidence_of(session.id))[0].items():
+                        stages.setdefault(stage, []).append(ms)
+                Console(stderr=True).print(f"seed {seed}: {report.verdict}", style="dim")
+        goals_s = dict(list(time_goals(workspace).items())[1:])
+    table = Table(title="where the time goes [ms]")
+    for column in ("", "count", "median", "95 %"):
+        table.add_column(column)
+    rows = {
+        "goal, claim to finish": [1e3 * value for value in goals_s.values()],
+        "goal, physics alone": [1e3 * physics_s[goal] for goal in goals_s],
+        **{f"session: {stage}": stages[stage] for stage in sorted(stages)},
+    }
+    for name, values in rows.items():
+        spread = Spread.of(values)
+        table.add_row(name, str(spread.count), f"{spread.median:.2f}", f"{spread.p95:.2f}")
+    Console().print(table)
+    figures = {
+        "goal_runtime_s_median": Spread.of([*goals_s.values()]).median,
+        "goal_over_physics_alone_median": Spread.of([goals_s[goal] / physics_s[goal] for goal in goals_s]).median,
+        "planning_per_pick_and_place_s_median": Spread.of([ms / 1e3 for ms in stages["planning"]]).median,
+        "seeds": float(given.seeds),
+    }
+    line, holds = format_outcome(figures, ASKED)
+    print(line)
+    return 0 if holds else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

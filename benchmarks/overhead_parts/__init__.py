@@ -1,0 +1,1 @@
+"""Parts of `benchmarks.overhead`: what runs in the Python of an environment, and a session on the ordinary path."""

@@ -1,0 +1,31 @@
+"""The command line, called in this process."""
+
+import sys
+from dataclasses import dataclass
+
+import pytest
+
+from phyagentos.cli import stopping
+from phyagentos.cli.app import main
+
+
+@dataclass(frozen=True)
+class Result:
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def paos(monkeypatch, capsys):
+    monkeypatch.setattr(stopping, "find_running", list)  # a test reaches no run of this machine but its own
+
+    def call(*arguments: object) -> Result:
+        monkeypatch.setenv("PAOS_DEBUG", "0")  # and forget what --debug sets
+        monkeypatch.setattr(sys, "argv", ["paos", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        streams = capsys.readouterr()
+        return Result(int(ended.value.code or 0), streams.out, streams.err)
+
+    return call

@@ -1,0 +1,43 @@
+"""Examples 8 and 9: Meta-World and FrankaKitchen; that they run is for tests/extras, which have their environments."""
+
+import importlib.util
+
+import pytest
+import yaml
+
+from phyagentos.bench.matrix import compile_suite
+from phyagentos.cli.lint import lint_paths
+from phyagentos.protocol.capabilities.library import find_shipped_root
+
+EXAMPLES = find_shipped_root() / "examples"
+META_WORLD, KITCHEN = EXAMPLES / "08_meta_world", EXAMPLES / "09_franka_kitchen"
+
+
+@pytest.mark.parametrize("folder", [META_WORLD, KITCHEN], ids=lambda folder: folder.name)
+def test_it_lints_clean(folder):
+    files, problems = lint_paths([folder])
+
+    assert len(files) > 5
+    assert not problems
+
+
+def test_a_table_of_tasks_becomes_a_suite_of_goal_graphs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    spec = importlib.util.spec_from_file_location("generate", META_WORLD / "generate.py")
+    generate = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(generate)
+    table = yaml.safe_load((META_WORLD / "tasks.yaml").read_text())
+    assert len(table["accept"]) == 50
+
+    few = dict(list(table["accept"].items())[::12])
+    plan = compile_suite(generate.write_project(tmp_path / "project", {**table, "accept": few}))
+    assert [order.task for order in plan.orders] == [generate.name_of(task) for task in few]
+    assert {problem.code for each in plan.missing.values() for problem in each} == {
+        "ENVIRONMENT_MISSING",
+        "POLICY_MISSING",
+    }
+
+
+def test_the_chain_of_the_kitchen_compiles():
+    plan = compile_suite(KITCHEN / "suite.yaml")
+    assert len(plan.orders) == 5
