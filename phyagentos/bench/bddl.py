@@ -7,6 +7,7 @@ initial state nor the objects of interest. No skill is named here; the selector 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import yaml
@@ -18,6 +19,9 @@ Expression = str | list["Expression"]
 
 _TOKEN = re.compile(r"[()]|[^\s()]+")
 TIMEOUT_S = 120.0  # of a session, in the target's time
+WALL_S = {"wall_timeout_s": 1800.0, "preflight_s": 900.0, "heartbeat_s": 120.0, "stall_s": 300.0, "think_s": 900.0}
+"""Limits by the wall clock: the target's time stands still while anything computes, however slow the machine."""
+CENTRED_M = 0.03  # off the middle of what it is put on
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,11 +70,18 @@ class Effect:
         wanted: As a predicate of this project.
         place: Where a thing is put; empty for the state of a joint.
         mechanism: What opens or closes; empty where a thing is put.
+        also: What has to be so with it, for which no skill is sought.
     """
 
     wanted: str
     place: str = ""
     mechanism: str = ""
+    also: tuple[str, ...] = ()
+
+    @property
+    def accept(self) -> list[str]:
+        """Everything that has to be so."""
+        return [self.wanted, *self.also]
 
 
 def parse_bddl(text: str) -> list[Expression]:
@@ -115,7 +126,7 @@ def _iter_atoms(goal: Expression) -> Iterator[list[str]]:
             for part in parts:
                 yield from _iter_atoms(part)
         case [str(head), *terms] if head.lower() in _MEANINGS and all(isinstance(term, str) for term in terms):
-            if len(terms) != (arity := 2 if head.lower() in {"in", "on"} else 1):
+            if len(terms) != (arity := 2 if head.lower() in _PUTS else 1):
                 raise DefinitionError.of("NOT_BDDL", "goal", f"{head} of {len(terms)} terms", f"{head} of {arity}")
             yield [head.lower(), *(str(term) for term in terms)]
         case _:
@@ -129,28 +140,21 @@ def _put_in(inventory: Inventory, thing: str, place: str) -> Effect:
 
 
 def _put_on(inventory: Inventory, thing: str, place: str) -> Effect:
-    """On a surface that the world marks is within the space above it; on a thing is on it."""
+    """On a surface that the world marks is within the space above it; on a thing is on it, over its middle."""
     there, what = inventory.find_place(place), inventory.find_place(thing)
-    is_marked = place in inventory.regions
-    return Effect(f"inside({what}, {there})" if is_marked else f"on({what}, {there})", place=there)
+    if place in inventory.regions:
+        return Effect(f"inside({what}, {there})", place=there)
+    return Effect(f"on({what}, {there})", place=there, also=(f"centred({what}, {there}, {CENTRED_M})",))
 
 
-def _open(inventory: Inventory, name: str) -> Effect:
-    return Effect(f"open({(what := inventory.find_mechanism(name))})", mechanism=what)
+def _move(state: str, inventory: Inventory, name: str) -> Effect:
+    return Effect(f"{state}({(what := inventory.find_mechanism(name))})", mechanism=what)
 
 
-def _close(inventory: Inventory, name: str) -> Effect:
-    return Effect(f"closed({(what := inventory.find_mechanism(name))})", mechanism=what)
-
-
-_MEANINGS: dict[str, Callable[..., Effect]] = {
-    "in": _put_in,
-    "on": _put_on,
-    "open": _open,
-    "close": _close,
-    "turnon": _open,
-    "turnoff": _close,
-}
+_open, _close = partial(_move, "open"), partial(_move, "closed")
+Meaning = Callable[..., Effect]
+_PUTS: dict[str, Meaning] = {"in": _put_in, "on": _put_on}
+_MEANINGS: dict[str, Meaning] = _PUTS | {"open": _open, "close": _close, "turnon": _open, "turnoff": _close}
 
 
 def translate(text: str, inventory: Inventory) -> list[Effect]:
@@ -166,14 +170,14 @@ def generate_graph(
     What is put into a thing with a joint needs it open before, and closed, where that is wanted, after. Nothing else is
     ordered.
     """
-    opened = {each.place for each in effects if _has_joint(inventory, each.place)}
-    before = [_open(inventory, place) for place in sorted(opened)]
+    places = sorted({each.place for each in effects} & inventory.entities.keys())
+    before = [_open(inventory, place) for place in places if inventory.entities[place].mechanism is not None]
     before = [each for each in before if each.wanted not in {other.wanted for other in effects}]
     steps = [*before, *effects]
     names = {each.wanted: f"step_{index + 1}" for index, each in enumerate(steps)}
     sessions = {}
     for each in steps:
-        node: dict[str, Any] = {"skill": {"guarantees": each.wanted}, "target": "robot", "accept": [each.wanted]}
+        node: dict[str, Any] = {"skill": {"guarantees": each.wanted}, "target": "robot", "accept": each.accept}
         if after := [names[other.wanted] for other in steps if _comes_before(other, each)]:
             node["after"] = after
         if each.mechanism and len(parts := inventory.find_parts(each.mechanism)) == 1:
@@ -184,20 +188,15 @@ def generate_graph(
         "objective": objective,
         "scene": scene,
         "targets": {"robot": target},
-        "defaults": {"timeout_s": TIMEOUT_S, "max_replans": 3},
+        "defaults": {"timeout_s": TIMEOUT_S, "max_replans": 3, **WALL_S},
         "sessions": sessions,
-        "accept": [each.wanted for each in effects],
+        "accept": [each for effect in effects for each in effect.accept],
     }
 
 
 def format_graph(graph: Mapping[str, Any]) -> str:
     """As a file."""
     return yaml.safe_dump(dict(graph), sort_keys=False, width=120)
-
-
-def _has_joint(inventory: Inventory, place: str) -> bool:
-    entity = inventory.entities.get(place)
-    return entity is not None and entity.mechanism is not None
 
 
 def _comes_before(first: Effect, then: Effect) -> bool:

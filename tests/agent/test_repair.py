@@ -505,6 +505,21 @@ def test_a_free_spot_lies_in_the_band_that_the_target_declares(shipped):
     assert 0.34 <= (spot[0] ** 2 + spot[1] ** 2) ** 0.5 <= 0.40
 
 
+def test_a_support_whose_solid_lies_in_its_frame_on_another_side_is_as_wide_as_it_lies(shipped):
+    """A mesh becomes the box around its hull along its own axes: the top of such a table was taken for its side."""
+    panda, table = shipped.targets["panda"], HEMMED.entities["table"]
+    (top,) = table.shapes
+    x, y, z = top.size_m
+    on_edge = Shape(
+        kind=ShapeKind.BOX, size_m=(z, y, x), pose=Pose(top.pose.position_m, (0.5**0.5, 0.0, 0.5**0.5, 0.0))
+    )
+    turned = msgspec.structs.replace(
+        HEMMED, entities={**HEMMED.entities, "table": msgspec.structs.replace(table, shapes=(on_edge,))}
+    )
+    given = ("post", ((0.5, 0.0, 0.02),), panda.mount_position_m, panda.grasp_band_m)
+    assert find_free_spot(turned, *given) == pytest.approx(find_free_spot(HEMMED, *given))
+
+
 def test_what_is_left_counts_sessions_and_simulated_time():
     ran = SessionStatus(
         contract=make_contract(),

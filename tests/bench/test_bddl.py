@@ -69,6 +69,15 @@ def test_a_goal_becomes_predicates_of_this_project_in_its_order(goal, expected):
     assert wanted(goal) == expected
 
 
+def test_on_a_thing_asks_for_its_middle_as_well_and_no_skill_for_that():
+    found = graph("(And (On coin slab) (In gem crate_room))")
+    centred = "centred(coin, slab, 0.03)"
+
+    assert found["accept"] == ["on(coin, slab)", centred, "inside(gem, crate)"]
+    assert found["sessions"]["step_1"]["accept"] == ["on(coin, slab)", centred]
+    assert len(found["sessions"]) == 2
+
+
 def test_only_the_goal_of_a_problem_is_read():
     assert read_goal(problem("(And (In gem crate_room))")) == [["in", "gem", "crate_room"]]
     assert "coin" not in format_graph(graph("(And (In gem crate_room))"))

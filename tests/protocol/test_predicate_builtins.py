@@ -10,6 +10,7 @@ from phyagentos.protocol.world.environment import (
     Contents,
     Entity,
     Environment,
+    Mechanism,
     Pose,
     Region,
     Shape,
@@ -355,3 +356,61 @@ def test_docked_at_a_thing_means_at_its_distance_and_facing_it():
 def test_an_arm_on_a_fixed_base_docks_nowhere():
     found = value("docked(arm, a)", world(cube("a"), targets=_arm()))
     assert (found.truth, found.because) == (Truth.UNKNOWN, "where the base of arm stands is not in the snapshot")
+
+
+def bowl(**more):
+    """A floor of 4 cm with four leaning walls around it, as wide as a bowl of 10 cm is at its rim."""
+    lean = math.radians(40)
+    walls = [
+        Shape(
+            ShapeKind.BOX,
+            (0.04, 0.04, 0.001),
+            Pose(
+                (0.05 * math.cos(math.radians(turn)), 0.05 * math.sin(math.radians(turn)), 0.03),
+                _about(turn, -lean),
+            ),
+        )
+        for turn in (0, 90, 180, 270)
+    ]
+    floor = Shape(ShapeKind.BOX, (0.02, 0.02, 0.002), Pose((0.0, 0.0, 0.002)))
+    return cube("bowl", 0.0, 0.0, 0.0, shapes=(floor, *walls), **more)
+
+
+def _about(turn_deg, lean_rad):
+    """Turned about the vertical, then leaning about the y axis of what was turned."""
+    c, s = math.cos(math.radians(turn_deg) / 2), math.sin(math.radians(turn_deg) / 2)
+    a, b = math.cos(lean_rad / 2), math.sin(lean_rad / 2)
+    return (c * a, -s * b, c * b, s * a)
+
+
+def test_what_rests_between_the_walls_of_a_bowl_is_on_it_though_it_does_not_reach_its_floor():
+    assert truth("on(a, bowl)", world(bowl(), cube("a", 0.0, 0.0, 0.035))) is Truth.TRUE
+    assert truth("on(a, bowl)", world(bowl(), cube("a", 0.0, 0.0, 0.15))) is Truth.FALSE  # over its rim
+    assert truth("on(a, bowl)", world(bowl(), cube("a", 0.1, 0.0, 0.035))) is Truth.FALSE  # beside it
+    below = cube("b", 0.0, 0.0, 0.012, shapes=(Shape(ShapeKind.BOX, (0.008, 0.008, 0.008)),))
+    assert truth("on(a, bowl)", world(bowl(), below, cube("a", 0.0, 0.0, 0.035))) is Truth.FALSE  # it may bear it
+
+
+def test_a_thing_is_where_its_datum_is_as_well_as_its_centre():
+    off = {"datum_m": (0.03, 0.0, 0.0)}
+    assert truth("inside(a, tray)", world(tray(), cube("a", 0.5, 0.0, 0.03, **off))) is Truth.TRUE
+    assert truth("inside(a, tray)", world(tray(), cube("a", 0.57, 0.0, 0.03))) is Truth.TRUE
+    assert truth("inside(a, tray)", world(tray(), cube("a", 0.57, 0.0, 0.03, **off))) is Truth.FALSE  # beyond the side
+    assert truth("inside(a, tray)", world(tray(), cube("a", 0.5, 0.0, 0.03, datum_m=(0.0, 0.0, 0.03)))) is Truth.FALSE
+
+
+def test_centred_is_judged_from_above_by_centres_and_by_datums():
+    under, a = cube("b", 0.5, 0.0, 0.02, datum_m=(0.0, 0.0, 0.0)), cube("a", 0.52, 0.0, 0.06)
+    assert truth("centred(a, b)", world(under, a)) is Truth.TRUE
+    assert truth("centred(a, b, 0.01)", world(under, a)) is Truth.FALSE
+    assert truth("centred(a, b)", world(under, cube("a", 0.52, 0.0, 0.06, datum_m=(0.02, 0.0, 0.0)))) is Truth.FALSE
+
+
+@pytest.mark.parametrize(
+    ("opening", "opens", "closes"),
+    [(0.2, Truth.FALSE, Truth.FALSE), (0.3, Truth.TRUE, Truth.FALSE), (0.03, Truth.FALSE, Truth.TRUE)],
+)
+def test_a_mechanism_says_from_where_it_is_open_and_up_to_where_closed(opening, opens, closes):
+    how = Mechanism("hinge", (0.0, 0.0, 1.0), 2.0, Pose(), opens_at=0.25, closes_at=0.05)
+    now = world(cube("knob", joint=opening, mechanism=how))
+    assert (truth("open(knob)", now), truth("closed(knob)", now)) == (opens, closes)

@@ -24,6 +24,7 @@ from libero.libero.envs.env_wrapper import ControlEnv
 from numpy.typing import NDArray
 
 from target_server.body import Body, Entity, Joint, State
+from target_server.mujoco_things import Joint as JointOfThing
 from target_server.mujoco_things import Mark, Thing, list_things, to_quaternion
 from target_server.server import main
 from target_server.wire import Refusal
@@ -39,6 +40,7 @@ SETTLE_STEPS = 10  # after an initial state is set, as the benchmark's own evalu
 FIXTURES_SEED = (
     0  # where fixtures stand is drawn at each reset, and no part of an initial state; 0 as in its evaluation
 )
+SHARES = 2001  # of a travel at which it is asked whether that is open
 LAG_S = 2.0 / np.sqrt(150.0)  # by which the controller is behind a steady motion: damping over stiffness
 MOST_M, MOST_RAD = 0.05, 0.5  # an action of 1
 LEVER_M = 0.5  # a tool that is so far off is off as by one radian of an arm
@@ -200,7 +202,8 @@ class LiberoBody(Body):
             if hasattr(each, "category_name")
         }
         self._things = list_things(model, data, roots, kinds, frozenset(inner.object_sites_dict), ROBOT)
-        self._of_body = {body: each for each in self._things for body in each.bodies}
+        made = {**inner.objects_dict, **inner.fixtures_dict}
+        self._ends = {each.name: find_ends(each.joint, made[each.owner]) for each in self._things if each.joint}
         low, high = zip(*(model.joint(name).range for name in ARM), strict=True)
         self.joints = [
             Joint(name.removeprefix("robot0_"), float(a), float(b), velocity, axis, anchor_m, slides=False)
@@ -294,9 +297,11 @@ class LiberoBody(Body):
 
     def _read_entity(self, thing: Thing, held: Sequence[str]) -> Entity:
         position_m, rotation = self._locate(thing)
-        more: dict[str, Any] = (
-            {"speed_m_s": float(np.linalg.norm(self._data.cvel[thing.body][3:]))} if thing.movable else {}
-        )
+        more: dict[str, Any] = {}
+        if thing.movable:
+            more["speed_m_s"] = float(np.linalg.norm(self._data.cvel[thing.body][3:]))
+        if thing.name == thing.owner:
+            more["datum_m"] = (0.0, 0.0, 0.0)
         if thing.name in held:
             more["held_by"] = self.target
         if (room := thing.interior) is not None:
@@ -307,7 +312,7 @@ class LiberoBody(Body):
             more["joint"] = min(max(share, 0.0), 1.0)
             more["mechanism"] = {
                 "kind": joint.kind, "axis": joint.axis.tolist(), "travel": joint.travel,
-                "anchor_m": joint.anchor_m.tolist(), "closed": self._place_closed(thing),
+                "anchor_m": joint.anchor_m.tolist(), "closed": self._place_closed(thing), **self._ends[thing.name],
             }  # fmt: skip
         if thing.part_of:
             more["part_of"] = thing.part_of
@@ -361,6 +366,22 @@ class LiberoBody(Body):
             "flange_to_tool_m": float(np.linalg.norm(tool_m - flange_m)),
             "tip_m": float(self._model.geom(PADS).size[2]),
         }
+
+
+def find_ends(joint: JointOfThing, made: Any) -> dict[str, float]:
+    """The shares of its travel from which a joint counts as open, and up to which as closed, as its object says."""
+    shares = np.linspace(0.0, 1.0, SHARES)
+    ends: dict[str, float] = {}
+    for names, key, at in ((("is_open", "turn_on"), "opens_at", max), (("is_close", "turn_off"), "closes_at", min)):
+        for name in names:
+            try:
+                holds = [getattr(made, name)(joint.closed + share * (joint.opened - joint.closed)) for share in shares]
+            except (AttributeError, NotImplementedError):
+                continue
+            if True in holds and False in holds:
+                at_share = shares[holds.index(True)] if at is max else shares[holds.index(False) - 1]
+                ends[key] = float(at_share)
+    return ends
 
 
 def _to_vector(rotation: Array) -> Array:

@@ -13,6 +13,7 @@ from phyagentos.geometry import Pose as Pose  # noqa: PLC0414 - part of this voc
 from phyagentos.protocol.documents.document import DocumentFormat, read_document
 
 REST_M_S = 0.02  # slower is contact noise
+OPENS_AT, CLOSES_AT = 0.9, 0.1  # of a joint's travel
 REST_S = 0.25  # a thing that two looks so far apart show in one place rests
 GRIP_N = 5.0  # a lighter pressure is the friction of the drive
 CLOSED_M = 0.002  # fingers that are less apart press on each other
@@ -98,6 +99,8 @@ class Mechanism(msgspec.Struct, frozen=True):
         travel: From closed to open [m], or [rad] for a hinge.
         closed: `world_T_entity` when it is closed.
         anchor_m: (3,) a point of a hinge's axis, in the entity's frame [m].
+        opens_at: Share of the travel from which it counts as open.
+        closes_at: Share of the travel up to which it counts as closed.
     """
 
     kind: str
@@ -105,6 +108,8 @@ class Mechanism(msgspec.Struct, frozen=True):
     travel: float
     closed: Pose
     anchor_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    opens_at: float = OPENS_AT
+    closes_at: float = CLOSES_AT
 
 
 class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -117,6 +122,8 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         pose: `world_T_entity` of its body frame.
         shapes: Its solids, in the entity frame.
         interior: Where things can be put into it; absent when nothing can.
+        datum_m: (3,) the point in its frame at which its world locates it [m]: where it is put is judged by its centre
+            and by this point; absent where the centre alone counts.
         color: Colour word, empty when unknown; of an unnamed thing as it is seen, `red or orange` where two may hold.
         rgb: (3,) that colour as it is seen, 0..1; absent for things of the inventory.
         form: `box`, `can`, `ball` as it is seen, `box or can` where two may hold; empty for another, and for things of
@@ -160,6 +167,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     movable: bool = True
     shapes: tuple[Shape, ...] = ()
     interior: Interior | None = None
+    datum_m: tuple[float, float, float] | None = None
     color: str = ""
     rgb: tuple[float, float, float] | None = None
     form: str = ""

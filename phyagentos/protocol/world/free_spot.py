@@ -4,6 +4,8 @@ import itertools
 import math
 from collections.abc import Iterator
 
+from msgspec.structs import replace
+
 from phyagentos.geometry import Vector, to_child, to_parent
 from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.protocol.world.predicates.geometry import AXES, compute_extent, compute_half_box, compute_lowest
@@ -99,18 +101,24 @@ def compute_distance(entity: Entity, point: Vector) -> float:
 
 def _iter_tops(entity: Entity, x: float, y: float) -> Iterator[tuple[float, float]]:
     """Area and height of every level box under a point; a fixed entity is assumed upright."""
-    for shape in entity.shapes:
-        cx, cy, cz = to_parent(entity.pose, shape.pose.position_m)
-        hx, hy, hz = compute_half_box(shape)
+    for (cx, cy, cz), (hx, hy, hz) in _list_boxes(entity):
         if abs(x - cx) <= hx and abs(y - cy) <= hy:
             yield hx * hy, cz + hz
 
 
 def _iter_grid(support: Entity) -> Iterator[tuple[float, float]]:
-    shape = max(support.shapes, key=lambda each: compute_half_box(each)[0] * compute_half_box(each)[1])
-    cx, cy, _ = to_parent(support.pose, shape.pose.position_m)
-    hx, hy, _ = compute_half_box(shape)
+    (cx, cy, _), (hx, hy, _) = max(_list_boxes(support), key=lambda box: box[1][0] * box[1][1])
     for i, j in itertools.product(range(int(2 * hx / STEP_M)), range(int(2 * hy / STEP_M))):
         x, y = cx - hx + EDGE_M + i * STEP_M, cy - hy + EDGE_M + j * STEP_M
         if x <= cx + hx - EDGE_M and y <= cy + hy - EDGE_M:
             yield round(x, 4), round(y, 4)
+
+
+def _list_boxes(entity: Entity) -> list[tuple[Vector, Vector]]:
+    """Middle and half sides of the box around each solid, along the axes of the entity."""
+    boxes: list[tuple[Vector, Vector]] = []
+    for one in (replace(entity, shapes=(shape,)) for shape in entity.shapes):
+        (left, right), (back, front), (low, high) = (compute_extent(one, axis) for axis in AXES)
+        middle = to_parent(entity.pose, ((left + right) / 2, (back + front) / 2, (low + high) / 2))
+        boxes.append((middle, ((right - left) / 2, (front - back) / 2, (high - low) / 2)))
+    return boxes

@@ -3,9 +3,9 @@
 A box offers four yaws, which close on its faces; a round entity eight. Labels count the yaw from the object, so they
 survive a nudge. Where something is beside the object, the fingers open only as wide as is needed. Where no upright
 grasp fits, the hand tilts about its closing axis; then it closes on opposite edges; then on one solid of the entity
-alone, as on the wall of a bowl or on the handle of a mug; last, it lies and comes along its own axis, under a board or
-to an edge that juts out. A thing of several solids is closed on where both pads meet it alike, near its weight;
-elsewhere only where nothing else is left.
+alone, as on the wall of a bowl or on the handle of a mug; then it lies and comes along its own axis, under a board;
+at last, from where a handle opens to, across it, or to an edge that juts out. A thing of several solids is closed on
+where both pads meet it alike, near its weight; elsewhere only where nothing else is left.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,6 +18,7 @@ import numpy as np
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, rotate
 from phyagentos.protocol.capabilities.targets import Gripper
 from phyagentos.protocol.world.environment import Entity, ShapeKind
+from phyagentos.protocol.world.mechanisms import compute_motion
 from phyagentos.protocol.world.predicates.geometry import compute_extent, compute_reach
 from phyagentos.runtime.motion.approaches import Screen, Way, find_approaches
 from phyagentos.runtime.motion.job import Job
@@ -49,6 +50,9 @@ SOLID_MAX_M = 0.03  # a thicker solid is no wall or handle
 TURNED_COS = 0.3  # least, of the way that the hand points with straight down once the thing is turned
 UP_COS = 0.966  # 15 degrees: the side that is up by that much need not be brought up
 ALONG_COS = 0.9  # of the closing axis with the direction that is asked for
+FRONT_DEG = (0, 8, 16, 30, 50)  # below the level, of a hand that takes a handle from its front
+OPENING_STEP = 0.01  # [m or rad] by which a thing is opened to see where its handle goes
+ALONG_SINE = 0.3  # of the closing axis with the way of a handle
 LEVEL_SINE, DOWN_COS = 0.6, 0.7  # of the closing axis, and of the way down to a single solid
 
 
@@ -72,10 +76,10 @@ def find_grasps(
     if is_whole and not is_round(entity):
         corners, _ = _compute_ways(entity, gripper, make_way, whole=True, corners=True)
     solids = list(_iter_solid_ways(entity, gripper, make_way))
-    edges = _iter_edge_ways(entity, gripper, make_way)
+    last = chain(_iter_front_ways(request, entity, gripper, make_way), _iter_edge_ways(entity, gripper, make_way))
     screen = Screen(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     tried, dead, dead_ends = set[str](), set[str](), list[list[Approach]]()
-    for batch in chain(_iter_batches(ways, corners, solids, edges, entity), (poor,)):
+    for batch in chain(_iter_batches(ways, corners, solids, last, entity), (poor,)):
         wanted = [way for way in batch if way.label not in {*request.avoid, *dead} and _is_wanted(way, entity, request)]
         tried.update(way.label for way in wanted)
         found = find_approaches(
@@ -128,7 +132,7 @@ def foresee_payload(entity: Entity, approach: Approach) -> Payload:
 
 
 def _iter_batches(
-    ways: list[Way], corners: list[Way], solids: list[Way], edges: Iterator[list[Way]], entity: Entity
+    ways: list[Way], corners: list[Way], solids: list[Way], last: Iterator[list[Way]], entity: Entity
 ) -> Iterator[list[Way]]:
     """What is tried together, the better first."""
     yield from _iter_tilted(ways, TILTS_DEG)
@@ -138,8 +142,9 @@ def _iter_batches(
     for degrees in SIDE_DEG:
         yield _narrow(_tilt(ways, degrees), NARROW_M[0])
     yield solids
+    yield from (_tilt(solids, degrees) for degrees in TILTS_DEG)
     yield [way for degrees in LYING_DEG for way in _lay(ways, entity, degrees)]
-    yield from edges
+    yield from last
 
 
 def _iter_tilted(ways: list[Way], tilts_deg: tuple[int, ...]) -> Iterator[list[Way]]:
@@ -181,6 +186,33 @@ def _iter_edge_ways(entity: Entity, gripper: Gripper, make_way: Callable[..., Wa
         ends = {"edge": _make_pose(up, -out, position), "turned": _make_pose(-up, -out, position)}
         make = partial(make_way, openings_m=(thick_m, gripper.max_width_m))
         yield [make(label=f"{k}.{label}", end=end, back=find_way_out(end)) for k, end in ends.items()]
+
+
+def _iter_front_ways(
+    request: FindGrasps, entity: Entity, gripper: Gripper, make_way: Callable[..., Way]
+) -> Iterator[list[Way]]:
+    """Tool poses that take a handle from where it opens to, across one solid of it, at rising angles to the level."""
+    whole = next((each for each in request.world.entities if each.name == entity.part_of and each.mechanism), None)
+    if whole is None or whole.mechanism is None:
+        return
+    opens = compute_motion(whole.mechanism, OPENING_STEP)
+    for pitch_deg in FRONT_DEG:
+        ways = []
+        for (index, box), closing, turned in product(enumerate(compute_shape_boxes(entity)), range(3), (1.0, -1.0)):
+            at_m, y = box.pose[:3, 3], box.pose[:3, closing]
+            out = opens[:3, :3] @ at_m + opens[:3, 3] - at_m
+            out = out / np.linalg.norm(out)
+            z = -np.cos(np.radians(pitch_deg)) * out - np.sin(np.radians(pitch_deg)) * UP
+            if abs(out @ y) < ALONG_SINE and abs(out[2]) < ALONG_SINE:
+                end = _make_pose(turned * y, z, at_m)
+                width_m = 2.0 * float(np.abs(end[:3, 1] @ box.pose[:3, :3]) @ box.half_m)
+                if width_m <= gripper.max_width_m - WIDTH_CLEARANCE_M:
+                    label = f"front{pitch_deg}.solid{index}.{'xyz'[closing]}{turned:+.0f}"
+                    opening_m = min(width_m + NARROW_M[0], gripper.max_width_m)
+                    ways.append(
+                        make_way(label=label, end=end, openings_m=(width_m, opening_m), back=tuple((-z).tolist()))
+                    )
+        yield ways
 
 
 def _shift(way: Way, entity: Entity, share: float) -> Iterator[Way]:

@@ -20,9 +20,9 @@ WIDTH = 4  # sites of each
 
 
 def find_joint_sites(placing: Placing, attitudes: Mapping[int, Array]) -> Sites:
-    """Sites for `attitudes` (3, 3) by yaw [degrees]; last those where something removable has to go for the others.
+    """Sites for `attitudes` (3, 3) by yaw [degrees]; then those where something removable has to go for the others.
 
-    None where nothing else comes, or where no arrangement of all was found.
+    Last come the corners, which leave most where no arrangement of all was found. None where nothing else comes.
     """
     request, space = placing.request, placing.space
     rest = _list_rest(request, space) if space.walled else []
@@ -42,8 +42,15 @@ def find_joint_sites(placing: Placing, attitudes: Mapping[int, Array]) -> Sites:
                 if _has_room(space, [*others, _make_box(space, site, half_m, gap_m)], rest, gap_m, tries):
                     yield replace(site, yaws=yaws)
 
-    found = (islice(iter_beside(others), sites.SITES_MAX) for others in (taken, staying))
-    return Sites(chain.from_iterable(found))
+    def iter_corners() -> Iterator[Site]:
+        for degrees, half_m in rectangles.items():
+            for site in sites.pack(space, half_m, degrees, near, taken):
+                at_m = np.abs(space.rotation.T @ (site.point_m - space.center_m))[:2]
+                if np.allclose(at_m, space.half_m - half_m - sites.GAP_M):
+                    yield site
+
+    found = [islice(iter_beside(others), sites.SITES_MAX) for others in (taken, staying)]
+    return Sites(chain(*found, iter_corners()))
 
 
 def _list_rest(request: FindPlacements, space: Space) -> list[Array]:

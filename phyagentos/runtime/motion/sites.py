@@ -13,7 +13,7 @@ import numpy as np
 
 from phyagentos.geometry import compute_matrix, turn
 from phyagentos.protocol.world.environment import Entity
-from phyagentos.protocol.world.predicates.geometry import compute_centroid, compute_extent
+from phyagentos.protocol.world.predicates.geometry import compute_centroid, compute_extent, compute_reach
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.requests import Array, FindPlacements
 from phyagentos.runtime.motion.shapes import Box, compute_bounds, compute_entity_box, compute_shape_boxes
@@ -29,6 +29,7 @@ PACKED_MAX = 24  # sites of one yaw
 SNUG_M = 1e-6  # beyond a gap
 PACK_STEP_M = 0.015  # between packed sites along a wall
 ROOM_SHARE = 3.0  # of the area of a payload with its gaps, from which on a container is packed
+HOLLOW_STEP_M = 0.004  # between points at which the side of a hollow is looked for
 WALL_BAND_M = 0.02  # a wall is this near to the side of an interior
 
 
@@ -129,17 +130,19 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
     others = [e for e in request.world.entities if e.shapes and e.name != held.name]
     if entity is not None and request.relation == "on":
         box = _choose_top(entity)
-        return _level_space(box, box.top_m, [entity], walled=False)
+        space = _level_space(box, box.top_m, [entity], walled=False)
+        return replace(space, depth_m=_measure_hollow(space, entity))
     if entity is not None and entity.interior is not None:
         box = _place_box(compute_matrix(entity.pose), entity.interior.center_m, entity.interior.half_m)
         space = _level_space(box, box.bottom_m, [entity, *_carriers(others, box)], walled=True)
-        return replace(space, depth_m=_measure_depth(space, box, entity))
+        return replace(space, depth_m=_measure_depth(space, box, [entity]))
     if region is not None:
         box = _place_box(compute_matrix(region.pose), (0.0, 0.0, 0.0), region.half_m)
         carriers = _carriers(others, box)
         tops = [b.top_m for e in carriers for b in compute_shape_boxes(e)]
         floor_m = max([t for t in tops if abs(t - box.bottom_m) <= SUPPORT_BAND_M], default=box.bottom_m)
-        return _level_space(box, floor_m, carriers, walled=True)
+        space = _level_space(box, floor_m, carriers, walled=True)
+        return replace(space, depth_m=_measure_depth(space, box, carriers))
     return None
 
 
@@ -169,7 +172,11 @@ class Placing:
     def near(self) -> tuple[Array, float]:
         """The point (3,) to which sites are to be near, and how far they may be from it [m]."""
         request = self.request
-        return (self.tool_m, np.inf) if request.near is None else (np.array(request.near), request.near_radius_m)
+        if request.near is not None:
+            return np.array(request.near), request.near_radius_m
+        loose = {each.name for each in request.world.entities if each.movable} & self.space.supports
+        tips = loose and not self.space.walled  # least where it is loaded over its middle
+        return self.space.center_m if tips else self.tool_m, np.inf
 
 
 def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> list[Sites]:
@@ -323,15 +330,39 @@ def _level_space(box: Box, floor_m: float, supports: list[Entity], *, walled: bo
     )
 
 
-def _measure_depth(space: Space, box: Box, entity: Entity) -> float:
+def _measure_hollow(space: Space, entity: Entity) -> float:
+    """Height above its floor of the lowest side of what an entity encloses, as a bowl does; 0 where a side is open."""
+    boxes, depths_m = compute_shape_boxes(entity), []
+    for way in (sign * space.rotation[:, axis] for axis in (0, 1) for sign in (-1.0, 1.0)):
+        reach_m = compute_reach(entity, tuple(way.tolist()))
+        points = [space.center_m + away_m * way for away_m in np.arange(0.0, reach_m, HOLLOW_STEP_M)]
+        depths_m.append(_climb(space, [box for box in boxes if any(_is_beside(box, each, 0.0) for each in points)]))
+    return min(depths_m)
+
+
+def _measure_depth(space: Space, box: Box, entities: Sequence[Entity]) -> float:
     """Height of the lowest wall of an interior above its floor; 0 where a side has none."""
-    R, lowest = space.rotation, box.top_m - box.bottom_m
+    R, lowest = space.rotation, max(0.0, box.top_m - box.bottom_m)
+    solids = [each for entity in entities for each in compute_shape_boxes(entity)]
     for axis in (0, 1):
         for sign in (-1.0, 1.0):
-            side = space.center_m + sign * space.half_m[axis] * R[:, axis] + (0.0, 0.0, 0.002)
-            walls = [b for b in compute_shape_boxes(entity) if b.compute_distance(side) <= WALL_BAND_M]
-            lowest = min(lowest, max((b.top_m - float(space.center_m[2]) for b in walls), default=0.0))
-    return max(0.0, lowest)
+            side = space.center_m + sign * space.half_m[axis] * R[:, axis]
+            lowest = min(lowest, _climb(space, [each for each in solids if _is_beside(each, side, WALL_BAND_M)]))
+    return lowest
+
+
+def _is_beside(box: Box, point_m: Array, band_m: float) -> bool:
+    """Whether a vertical line through a point (3,) passes a box as near as that."""
+    return box.compute_distance(np.array((point_m[0], point_m[1], box.pose[2, 3]))) <= band_m
+
+
+def _climb(space: Space, walls: Sequence[Box]) -> float:
+    """Height above the floor up to which solids stand on each other [m]."""
+    top_m = float(space.center_m[2])
+    for each in sorted(walls, key=lambda box: box.bottom_m):
+        if each.bottom_m <= top_m + WALL_BAND_M:
+            top_m = max(top_m, each.top_m)
+    return top_m - float(space.center_m[2])
 
 
 def _carriers(entities: list[Entity], space: Box) -> list[Entity]:

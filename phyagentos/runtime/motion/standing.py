@@ -52,6 +52,9 @@ def find_standing_sites(placing: Placing, attitudes: Mapping[int, Array], job: J
             start = checker.turn(R)
             snug = space.half_m - measure_rectangle(placing.held, R) - gap_m - SNUG_M
             points = [p for p in _list_points(np.maximum(room, 0.0), snug) if np.hypot(*(p - from_m)) <= radius_m]
+            if (datum_m := placing.held.datum_m) is not None and space.walled:
+                off_m = (R @ (np.array(datum_m) - placing.middle_m))[:2]
+                points = [p for p in points if np.all(np.abs(p + off_m) <= room)]
             ranked = sorted((_rank(point, room, from_m, space), *point) for point in points)
             job.checkpoint()
             for rank, x, y in _spread(ranked, checker, start, space.rotation, job):

@@ -6,7 +6,7 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.geometry import to_child
-from phyagentos.protocol.world.environment import Pose, Shape, ShapeKind
+from phyagentos.protocol.world.environment import Mechanism, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_grasp_width
 from phyagentos.runtime.motion.grasps import find_grasps, foresee_payload
 from phyagentos.runtime.motion.job import Job
@@ -329,3 +329,17 @@ def test_a_hand_with_a_finger_underneath_leaves_sideways(planner, build, table, 
         start, end = (planner._chain.compute_tcp(q) for q in placed.line_rad[[0, -1]])
         back_m = start[:3, 3] - end[:3, 3]
         assert np.linalg.norm(back_m[:2]) > 4 * back_m[2] > 0.0
+
+
+def test_a_handle_under_another_one_is_taken_from_its_front(planner, build, table, home):
+    """From above, the hand met what is over it."""
+    how = Mechanism("slide", (-1.0, 0.0, 0.0), 0.15, Pose((0.6, 0.0, 0.15)))
+    drawer = build.fixed("drawer", (0.6, 0.0, 0.15), build.box((0, 0, 0), (0.005, 0.1, 0.03)), mechanism=how, joint=0.0)
+    bar, roof = build.box((-0.03, 0, 0), (0.007, 0.04, 0.007)), build.box((0.07, 0, 0.14), (0.11, 0.12, 0.01))
+    handle = msgspec.structs.replace(build.cube("bar", 0.6, 0.0, z=0.15), shapes=(bar,), part_of="drawer")
+    world = World((table, build.fixed("chest", (0.6, 0.0, 0.13), roof), drawer, handle))
+
+    answer = planner.answer(FindGrasps(world=world, object="bar", q_rad=home, seed=1))
+
+    assert isinstance(answer, Approaches), answer
+    assert answer.approaches[0].label.startswith("front")

@@ -4,8 +4,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
-from phyagentos.protocol.world.environment import Interior, Pose, Shape, ShapeKind
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, to_child
+from phyagentos.protocol.world.environment import Interior, Pose, Region, Shape, ShapeKind
 from phyagentos.runtime.motion.poses import point_tool_down, tilt_tool
 from phyagentos.runtime.motion.requests import Approaches, Destination, FindGrasps, FindPlacements, Payload, World
 
@@ -174,3 +174,57 @@ def test_the_fewest_things_are_found_that_have_to_go(planner, build, deep, home)
     assert planner.answer(msgspec.structs.replace(request, removable=("beside",))).code == "NO_FREE_SITE"
     wide = build.replace(deep(0.02, *others, half_m=0.03, x=0.1, y=0.1), large)
     assert planner.answer(msgspec.structs.replace(request, world=wide)).gone == ()
+
+
+def test_a_thing_falls_between_walls_around_a_region_that_stand_on_each_other(planner, build, deep, home):
+    """A compartment of a rack is a region; the lowest walls beside its middle end where others begin."""
+    table, vessel, cube0 = deep(0.1).entities
+    low = [build.box(s.pose.position_m, (*s.size_m[:2], s.size_m[2] / 2)) for s in vessel.shapes[1:]]
+    low = [msgspec.structs.replace(s, pose=Pose((*s.pose.position_m[:2], 0.025))) for s in low]
+    high = [msgspec.structs.replace(s, pose=Pose((*s.pose.position_m[:2], 0.075))) for s in low]
+    rack = msgspec.structs.replace(vessel, name="rack", shapes=(vessel.shapes[0], *low, *high), interior=None)
+    slot = Region(name="bin", pose=Pose((0.5, 0.3, 0.0525), vessel.pose.quaternion_wxyz), half_m=(0.05, 0.065, 0.0475))
+    answer = place_into(planner, World((table, rack, cube0), (slot,)), home, 0.03)
+    assert isinstance(answer, Approaches), answer
+    assert answer.approaches[0].fall_m > 0.0
+
+
+def test_a_thing_is_dropped_into_the_hollow_of_what_it_is_put_on(planner, build, deep, home):
+    """Between the walls of a bowl there is no room for the fingers."""
+    table, _, cube0 = deep(0.1).entities
+    walls = [build.box((s * 0.04, 0, 0.03), (0.003, 0.04, 0.03)) for s in (-1, 1)]
+    walls += [build.box((0, s * 0.04, 0.03), (0.04, 0.003, 0.03)) for s in (-1, 1)]
+    vessel = build.fixed("bin", (0.5, 0.3, 0.0), build.box((0, 0, 0.003), (0.02, 0.02, 0.003)), *walls)
+    answer = place_into(planner, World((table, vessel, cube0)), home, 0.03, relation="on")
+    assert isinstance(answer, Approaches), answer
+    assert answer.approaches[0].fall_m > 0.0
+    open_side = msgspec.structs.replace(vessel, shapes=vessel.shapes[:-1])
+    assert all(each.fall_m == 0.0 for each in find(planner, World((table, open_side, cube0)), home))
+
+
+def find(planner, world, home):
+    answer = place_into(planner, world, home, 0.03, relation="on")
+    return answer.approaches if isinstance(answer, Approaches) else ()
+
+
+def test_where_no_arrangement_of_rectangles_is_found_the_first_thing_goes_into_a_corner(planner, build, deep, home):
+    """Two cans of 60 mm stand in 110 x 110 mm across, and not side by side."""
+    can = msgspec.structs.replace(
+        build.cube("cube0", 0.4, -0.2, half=0.03), shapes=(Shape(ShapeKind.CYLINDER, (0.03, 0.03)),)
+    )
+    table, vessel, _ = deep(0.1, x=0.055, y=0.055).entities
+    world = World((table, vessel, can, msgspec.structs.replace(can, name="next", pose=Pose((0.4, 0.0, 0.03)))))
+    answer = place_into(planner, world, home, 0.06, coming=("next",))
+    assert isinstance(answer, Approaches), answer
+    x, y, _ = to_child(vessel.pose, answer.approaches[0].site.position_m)
+    assert (abs(x), abs(y)) == pytest.approx((0.02, 0.02), abs=1e-3)
+
+
+def test_the_datum_of_what_is_larger_than_its_place_is_put_within_it_as_well(planner, build, deep, home):
+    """Its middle was, and its datum was not: what is asked of it did not hold afterwards."""
+    shapes = (Shape(ShapeKind.CYLINDER, (0.03, 0.035)), build.box((0.043, 0, 0.01), (0.013, 0.005, 0.012)))
+    mug = msgspec.structs.replace(build.cube("cube0", 0.4, -0.2), shapes=shapes)  # its handle is over the wall
+    marked = msgspec.structs.replace(mug, datum_m=(0.055, 0.0, 0.01))
+    world = deep(0.02, x=0.037, y=0.04)
+    assert isinstance(place_into(planner, build.replace(world, mug), home, 0.06), Approaches)
+    assert place_into(planner, build.replace(world, marked), home, 0.06).code in {"NO_SPACE", "NO_FREE_SITE"}

@@ -8,9 +8,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from msgspec.structs import replace
+
 from phyagentos.errors import format_names
 from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child, to_parent
-from phyagentos.protocol.world.environment import CLOSED_M, FRESH_S, Entity, Status, TargetState
+from phyagentos.protocol.world.environment import CLOSED_M, CLOSES_AT, FRESH_S, OPENS_AT, Entity, Status, TargetState
 from phyagentos.protocol.world.predicates.geometry import (
     Top,
     compute_box_distance,
@@ -53,8 +55,6 @@ SHIFT_STD_M = 0.005  # by which a thing may have been shifted unseen as what hid
 COARSE_RAD, COARSE_FACTOR = 0.11, 3.0  # few pixels fit many turns: such a doubt is not that of a normal distribution
 DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
 POSTURE_RAD = 0.05  # the error of a servo that carries a load stays below
-OPEN_FRACTION = 0.9
-CLOSED_FRACTION = 0.1
 FACING_RAD = 0.1  # by which a base in its place may be turned
 APART_M = 0.05  # by which a base may stand nearer or farther than it should
 
@@ -83,19 +83,19 @@ def _find_tilt_doubt(view: View, a: Entity) -> float:
 
 
 def measure_inside(view: View, a: Entity, b: str) -> Reading:
-    """Let go of; centre within the sides of the interior box, lowest point between floor and rim, in its frame."""
+    """Let go of; centre within the sides of the interior box, and the datum; lowest point between floor and rim."""
     if (held := _find_hold(view, a)) is not None:
         return held
     box = get_place(view, b)
     if box.half_m == (0.0, 0.0, 0.0):
         return Reading(-1.0, {"interior": False}, f"{b} has no interior")
-    local = to_child(box.pose, compute_center(a))
+    points = [to_child(box.pose, point) for point in _list_points(a)]
     up = rotate(box.pose.quaternion_wxyz, UP)
     low_m = compute_lowest(a, up) - sum(p * u for p, u in zip(box.pose.position_m, up, strict=True))
     slack_m = {
-        "side_x_m": box.half_m[0] - abs(local[0]),
-        "side_y_m": box.half_m[1] - abs(local[1]),
-        "below_rim_m": box.half_m[2] - RIM_M - low_m,
+        "side_x_m": box.half_m[0] - max(abs(x) for x, _, _ in points),
+        "side_y_m": box.half_m[1] - max(abs(y) for _, y, _ in points),
+        "below_rim_m": box.half_m[2] - max(RIM_M + low_m, *(z for _, _, z in points[1:]), -math.inf),
         "above_floor_m": low_m + box.half_m[2] + FLOOR_SLACK_M,
     }
     scales = (box.half_m[0], box.half_m[1], box.half_m[2], box.half_m[2])
@@ -107,6 +107,21 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
     side = "within" if margin >= 0 else "outside"
     because = f"{a.name} is {abs(slack_m[worst]):.3f} m {side} the limit {worst.removesuffix('_m')} of {b}"
     return Reading(margin, {name: round(s, 5) for name, s in slack_m.items()}, because, abs(margin - turned))
+
+
+def _list_points(a: Entity) -> list[Vector]:
+    """The points of a thing that say where it is, in the world: its centre, and its datum."""
+    return [compute_center(a), *([] if a.datum_m is None else [to_parent(a.pose, a.datum_m)])]
+
+
+def measure_centred(view: View, a: Entity, b: Entity, tol_m: float) -> Reading:
+    """Centres, and datums, no further apart than `tol_m` as seen from above."""
+    pairs = zip(_list_points(a), _list_points(b), strict=False)
+    apart_m = max(math.dist(one[:2], other[:2]) for one, other in pairs)
+    because = f"{a.name} is {apart_m:.3f} m off the middle of {b.name}, allowed are {tol_m:g} m"
+    scale_m = max(tol_m, 1e-3)
+    doubt = _find_position_doubt(view, a, b) / scale_m
+    return Reading((tol_m - apart_m) / scale_m, {"apart_m": round(apart_m, 5)}, because, doubt)
 
 
 def measure_on(view: View, a: Entity, b: str) -> Reading:
@@ -126,6 +141,9 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
         if reason := view.now.explain_unseen(between):
             raise FactUnknown(f"{reason}; it may be between {a.name} and {b}")
         return Reading(-1.0, measured | {"between": between.name}, f"{between.name} is between {a.name} and {b}")
+    if gap_m > allowed_m and (sunk_m := _measure_sunk(view, a, b)) > allowed_m:
+        because = f"{a.name} rests in the hollow of {b}, {sunk_m:.3f} m below its rim"
+        return Reading(sunk_m / allowed_m, measured, because, doubt_m / allowed_m)
     because = f"the lowest point of {a.name} is {gap_m:+.4f} m from the top of {b}, allowed are {allowed_m:.4f} m"
     return Reading((allowed_m + doubt_m / 2 - abs(gap_m)) / allowed_m, measured, because, doubt_m / 2 / allowed_m)
 
@@ -168,6 +186,23 @@ def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) ->
         if other.status is not Status.GONE and any(top_m + CONTACT_M < top.point_m[2] <= highest_m for top in tops):
             return other
     return None
+
+
+def _measure_sunk(view: View, a: Entity, b: str) -> float:
+    """How far the lowest point of a is below the rim of b, whose walls are around it [m]; 0 where more may bear it."""
+    of, center, low_m = view.now.entities.get(b), compute_center(a), compute_lowest(a)
+    if of is None:
+        return 0.0
+    solids = [replace(of, shapes=(shape,)) for shape in of.shapes]
+    walls = [compute_center(each) for each in solids if each.pose.position_m[2] + compute_reach(each, UP) > low_m]
+    if not all(any(sign * (wall[i] - center[i]) > 0.0 for wall in walls) for i in (0, 1) for sign in (1.0, -1.0)):
+        return 0.0
+    reach_m = max(compute_reach(of, way) for way in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+    for other in view.now.entities.values():
+        away_m = math.dist(other.pose.position_m[:2], of.pose.position_m[:2])
+        if other.movable and other.name not in {a.name, b} and away_m < reach_m and compute_lowest(other) < low_m:
+            return 0.0
+    return of.pose.position_m[2] + compute_reach(of, UP) - low_m
 
 
 def _find_low_doubt(a: Entity, up: Vector) -> float:
@@ -341,15 +376,17 @@ def measure_moved(view: View, a: Entity) -> Reading:
 
 
 def measure_open(view: View, a: Entity) -> Reading:
-    """Its joint is at least 90 % open."""
+    """Its joint is at least 90 % open, or as far as its mechanism says."""
     opening, doubt = _get_joint(a), _find_joint_doubt(view, a)
-    return Reading(opening - OPEN_FRACTION, {"opening": opening}, f"{a.name} is {opening:.0%} open", doubt)
+    asked = a.mechanism.opens_at if a.mechanism is not None else OPENS_AT
+    return Reading(opening - asked, {"opening": opening}, f"{a.name} is {opening:.0%} open", doubt)
 
 
 def measure_closed(view: View, a: Entity) -> Reading:
-    """Its joint is at most 10 % open."""
+    """Its joint is at most 10 % open, or as little as its mechanism says."""
     opening, doubt = _get_joint(a), _find_joint_doubt(view, a)
-    return Reading(CLOSED_FRACTION - opening, {"opening": opening}, f"{a.name} is {opening:.0%} open", doubt)
+    allowed = a.mechanism.closes_at if a.mechanism is not None else CLOSES_AT
+    return Reading(allowed - opening, {"opening": opening}, f"{a.name} is {opening:.0%} open", doubt)
 
 
 def measure_tilt(view: View, a: Entity) -> Reading:
@@ -473,6 +510,7 @@ def _get_joint(a: Entity) -> float:
 
 _A = Argument("a", ArgumentKind.ENTITY)
 _IN = Argument("b", ArgumentKind.CONTAINER)
+_ON = Argument("b", ArgumentKind.ENTITY)
 _B = Argument("b", ArgumentKind.PLACE)
 _PLACE = Argument("place", ArgumentKind.PLACE)
 
@@ -490,6 +528,7 @@ BUILTINS: tuple[PredicateDefinition, ...] = (
     _state("on", measure_on, _A, _IN),
     _state("above", measure_above, _A, _IN),
     _state("at", measure_at, _A, _PLACE, Argument("tol_m", ArgumentKind.NUMBER, 0.03)),
+    _state("centred", measure_centred, _A, _ON, Argument("tol_m", ArgumentKind.NUMBER, 0.03)),
     _state("near", measure_near, _A, _B, Argument("distance_m", ArgumentKind.NUMBER, 0.10)),
     _state("contains", measure_contains, _A, Argument("least", ArgumentKind.NUMBER, 1.0)),
     _state("upright", measure_upright, _A),
