@@ -274,7 +274,7 @@ def _load(text: str) -> Any:
     return yaml.load(text, Loader=yaml.CSafeLoader)
 
 
-def _edit(text: str, edit: Edit) -> str:
+def _edit_text(text: str, edit: Edit) -> str:
     return yaml.dump(_apply(_load(text), [edit]), Dumper=yaml.CSafeDumper, sort_keys=False)
 
 
@@ -316,10 +316,10 @@ def _edit_file(file: Path, edit: Edit) -> None:
     text = file.read_text(encoding="utf-8")
     if file.suffix == ".md":
         front, _ = split_front_matter(text, str(file))
-        edited = _edit(front, edit)
+        edited = _edit_text(front, edit)
         file.write_text(f"---\n{edited}---\n{text.split('---', 2)[2]}", encoding="utf-8")
     else:
-        file.write_text(_edit(text, edit), encoding="utf-8")
+        file.write_text(_edit_text(text, edit), encoding="utf-8")
 
 
 def _apply(data: Any, edits: Sequence[Edit]) -> Any:

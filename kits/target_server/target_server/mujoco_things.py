@@ -331,7 +331,7 @@ def make_mark(name: str, center_m: Array, rotation: Array, half_m: Array, up: Ar
     vertical = int(np.argmax(np.abs(rotation.T @ up)))  # becomes its z axis, upwards
     order = [(vertical + 1) % 3, (vertical + 2) % 3, vertical]
     sign = np.sign(up @ rotation[:, vertical])
-    rotation, half_m, vertical = rotation[:, order] * (1.0, sign, sign), half_m[order], 2
+    rotation, half_m, vertical = rotation[:, order] * np.array((1.0, sign, sign)), half_m[order], 2
     is_surface = bool(half_m[vertical] < FLAT_M)
     middle = float(center_m @ up)
     low, high = middle - float(half_m[vertical]), middle + float(half_m[vertical])
