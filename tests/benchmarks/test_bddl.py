@@ -6,7 +6,7 @@ import yaml
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.selector import select
 from phyagentos.agent.goals.spec import GoalFile, Promise
-from phyagentos.bench.bddl import Inventory, format_graph, generate_graph, parse_bddl, read_goal, translate
+from benchmarks.libero_parts.bddl import Inventory, format_graph, generate_graph, parse_bddl, read_goal, translate
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.environment import Entity, Interior, Mechanism, Pose
@@ -86,11 +86,11 @@ def test_only_the_goal_of_a_problem_is_read():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("(:goal (And (In a b))", r"NOT_BDDL: .*1 '\(' without their '\)'"),
-        ("(:goal a))", r"NOT_BDDL: .*a '\)' without its '\('"),
-        ("(define (:init))", r"NOT_BDDL: .*no \(:goal"),
-        ("(:goal (Not (In gem crate_room)))", r"NOT_BDDL: .*\(Not .*and, or"),
-        ("(:goal (In gem))", r"NOT_BDDL: .*In of 1 terms"),
+        ("(:goal (And (In a b))", r"PREDICATE_SYNTAX: .*1 '\(' without their '\)'"),
+        ("(:goal a))", r"PREDICATE_SYNTAX: .*a '\)' without its '\('"),
+        ("(define (:init))", r"PREDICATE_SYNTAX: .*no \(:goal"),
+        ("(:goal (Not (In gem crate_room)))", r"PREDICATE_SYNTAX: .*\(Not .*and, or"),
+        ("(:goal (In gem))", r"PREDICATE_SYNTAX: .*In of 1 terms"),
         ("(:goal (And (In pearl crate_room)))", r"UNKNOWN_ENTITY: .*'pearl'"),
         ("(:goal (Open slab))", r"UNKNOWN_ENTITY: .*'slab'.*desk_drawer"),
         ("(:goal (Open shutter))", r"UNKNOWN_ENTITY: .*'shutter'.*left_flap"),
