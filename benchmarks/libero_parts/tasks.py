@@ -8,10 +8,10 @@ import msgspec
 import mujoco
 import numpy as np
 
-from benchmarks.libero_parts.served import Server
-from phyagentos.assembly.paths import TOKENS, open_project
 from benchmarks.libero_parts.bddl import Inventory, format_graph, generate_graph, translate
 from benchmarks.libero_parts.foreign_scenes import write_scene
+from benchmarks.libero_parts.served import Server
+from phyagentos.assembly.paths import TOKENS, open_project
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.targets import TargetProfile

@@ -3,10 +3,10 @@
 import pytest
 import yaml
 
+from benchmarks.libero_parts.bddl import Inventory, format_graph, generate_graph, parse_bddl, read_goal, translate
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.selector import select
 from phyagentos.agent.goals.spec import GoalFile, Promise
-from benchmarks.libero_parts.bddl import Inventory, format_graph, generate_graph, parse_bddl, read_goal, translate
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.environment import Entity, Interior, Mechanism, Pose
