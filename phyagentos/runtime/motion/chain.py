@@ -200,7 +200,7 @@ def _follow(rows, poses, fine, frames, parents, slides, tool, tcp, q_min, q_max)
     """Solve each row of a line where the rows before it go on at an even pace."""
     steps, farthest, most = 0, 0.0, 0.0
     for k in range(1, len(rows)):
-        onward = rows[k - 1] if k == 1 else 2.0 * rows[k - 1] - rows[k - 2]
+        onward = rows[k - 1].copy() if k == 1 else 2.0 * rows[k - 1] - rows[k - 2]
         for i in range(len(onward)):
             onward[i] = min(q_max[i], max(q_min[i], onward[i]))
         q, taken, off_m, off_rad, is_reached = _solve(

@@ -211,3 +211,13 @@ def test_a_bottle_is_taken_below_its_top_and_a_wide_box_is_too_wide(planner, bui
     assert held.tcp_end.position_m == pytest.approx((0.5, 0.0, 0.18))
     assert refused.code == "TOO_WIDE"
     assert "crate is wider than the gripper opens (0.08 m)" in refused.message
+
+
+def test_a_line_begins_at_its_start_even_beyond_the_margin_of_a_limit(planner, home):
+    chain = planner._chain
+    start = home.copy()
+    start[5] = chain.q_max_rad[5] + 1e-3
+    within = np.minimum(start, chain.q_max_rad)
+    poses = np.stack([chain.compute_tcp(start), chain.compute_tcp(within)])
+    rows, *_ = chain.follow(poses, start, (1e-4, 1e-3))
+    assert (rows[0] == start).all()
