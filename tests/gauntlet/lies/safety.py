@@ -161,8 +161,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.motion.sites",
-                "lowest = min(lowest, max((b.top_m - float(space.center_m[2]) for b in walls), default=0.0))",
-                "lowest = min(lowest, max(b.top_m - float(space.center_m[2]) for b in compute_shape_boxes(entity)))",
+                "lowest = min(lowest, _climb(space, [each for each in solids if _is_beside(each, side, WALL_BAND_M)]))",
+                "lowest = min(lowest, _climb(space, solids))",
             ),
         ),
         tests=(

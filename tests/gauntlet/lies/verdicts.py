@@ -364,7 +364,7 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.execution.already_met",
-                "    return Truth.TRUE if _is_met(session, now) else Truth.UNKNOWN\n",
+                "    return Truth.TRUE if is_met(session, now, now) else Truth.UNKNOWN\n",
                 "    return Truth.TRUE\n",
             ),
         ),
