@@ -94,17 +94,17 @@ def check_bundles(planes) -> None:
     assert bundles == {status.contract.id for status in sessions if status.execution is not None}
 
 
-def test_every_promise_is_kept_when_a_planner_dies_and_when_the_disk_is_full():
-    """The attacks that no other journey makes: worker and agent die in theirs, watchdog and world below."""
-    command = [sys.executable, str(BENCHMARKS / "chaos.py"), "--runs", "2", "--mode", "lockstep"]
-    command += ["--only", "planner", "everybody"]
+def test_every_promise_is_kept_when_a_planner_dies():
+    """The attack that no other journey makes: worker and agent die in theirs, all others below."""
+    command = [sys.executable, str(BENCHMARKS / "chaos.py"), "--runs", "1", "--mode", "lockstep"]
+    command += ["--only", "planner"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=550, check=False)
 
     assert done.returncode == 0, done.stdout + done.stderr
     outcome = json.loads(done.stdout.splitlines()[-1])
     assert outcome["holds"] is True
-    assert outcome["figures"]["goals_met"] + outcome["figures"]["failures_attributed"] == 2
-    assert outcome["figures"]["commands"] > 300
+    assert outcome["figures"]["goals_met"] + outcome["figures"]["failures_attributed"] == 1
+    assert outcome["figures"]["commands"] > 150
 
 
 def test_a_world_outlives_its_watchdog_and_what_was_achieved_is_kept(planes):
