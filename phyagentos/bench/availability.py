@@ -16,7 +16,7 @@ from phyagentos.bench.suite_file import Policy, Variant
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.environments import EnvironmentSpec
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.runtime.models.sources import find_model
+from phyagentos.runtime.models.sources import require_models
 
 CONNECT_S = 1.0
 
@@ -66,8 +66,7 @@ def _find_target_lacks(profile: TargetProfile, path: Path) -> list[Problem]:
     try:
         choose_driver({profile.target: profile}, profile.target)
         if profile.kind == "simulation" and profile.model:
-            for model in (profile.model, *((profile.hand.model,) if profile.hand is not None else ())):
-                find_model(model, path.parent)
+            require_models(profile, path.parent)
     except DefinitionError as error:
         return list(error.problems)
     return []

@@ -40,6 +40,7 @@ from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.models.sources import require_models
 from phyagentos.store.admission import GOAL_PREFIX, GoalEvent
 from phyagentos.store.journal import Entry, IllegalEvent, Journal
 from phyagentos.store.watch import Watch
@@ -172,7 +173,7 @@ def run_planes(
 def lint_order(
     graph: Path, faults: Path | None, overrides: Mapping[str, str], workspace: Path | None = None
 ) -> GoalGraph:
-    """The graph, once it, the scene and skills that it names, and the faults are in order; loads no simulator.
+    """The graph, once it, the scene, skills and models that it names, and the faults are in order; loads no simulator.
 
     Ports of trees against leaves, and how the scene begins, are left to preflight.
 
@@ -189,6 +190,8 @@ def lint_order(
     except DefinitionError as error:
         raise DefinitionError([*error.problems, *problems]) from error
     try:
+        for name in sorted({choice.target for choice in compiled.choices.values()}):
+            require_models(catalogue.targets[name], library.get_target(name).parent)
         bodies = read_scene(library.get_scene(compiled.spec.scene)).bodies
         if faults is not None and not problems:
             targets = {catalogue.targets[choice.target] for choice in compiled.choices.values()}

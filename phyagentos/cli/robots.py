@@ -21,7 +21,7 @@ Name = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a target, as
 def list_robots(as_json: AsJson = False) -> None:
     """Print every profile that can be used here, with its model and whether that is here."""
     from phyagentos.runtime.models.robot import read_profile
-    from phyagentos.runtime.models.sources import find_model
+    from phyagentos.runtime.models.sources import require_models
 
     rows = []
     library = open_library()
@@ -29,8 +29,7 @@ def list_robots(as_json: AsJson = False) -> None:
         missing = ""
         profile, folder = read_profile(library.get_target(name))
         try:
-            for model in [profile.model] * bool(profile.model) + ([profile.hand.model] if profile.hand else []):
-                find_model(model, folder)
+            require_models(profile, folder)
         except DefinitionError as error:
             missing = f"{error.problems[0].found}. {error.problems[0].hint}"
         rows.append((name, profile.kind, profile.embodiment, profile.model, missing or "here"))

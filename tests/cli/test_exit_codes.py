@@ -172,3 +172,13 @@ def test_a_parameter_is_given_by_its_name_and_a_bad_value_is_invalid_input(paos)
     refused = paos("compile", "put_away", "--set", "thing=cartn")
     assert refused.code == ExitCode.INVALID_INPUT
     assert "--set thing:1:1: UNKNOWN_ENTITY: found 'cartn'" in refused.err
+
+
+def test_a_robot_whose_model_is_not_here_is_named_before_anything_starts(paos, tmp_path, monkeypatch):
+    monkeypatch.delenv("PHYAGENTOS_MODELS", raising=False)
+    result = paos("run", "drive_and_pick", "-w", tmp_path / "w")
+
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "MODEL_MISSING: found" in result.err
+    assert "Set PHYAGENTOS_MODELS" in result.err
+    assert not (tmp_path / "w").exists()

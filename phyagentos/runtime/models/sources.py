@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError, format_hint, format_names
-from phyagentos.protocol.capabilities.targets import is_beside
+from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
 from phyagentos.protocol.documents.enclosure import leads_out
 
 MODELS, MENAGERIE_ROOT = "PHYAGENTOS_MODELS", "MENAGERIE_ROOT"
@@ -38,6 +38,13 @@ def find_model(model: str, folder: Path, environ: Mapping[str, str] = os.environ
     found = f"no file {place}" if place is not None else "no such source here"
     expected = format_names(near) if near else f"a MJCF or URDF file of {source}"
     raise DefinitionError.of("MODEL_MISSING", f"model {model!r}", found, expected, hint)
+
+
+def require_models(profile: TargetProfile, folder: Path) -> None:
+    """Raise `MODEL_MISSING` or `LEADS_OUT` unless the models that a profile in `folder` names are here."""
+    for model in (profile.model, profile.hand.model if profile.hand is not None else ""):
+        if model:
+            find_model(model, folder)
 
 
 def _locate_in_models(path: str, environ: Mapping[str, str]) -> tuple[Path | None, str]:
