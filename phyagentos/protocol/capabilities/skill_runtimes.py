@@ -12,7 +12,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.documents.document import DocumentFormat, split_front_matter
-from phyagentos.protocol.documents.schema import Authored, Located, parse_yaml, read_text, validate
+from phyagentos.protocol.documents.schema import Authored, Located, parse_library_yaml, read_text, validate
 from phyagentos.protocol.settings.operations import Operation
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.predicates.syntax import Variable, iter_calls
@@ -172,7 +172,7 @@ SKILLRUNTIME = DocumentFormat(
 def read_skill(path: Path) -> tuple[SkillRuntime, Located]:
     """Read `skills/<name>/SKILL.md`; raises DefinitionError with every problem at file:line:column."""
     front, first_line = split_front_matter(read_text(path), str(path))
-    located = parse_yaml(front, str(path), first_line)
+    located = parse_library_yaml(front, str(path), first_line)
     skill = validate(SkillRuntime, located)
     if skill.skill != path.parent.name:
         raise DefinitionError(

@@ -75,7 +75,18 @@ def read_text(path: Path, hint: str = "Check the path and its encoding.") -> str
 
 def read_yaml(path: Path) -> Located:
     """Read one YAML file; see `parse_yaml`."""
-    return parse_yaml(read_text(path), str(path))
+    return parse_library_yaml(read_text(path), str(path))
+
+
+def parse_library_yaml(text: str, source: str, first_line: int = 1) -> Located:
+    """As `parse_yaml`, for texts that each part of a process reads anew: one that did not change is parsed once."""
+    known = _parse_once(text, source, first_line)
+    return replace(known, data=copy.deepcopy(known.data), origins={})  # who gets it may change it
+
+
+@lru_cache(maxsize=256)  # of a library; what sessions write is parsed once anyhow, and must not pile up
+def _parse_once(text: str, source: str, first_line: int) -> Located:
+    return parse_yaml(text, source, first_line)
 
 
 def parse_yaml(text: str, source: str, first_line: int = 1, values_max: int = VALUES_MAX) -> Located:
@@ -87,12 +98,6 @@ def parse_yaml(text: str, source: str, first_line: int = 1, values_max: int = VA
         DefinitionError: On a syntax error, a value that does not fit its form or tag, a key written twice, or more than
             `values_max` values once aliases are written out.
     """
-    known = _parse(text, source, first_line, values_max)
-    return replace(known, data=copy.deepcopy(known.data), origins={})  # who gets it may change it
-
-
-@lru_cache(maxsize=1024)  # libraries and registries are read by each part of a process
-def _parse(text: str, source: str, first_line: int, values_max: int) -> Located:
     offset = first_line - 1
     marks: dict[Address, tuple[int, int]] = {}
     problems: list[Problem] = []

@@ -13,7 +13,7 @@ from typing import Literal
 import pydantic
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.documents.schema import Authored, Located, Span, misfit, parse_yaml, read_text, salvage
+from phyagentos.protocol.documents.schema import Authored, Located, Span, misfit, parse_library_yaml, read_text, salvage
 from phyagentos.protocol.world.environment import ShapeKind
 from phyagentos.protocol.world.friction import PAIRS, Surface
 
@@ -286,7 +286,7 @@ def read_scene(path: Path) -> SceneSpec:
 @lru_cache(maxsize=8)
 def _parse_scene(text: str, path: Path) -> SceneSpec:
     """The scene in the text of a file; every session asks for the same one."""
-    located = parse_yaml(text, str(path))
+    located = parse_library_yaml(text, str(path))
     spec, problems = salvage(SceneSpec, located)
     if spec is None:
         raise DefinitionError(problems)
