@@ -21,8 +21,13 @@ MIDDLE_M = 0.03  # radius of the middle of a thing
 ROOM_M = 0.1  # above a thing from which others are let go
 WITHIN, AT_EDGE = (0.0, 0.85), (0.85, 1.6)  # of the half size of a place
 BESIDE_M, FALL_M = (0.08, 0.25), (0.03, 0.15)  # from the place to where a thing is dropped, and how far it falls
+DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 Rng = np.random.Generator
+
+
+class Crowded(Exception):
+    """No free place was drawn for a thing."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +68,7 @@ class Hand:
         self._model, self._data, self.things = model, data, things
 
     def put(self, thing: Thing, spot: Spot, rng: Rng, span: tuple[float, float]) -> None:
-        """Let a thing go over a point of a spot where it is free, or at last over its middle."""
+        """Let a thing go over a point of a spot where it is free; raises `Crowded`."""
         upright = self._data.xmat[thing.body].reshape(3, 3).copy()
         for draw in range(DRAWS):
             narrow = 1.0 - draw / DRAWS if span is WITHIN else 1.0
@@ -71,15 +76,21 @@ class Hand:
             turn = _draw_turn(rng) @ upright
             self._place(thing, point, turn, self._find_floor(thing, point, turn, spot.top_m) + LET_GO_M)
             if self._is_free(thing):
-                break
+                return
+        raise Crowded(thing.name)
 
     def let_fall(self, thing: Thing, spot: Spot, rng: Rng) -> None:
-        """Drop a thing beside a spot, from a hand's height, however it is turned."""
-        angle = rng.uniform(-np.pi, np.pi)
-        point = spot.center_m[:2] + rng.uniform(*BESIDE_M) * np.array((np.cos(angle), np.sin(angle)))
-        turn = _draw_turn(rng) @ self._data.xmat[thing.body].reshape(3, 3)
-        floor_m = self._find_floor(thing, point, turn, spot.top_m + ROOM_M)
-        self._place(thing, point, turn, floor_m + rng.uniform(*FALL_M))
+        """Drop a thing beside a spot, from a hand's height, however it is turned; raises `Crowded`."""
+        upright = self._data.xmat[thing.body].reshape(3, 3).copy()
+        for _ in range(DRAWS):
+            angle = rng.uniform(-np.pi, np.pi)
+            point = spot.center_m[:2] + rng.uniform(*BESIDE_M) * np.array((np.cos(angle), np.sin(angle)))
+            turn = _draw_turn(rng) @ upright
+            floor_m = self._find_floor(thing, point, turn, spot.top_m + ROOM_M)
+            self._place(thing, point, turn, floor_m + rng.uniform(*FALL_M))
+            if self._is_free(thing):
+                return
+        raise Crowded(thing.name)
 
     def _place(self, thing: Thing, point: Array, turn: Array, lowest_m: float) -> None:
         """Put the origin of a thing over a point (2,), turned (3, 3), with its lowest corner at a height."""
@@ -91,13 +102,15 @@ class Hand:
         mujoco.mj_forward(self._model, self._data)
 
     def move(self, thing: Thing, low: float, high: float, rng: Rng) -> None:
-        """Bring a joint to a share of its travel."""
+        """Bring a joint to a share of its travel, drawn between two; raises `Crowded`."""
         joint = thing.joint
         assert joint is not None
         share = float(np.clip(rng.uniform(low, high), 0.0, 1.0))
         self._data.qpos[joint.address] = joint.closed + share * (joint.opened - joint.closed)
         self._data.qvel[self._model.jnt_dofadr[self._model.body_jntadr[thing.body]]] = 0.0
         mujoco.mj_forward(self._model, self._data)
+        if not self._is_free(thing):
+            raise Crowded(thing.name)
 
     def _find_floor(self, thing: Thing, point: Array, turn: Array, top_m: float) -> float:
         """Height of the highest surface below a height under five points of a thing that is over a point (2,)."""
@@ -129,6 +142,10 @@ class Hand:
         center_m, turn = self._data.xpos[thing.body].copy(), self._data.xmat[thing.body].reshape(3, 3)
         top_m = float(center_m[2] + _list_corners(thing, turn)[:, 2].max()) + ROOM_M
         return Spot(center_m, np.eye(3), np.full(2, MIDDLE_M), top_m, is_round=True)
+
+    def is_sound(self) -> bool:
+        """Whether the simulation has not diverged since the state was set anew."""
+        return not any(self._data.warning[each].number for each in DIVERGED)
 
     def is_still(self) -> bool:
         """Whether every free thing rests."""
