@@ -25,7 +25,7 @@ from pathlib import Path
 from rich.console import Console
 
 from benchmarks.libero import PRO, SUITES, TASKS
-from benchmarks.libero_parts.moment_cases import Record, judge_task
+from benchmarks.libero_parts.moment_cases import Record, judge_suite
 from benchmarks.libero_parts.verdict_figures import ASKED, Case, compute_figures, read_case, read_run, show
 from phyagentos.bench.report import format_outcome
 from phyagentos.errors import DefinitionError, ExecutionError
@@ -39,18 +39,8 @@ def main() -> int:
     """Run what is missing, show everything, and exit with whether every asked figure holds."""
     given = parse_arguments()
     console = Console(stderr=True)
-    for suite, task in () if given.show else product(given.suites, given.tasks):
-        states = [state for state in given.states if (suite, task, state) not in read_results(given.results)]
-        try:
-            for records in judge_task(given, suite, task, states) if states else ():
-                append(given.results, records)
-                cases = [read_case(each) for each in records]
-                told = f"{sum(each.success for each in cases)} met, {sum(each.is_wrong for each in cases)} wrong"
-                seconds = sum(each["wall_s"] for each in records)
-                name = f"{suite}/{task} from {records[0]['state']}"
-                console.print(f"{name}: {len(cases)} cases, {told}, {seconds:.0f} s", highlight=False)
-        except (DefinitionError, ExecutionError, RuntimeError) as error:
-            console.print(f"{suite}/{task}: {error}", style="red", highlight=False)
+    for suite in () if given.show else given.suites:
+        run_suite(given, suite, console)
     known = read_results(given.results)
     wanted = list(product(given.suites, given.tasks, given.states))
     cases = [read_case(record) for key in wanted for record in known.get(key, ())]
@@ -60,6 +50,23 @@ def main() -> int:
     line, holds = format_outcome(figures, ASKED)
     print(line)
     return 0 if holds else 1
+
+
+def run_suite(given: argparse.Namespace, suite: str, console: Console) -> None:
+    """Judge and keep what is missing; a target that is lost leaves the rest of its suite to another run."""
+    known = read_results(given.results)
+    missing = {task: [state for state in given.states if (suite, task, state) not in known] for task in given.tasks}
+    missing = {task: states for task, states in missing.items() if states}
+    try:
+        for records in judge_suite(given, suite, missing) if missing else ():
+            append(given.results, records)
+            cases = [read_case(each) for each in records]
+            told = f"{sum(each.success for each in cases)} met, {sum(each.is_wrong for each in cases)} wrong"
+            name = f"{suite}/{records[0]['task']} from {records[0]['state']}"
+            seconds = sum(each["wall_s"] for each in records)
+            console.print(f"{name}: {len(cases)} cases, {told}, {seconds:.0f} s", highlight=False)
+    except (DefinitionError, ExecutionError, RuntimeError) as error:
+        console.print(f"{suite}: {error}", style="red", highlight=False)
 
 
 def parse_arguments() -> argparse.Namespace:

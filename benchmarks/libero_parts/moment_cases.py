@@ -10,7 +10,8 @@ import argparse
 import json
 import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -96,14 +97,15 @@ class Observer:
 
     def look(self, state: int, kind: str, number: int, seed: int) -> tuple[Attempt, bool] | None:
         """The verdict on one moment, and what the benchmark says; None where the task has none of this kind."""
-        scene = Scene(name=self._scene, seed=state, episode=f"state-{state}")
+        episode = f"{self._scene.replace('/', '-')}-{state}"
+        scene = Scene(name=self._scene, seed=state, episode=episode)
         self._handle.load(scene)
         made = self._driver.invoke_tool("make_moment", {"kind": kind, "seed": seed})
         if not json.loads(made.artefacts["moment.json"].data)["made"]:
             return None
         session = Session(
-            id=SessionId(f"state-{state}.{kind.replace(' ', '_')}-{number}"),
-            goal=GoalId(f"state-{state}"),
+            id=SessionId(f"{episode}.{kind.replace(' ', '_')}-{number}"),
+            goal=GoalId(episode),
             node=kind,
             objective="Look whether the goal is met.",
             skill=SKILL,
@@ -127,22 +129,21 @@ class Observer:
         return attempt, bool(self._server.read_outcomes()[session.id]["success"])
 
 
-def judge_task(given: argparse.Namespace, suite: str, task: int, states: Sequence[int]) -> Iterator[list[Record]]:
-    """The cases of one task, an episode at a time."""
-    folder = (given.keep or given.results.with_suffix(".work")) / f"{suite}_{task}"
+def judge_suite(given: argparse.Namespace, suite: str, states: Mapping[int, Sequence[int]]) -> Iterator[list[Record]]:
+    """The cases of some states of each of some tasks, an episode at a time; one process serves them all."""
+    folder = (given.keep or given.results.with_suffix(".work")) / suite
     folder.mkdir(parents=True, exist_ok=True)
-    scene = f"{suite}/{task}"
+    profile, verifier = read_profile(), build_verifier(Workspace(LIBRARY / "protocol"), SystemClock())
+    first = f"{suite}/{next(iter(states))}"
     try:
-        with serve(given.python.absolute(), read_profile(), scene, folder / "outcomes.jsonl", MODULE) as server:
-            graph = write_project(folder / "project", scene, server.describe(read_profile(), scene), server)
-            accept = yaml.safe_load(graph.read_text())["accept"]
-            verifier = build_verifier(Workspace(LIBRARY / "protocol"), SystemClock())
-            observer = Observer(folder, scene, accept, server, verifier)
-            try:
-                for state in states:
-                    yield list(_judge_episode(observer, suite, task, state, given.seed))
-            finally:
-                observer.close()
+        with serve(given.python.absolute(), profile, first, folder / "outcomes.jsonl", MODULE) as server:
+            for task, of_task in states.items():
+                own, scene = folder / f"task-{task}", f"{suite}/{task}"
+                graph = write_project(own / "project", scene, server.describe(profile, scene), server)
+                accept = yaml.safe_load(graph.read_text())["accept"]
+                with closing(Observer(own, scene, accept, server, verifier)) as observer:
+                    for state in of_task:
+                        yield list(_judge_episode(observer, suite, task, state, given.seed))
     finally:
         if given.keep is None:
             shutil.rmtree(folder, ignore_errors=True)
