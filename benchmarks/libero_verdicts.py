@@ -25,7 +25,7 @@ from pathlib import Path
 from rich.console import Console
 
 from benchmarks.libero import PRO, SUITES, TASKS
-from benchmarks.libero_parts.moment_cases import Record, judge_suite
+from benchmarks.libero_parts.moment_cases import Record, judge_again, judge_suite, open_verifier
 from benchmarks.libero_parts.verdict_figures import ASKED, Case, compute_figures, read_case, read_run, show
 from phyagentos.bench.report import format_outcome
 from phyagentos.errors import DefinitionError, ExecutionError
@@ -43,7 +43,11 @@ def main() -> int:
         run_suite(given, suite, console)
     known = read_results(given.results)
     wanted = list(product(given.suites, given.tasks, given.states))
-    cases = [read_case(record) for key in wanted for record in known.get(key, ())]
+    records = [record for key in wanted for record in known.get(key, ())]
+    if given.again:
+        verifier = open_verifier()
+        records = [judge_again(given, record, verifier) for record in records]
+    cases = [read_case(record) for record in records]
     cases += [case for path in given.with_runs for case in read_runs(path)]
     show(Console(), cases, given.seed)
     figures = compute_figures(cases, given.seed) | {"missing": sum(key not in known for key in wanted)}
@@ -81,7 +85,11 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--results", type=Path, required=True, help="one JSON line a case; what stands there is kept")
     parser.add_argument("--with-runs", type=Path, nargs="+", default=[], help="results of benchmarks.libero")
     parser.add_argument("--keep", type=Path, help="folder for projects and evidence, kept afterwards")
-    return parser.parse_args()
+    parser.add_argument("--again", action="store_true", help="judge the evidence in --keep by the verifier of today")
+    given = parser.parse_args()
+    if given.again and given.keep is None:
+        parser.error("--again needs the evidence that --keep FOLDER has")
+    return given
 
 
 def append(path: Path, records: list[Record]) -> None:

@@ -15,6 +15,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import yaml
 
 from benchmarks.libero_parts.served import Server, serve
@@ -23,8 +24,9 @@ from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.sessions.evidence import read_bundle
-from phyagentos.protocol.sessions.session import GoalId, Scene, Session, SessionId
+from phyagentos.protocol.documents.schema import read_yaml
+from phyagentos.protocol.sessions.evidence import CONTRACT, EXECUTION, read_bundle
+from phyagentos.protocol.sessions.session import Execution, GoalId, Scene, Session, SessionId
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -97,14 +99,15 @@ class Observer:
 
     def look(self, state: int, kind: str, number: int, seed: int) -> tuple[Attempt, bool] | None:
         """The verdict on one moment, and what the benchmark says; None where the task has none of this kind."""
-        episode = f"{self._scene.replace('/', '-')}-{state}"
+        id = _name_session(self._scene, state, kind, number)
+        episode = id.partition(".")[0]
         scene = Scene(name=self._scene, seed=state, episode=episode)
         self._handle.load(scene)
         made = self._driver.invoke_tool("make_moment", {"kind": kind, "seed": seed})
         if not json.loads(made.artefacts["moment.json"].data)["made"]:
             return None
         session = Session(
-            id=SessionId(f"{episode}.{kind.replace(' ', '_')}-{number}"),
+            id=SessionId(id),
             goal=GoalId(episode),
             node=kind,
             objective="Look whether the goal is met.",
@@ -124,16 +127,40 @@ class Observer:
             cancel=lambda: None,
             beat=lambda **_beat: None,
         )
-        bundle = read_bundle(self._folder / execution.evidence, session, execution)
-        attempt = self._verifier.judge(bundle, History())
+        attempt = judge_bundle(self._folder / execution.evidence, session, execution, self._verifier)
         return attempt, bool(self._server.read_outcomes()[session.id]["success"])
+
+
+def open_verifier() -> SessionVerifier:
+    """As an agent has it in a workspace of these tasks."""
+    return build_verifier(Workspace(LIBRARY / "protocol"), SystemClock())
+
+
+def judge_bundle(folder: Path, session: Session, execution: Execution, verifier: SessionVerifier) -> Attempt:
+    """The verdict on a bundle, as at the end of a node's only session."""
+    return verifier.judge(read_bundle(folder, session, execution), History())
+
+
+def judge_again(given: argparse.Namespace, record: Record, verifier: SessionVerifier) -> Record:
+    """A case whose evidence was kept, by the verifier of today; its label stays."""
+    suite, task, state, kind = (record[name] for name in ("suite", "task", "state", "kind"))
+    folder = (
+        given.keep
+        / suite
+        / f"task-{task}"
+        / "evidence"
+        / _name_session(f"{suite}/{task}", state, kind, record["number"])
+    )
+    session = msgspec.convert(read_yaml(folder / CONTRACT).data["session"], Session)
+    execution = msgspec.json.decode((folder / EXECUTION).read_bytes(), type=Execution)
+    return record | describe(judge_bundle(folder, session, execution, verifier))
 
 
 def judge_suite(given: argparse.Namespace, suite: str, states: Mapping[int, Sequence[int]]) -> Iterator[list[Record]]:
     """The cases of some states of each of some tasks, an episode at a time; one process serves them all."""
     folder = (given.keep or given.results.with_suffix(".work")) / suite
     folder.mkdir(parents=True, exist_ok=True)
-    profile, verifier = read_profile(), build_verifier(Workspace(LIBRARY / "protocol"), SystemClock())
+    profile, verifier = read_profile(), open_verifier()
     first = f"{suite}/{next(iter(states))}"
     try:
         with serve(given.python.absolute(), profile, first, folder / "outcomes.jsonl", MODULE) as server:
@@ -165,14 +192,17 @@ def _judge_episode(observer: Observer, suite: str, task: int, state: int, seed: 
                 "kind": kind,
                 "number": number,
                 "success": success,
-                "said": _name_answer(attempt),
-                "why": [f"{each.text} {each.truth}: {each.because}" for each in attempt.criteria],
+                **describe(attempt),
                 "wall_s": round(time.perf_counter() - began_s, 2),
             }
 
 
-def _name_answer(attempt: Attempt) -> str:
-    """`success`, `failure`, or `unknown` where nothing is false and something cannot be told."""
-    if attempt.verdict is Verdict.SUCCESS:
-        return "success"
-    return "failure" if any(each.truth is Truth.FALSE for each in attempt.criteria) else "unknown"
+def describe(attempt: Attempt) -> Record:
+    """What a verdict says: `success`, `failure`, or `unknown` where nothing is false and something cannot be told."""
+    is_false = any(each.truth is Truth.FALSE for each in attempt.criteria)
+    said = "success" if attempt.verdict is Verdict.SUCCESS else "failure" if is_false else "unknown"
+    return {"said": said, "why": [f"{each.text} {each.truth}: {each.because}" for each in attempt.criteria]}
+
+
+def _name_session(scene: str, state: int, kind: str, number: int) -> str:
+    return f"{scene.replace('/', '-')}-{state}.{kind.replace(' ', '_')}-{number}"

@@ -66,6 +66,15 @@ class MomentsBody(LiberoBody):
         """As the world is, but for things that are hidden: where they were last seen."""
         return [self._unseen.get(each.name, each) for each in super().list_entities()]
 
+    def stay(self) -> None:
+        """One step by physics alone: the arm stands as under brakes, whatever touches it. No session commands it."""
+        q_rad = self._data.qpos[self._q_at].copy()
+        for _ in range(HOLDS):
+            mujoco.mj_step(self._model, self._data, round(STEP_S / self._model.opt.timestep) // HOLDS)
+            self._data.qpos[self._q_at], self._data.qvel[self._qd_at] = q_rad, 0.0
+        mujoco.mj_forward(self._model, self._data)
+        self._steps += 1
+
     def _make_moment(self, arguments: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
         """Make one; tells whether the task can have one of this kind."""
         kind, rng = str(arguments["kind"]), np.random.default_rng(int(arguments["seed"]))
@@ -201,15 +210,6 @@ class MomentsBody(LiberoBody):
         for _, name, place in sorted(puts, key=lambda each: each[2] in placed):
             self._hand.put(self._hand.get(name), self._hand.find_spot(place), rng, WITHIN)
 
-    def _pass_by(self) -> None:
-        """One step of the environment's time by physics alone; the arm stands where it is, whatever touches it."""
-        q_rad = self._data.qpos[self._q_at].copy()
-        for _ in range(HOLDS):
-            mujoco.mj_step(self._model, self._data, round(STEP_S / self._model.opt.timestep) // HOLDS)
-            self._data.qpos[self._q_at], self._data.qvel[self._qd_at] = q_rad, 0.0
-        mujoco.mj_forward(self._model, self._data)
-        self._steps += 1
-
     def _let_fall(self, put: Sequence[str], rng: Rng) -> None:
         self._hand.let_fall(self._hand.get(put[1]), self._hand.find_spot(put[2]), rng)
 
@@ -217,7 +217,7 @@ class MomentsBody(LiberoBody):
         """Let time pass until nothing moves, the arm held where it is."""
         for steps in (REST_STEPS, MORE_STEPS, MORE_STEPS, MORE_STEPS):
             for _ in range(steps):
-                self._pass_by()
+                self.stay()
             if self._hand.is_still():
                 break
 
