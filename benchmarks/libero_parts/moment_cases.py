@@ -97,8 +97,8 @@ class Observer:
         """Disconnect."""
         self._target.close()
 
-    def look(self, state: int, kind: str, number: int, seed: int) -> tuple[Attempt, bool] | None:
-        """The verdict on one moment, and what the benchmark says; None where the task has none of this kind."""
+    def look(self, state: int, kind: str, number: int, seed: int) -> tuple[Attempt, Record] | None:
+        """The verdict on one moment, and the benchmark's line; None where the task has none of this kind."""
         id = _name_session(self._scene, state, kind, number)
         episode = id.partition(".")[0]
         scene = Scene(name=self._scene, seed=state, episode=episode)
@@ -128,7 +128,7 @@ class Observer:
             beat=lambda **_beat: None,
         )
         attempt = judge_bundle(self._folder / execution.evidence, session, execution, self._verifier)
-        return attempt, bool(self._server.read_outcomes()[session.id]["success"])
+        return attempt, self._server.read_outcomes()[session.id]
 
 
 def open_verifier() -> SessionVerifier:
@@ -184,14 +184,15 @@ def _judge_episode(observer: Observer, suite: str, task: int, state: int, seed: 
             found = observer.look(state, kind, number, drawn)
             if found is None:
                 break
-            attempt, success = found
+            attempt, outcome = found
             yield {
                 "suite": suite,
                 "task": task,
                 "state": state,
                 "kind": kind,
                 "number": number,
-                "success": success,
+                "success": outcome["success"] or outcome["reached"],
+                "at_end": outcome["success"],
                 **describe(attempt),
                 "wall_s": round(time.perf_counter() - began_s, 2),
             }

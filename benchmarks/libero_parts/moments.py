@@ -74,6 +74,7 @@ class MomentsBody(LiberoBody):
             self._data.qpos[self._q_at], self._data.qvel[self._qd_at] = q_rad, 0.0
         mujoco.mj_forward(self._model, self._data)
         self._steps += 1
+        self._reached = self._reached or bool(self._env.check_success())
 
     def _make_moment(self, arguments: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
         """Make one; tells whether the task can have one of this kind."""
@@ -81,6 +82,7 @@ class MomentsBody(LiberoBody):
         if kind not in self._kinds:
             raise Refusal("MALFORMED", f"no moment {kind!r}; there are {', '.join(self._kinds)}")
         made = any(self._try(kind, rng) for _ in range(TRIES))
+        self._reached = False  # by the steps of the session that looks
         return {"moment.json": ("application/json", json.dumps({"made": made}).encode())}
 
     def _try(self, kind: str, rng: Rng) -> bool:

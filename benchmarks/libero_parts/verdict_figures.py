@@ -34,9 +34,10 @@ class Case:
     Attributes:
         episode: Suite, task and initial state.
         kind: Of the moment.
-        success: What the benchmark's predicate says.
+        success: Whether the benchmark's predicate held at a step of the look, which is how it counts episodes.
         said: What the verdict says: `success`, `failure`, or `unknown`, which abstains.
         why: The criteria with their truth, or the reason.
+        at_end: Whether it held at the last of these steps; contacts of things at rest come and go by a micrometre.
     """
 
     episode: tuple[str, int, int]
@@ -44,6 +45,7 @@ class Case:
     success: bool
     said: str
     why: tuple[str, ...] = ()
+    at_end: bool = False
 
     @property
     def is_wrong(self) -> bool:
@@ -77,14 +79,16 @@ def read_case(record: Mapping[str, Any]) -> Case:
     if record["said"] not in ANSWERS:
         raise ValueError(record["said"])
     episode = (str(record["suite"]), int(record["task"]), int(record["state"]))
-    return Case(episode, str(record["kind"]), bool(record["success"]), record["said"], tuple(record.get("why", ())))
+    kind, success, why = str(record["kind"]), bool(record["success"]), tuple(record.get("why", ()))
+    return Case(episode, kind, success, record["said"], why, bool(record.get("at_end", success)))
 
 
 def read_run(record: Mapping[str, Any]) -> Case:
     """The end of a run of `benchmarks.libero`, from a line of its results."""
     said = {"success": "success", "untranslated": "unknown"}.get(record["verdict"], "failure")
     episode = (str(record["suite"]), int(record["task"]), int(record["state"]))
-    return Case(episode, "end of a run", bool(record["success"]), said, (str(record["reason"]),))
+    success = bool(record["success"])
+    return Case(episode, "end of a run", success, said, (str(record["reason"]),), at_end=success)
 
 
 def share(cases: Sequence[Case], is_so: Callable[[Case], bool], seed: int) -> Share:
@@ -138,6 +142,8 @@ def compute_figures(cases: Sequence[Case], seed: int) -> dict[str, float]:
         "false_failure_high": false_failure.high,
         "abstained_of_failures": sum(each.said == "unknown" for each in missed),
         "abstained_of_successes": len(met) - len(decided),
+        "false_successes_at_end": sum(each.said == "success" and not each.at_end for each in cases),
+        "labels_that_flicker": sum(each.at_end is not each.success for each in cases),
         "balanced_accuracy": balance(cases),
         "balanced_accuracy_decided": balance([each for each in cases if each.said != "unknown"]),
         "balanced_accuracy_always_yes": balance(cases, lambda _: True),

@@ -21,7 +21,7 @@ from phyagentos.bench.report import format_outcome
 
 
 def case(success, said, episode=0, kind="met"):
-    return Case(("suite", 0, episode), kind, success, said)
+    return Case(("suite", 0, episode), kind, success, said, at_end=success)
 
 
 def is_wrong(each):
@@ -90,7 +90,7 @@ def test_the_end_of_a_run_is_a_case_of_the_same_episode():
 
     found = read_run(run)
 
-    assert found == Case(("s", 2, 3), "end of a run", success=True, said="failure", why=("why",))
+    assert found == Case(("s", 2, 3), "end of a run", success=True, said="failure", why=("why",), at_end=True)
     assert found.is_wrong
     assert not read_run(run | {"verdict": "untranslated"}).is_wrong, "no verdict was given"
 
@@ -111,6 +111,15 @@ def test_an_episode_that_a_kill_cut_off_is_run_again(tmp_path):
 def test_an_answer_that_is_none_is_refused():
     with pytest.raises(ValueError, match="perhaps"):
         read_case({"suite": "s", "task": 0, "state": 0, "kind": "met", "success": True, "said": "perhaps"})
+
+
+def test_a_label_that_held_at_a_step_of_the_look_and_not_at_the_last_is_told_apart():
+    record = {"suite": "s", "task": 0, "state": 0, "kind": "met", "success": True, "said": "success"}
+    cases = [read_case(record | {"at_end": False}), read_case(record | {"at_end": True}), case(False, "failure")]
+
+    found = compute_figures(cases, seed=1)
+
+    assert (found["false_successes"], found["false_successes_at_end"], found["labels_that_flicker"]) == (0, 1, 1)
 
 
 @pytest.mark.parametrize(("said", "holds"), [("failure", True), ("success", False)])
