@@ -9,8 +9,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from target_server.libero_body import Array
-from target_server.mujoco_things import Mark, Thing
+from target_server.mujoco_things import Array, Mark, Thing
 
 LET_GO_M = 0.003  # above what it falls on
 STILL_M_S = 0.02
