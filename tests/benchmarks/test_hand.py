@@ -23,7 +23,8 @@ ROOM = f"""
     <body name="gem" pos="-0.3 0 0.45"><freejoint/><geom type="box" size="0.03 0.03 0.03"/></body>
     <body name="slab" pos="-0.3 0.3 0.44"><freejoint/><geom type="box" size="0.11 0.11 0.02"/></body>
     <body name="shelf" pos="0.2 0.4 0.425"><geom type="box" size="0.1 0.1 0.005"/>
-      <geom type="box" pos="0 0 0.05" size="0.1 0.1 0.01"/><site name="low" type="box" pos="0 0 0.022" size="0.03 0.03 0.014"/></body>
+      <geom type="box" pos="0 0 0.05" size="0.1 0.1 0.01"/>
+      <site name="low" type="box" pos="0 0 0.022" size="0.03 0.03 0.014"/></body>
     <body name="drawer" pos="0 -0.4 0.45"><joint type="slide" axis="1 0 0" range="0 0.2"/>
       <geom type="box" size="0.05 0.05 0.02"/></body>
   </worldbody>
