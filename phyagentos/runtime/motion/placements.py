@@ -4,7 +4,7 @@ The entity keeps the attitude in which it is held, and the hand its tilt, unless
 counted from the destination, are tried at each site, and those that lay its faces along the walls. The fingers open as
 far as they can; where a wall is in their way, a little further than around the entity. Where the hand does not go down
 between the walls of a container, the entity is let go as little above its floor as is possible, if the walls keep what
-falls.
+falls. Where its floor has no room, it comes to lie on what is there already, if the walls keep it.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -25,7 +25,16 @@ from phyagentos.runtime.motion.packing import find_joint_sites
 from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
 from phyagentos.runtime.motion.poses import DOWN, find_way_out, measure_tilt, move_pose, point_tool_down, point_up
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPlacements, NoPlan
-from phyagentos.runtime.motion.sites import Placing, Site, Sites, Space, find_sites, find_space, find_space_above, measure_footprint
+from phyagentos.runtime.motion.sites import (
+    Placing,
+    Site,
+    Sites,
+    Space,
+    find_sites,
+    find_space,
+    find_space_above,
+    measure_footprint,
+)
 from phyagentos.runtime.motion.standing import find_standing_sites, fit_tight
 
 DROP_M = 0.004  # released this far above the support, so that errors do not press
@@ -76,9 +85,9 @@ def find_placements(
         groups = [*groups, standing]
         found = search.run([standing], finer)
     if not any(groups):
-        if request.may_fall and (above := find_space_above(placing)) is not None:
-            if above.depth_m >= KEPT_SHARE * footprint.height_m:
-                return find_placements(request, held, kinematics, scene, job, above)
+        above = find_space_above(placing) if request.may_fall else None
+        if above is not None and above.depth_m >= KEPT_SHARE * footprint.height_m:
+            return find_placements(request, held, kinematics, scene, job, above)
         if request.near is None and not _fits_alone(placing, finer, job):
             return job.fail("NO_SPACE", f"{held.name} does not go into {request.destination}, empty as it may be.")
         near = f" within {request.near_radius_m} m of {request.near}" if request.near else ""
