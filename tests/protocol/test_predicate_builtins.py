@@ -397,6 +397,7 @@ def test_a_thing_is_where_its_datum_is_as_well_as_its_centre():
     assert truth("inside(a, tray)", world(tray(), cube("a", 0.57, 0.0, 0.03))) is Truth.TRUE
     assert truth("inside(a, tray)", world(tray(), cube("a", 0.57, 0.0, 0.03, **off))) is Truth.FALSE  # beyond the side
     assert truth("inside(a, tray)", world(tray(), cube("a", 0.5, 0.0, 0.03, datum_m=(0.0, 0.0, 0.03)))) is Truth.FALSE
+    assert truth("inside(a, tray)", world(tray(), cube("a", 0.5, 0.0, 0.03, datum_m=(0.0, 0.0, -0.035)))) is Truth.FALSE
 
 
 def test_centred_is_judged_from_above_by_centres_and_by_datums():

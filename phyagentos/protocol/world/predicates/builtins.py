@@ -83,7 +83,7 @@ def _find_tilt_doubt(view: View, a: Entity) -> float:
 
 
 def measure_inside(view: View, a: Entity, b: str) -> Reading:
-    """Let go of; centre within the sides of the interior box, and the datum; lowest point between floor and rim."""
+    """Let go of; centre and datum within the sides of the interior, datum and lowest point between floor and rim."""
     if (held := _find_hold(view, a)) is not None:
         return held
     box = get_place(view, b)
@@ -96,7 +96,7 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
         "side_x_m": box.half_m[0] - max(abs(x) for x, _, _ in points),
         "side_y_m": box.half_m[1] - max(abs(y) for _, y, _ in points),
         "below_rim_m": box.half_m[2] - max(RIM_M + low_m, *(z for _, _, z in points[1:]), -math.inf),
-        "above_floor_m": low_m + box.half_m[2] + FLOOR_SLACK_M,
+        "above_floor_m": min(low_m, *(z for _, _, z in points[1:]), math.inf) + box.half_m[2] + FLOOR_SLACK_M,
     }
     scales = (box.half_m[0], box.half_m[1], box.half_m[2], box.half_m[2])
     margin, worst = min((s / max(h, 1e-3), name) for (name, s), h in zip(slack_m.items(), scales, strict=True))
