@@ -175,7 +175,8 @@ class MomentsBody(LiberoBody):
         missed = joints[rng.integers(len(joints))]
         thing = self._hand.find_mechanism(missed[1])
         end, sign = (self._find_end(thing, missed[0]), -1.0 if missed[0] in OPENS else 1.0)
-        self._hand.move(thing, *sorted(end + sign * by for by in SHORT), rng)
+        low, high = sorted(end + sign * by for by in SHORT)
+        self._hand.move(thing, low, high, rng)
         return True
 
     def _cover(self, rng: Rng) -> bool:
