@@ -22,6 +22,7 @@ TIMEOUT_S = 120.0  # of a session, in the target's time
 WALL_S = {"wall_timeout_s": 1800.0, "preflight_s": 900.0, "heartbeat_s": 120.0, "stall_s": 300.0, "think_s": 900.0}
 """Limits by the wall clock: the target's time stands still while anything computes, however slow the machine."""
 CENTRED_M = 0.03  # off the middle of what it is put on
+TOUCH_M = 0.002  # above a surface: what leans on something else beside it is higher
 WIDE = 0.97  # of its travel: what things are put into is opened so far, though less counts as open
 
 
@@ -33,13 +34,14 @@ class Inventory:
         entities: By name.
         owners: Of each entity, the name of the object that it belongs to.
         rooms: Of each name of a room or surface, the entity that has it.
-        regions: Those of these names that are regions; another one is the interior of its entity.
+        regions: Those of these names that are regions, with the height of their floors [m]; another one is the interior
+            of its entity.
     """
 
     entities: Mapping[str, Entity]
     owners: Mapping[str, str] = field(default_factory=dict)
     rooms: Mapping[str, str] = field(default_factory=dict)
-    regions: frozenset[str] = frozenset()
+    regions: Mapping[str, float] = field(default_factory=dict)
 
     def find_place(self, name: str) -> str:
         """The entity or region in which, or on which, things are put; raises `UNKNOWN_ENTITY`."""
@@ -147,11 +149,16 @@ def _put_in(inventory: Inventory, thing: str, place: str) -> Effect:
 
 
 def _put_on(inventory: Inventory, thing: str, place: str) -> Effect:
-    """On a surface that the world marks is within the space above it; on a thing is on it, over its middle."""
+    """On a surface that the world marks is within the space above it, and down on it; on a thing is over its middle.
+
+    On a room is both on the thing that has it and inside.
+    """
     there, what = inventory.find_place(place), inventory.find_place(thing)
     if place in inventory.regions:
-        return Effect(f"inside({what}, {there})", place=there)
-    return Effect(f"on({what}, {there})", place=there, also=(f"centred({what}, {there}, {CENTRED_M})",))
+        down = f"height({what}) <= {inventory.regions[place] + TOUCH_M:.4f}"
+        return Effect(f"inside({what}, {there})", place=there, also=(down,))
+    within = (f"inside({what}, {there})",) if place in inventory.rooms else ()
+    return Effect(f"on({what}, {there})", place=there, also=(f"centred({what}, {there}, {CENTRED_M})", *within))
 
 
 def _move(state: str, inventory: Inventory, name: str) -> Effect:

@@ -40,7 +40,7 @@ def write_project(folder: Path, scene: str, told: dict[str, Any], server: Server
         entities={each.name: each for each in entities},
         owners=told["owners"],
         rooms={name: mark["entity"] for name, mark in told["marks"].items()},
-        regions=frozenset(each.name for each in regions),
+        regions={each.name: each.pose.position_m[2] - each.half_m[2] for each in regions},
     )
     name = scene.replace("/", "_")
     effects = translate(told["goal"], inventory)

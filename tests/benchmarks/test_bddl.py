@@ -35,7 +35,7 @@ INVENTORY = Inventory(
     },
     owners={"safe": "safe", "safe_door": "safe", "left_flap": "shutter", "right_flap": "shutter"},
     rooms={"crate_room": "crate", "drawer_room": "desk_drawer", "desk_left_half": "desk"},
-    regions=frozenset({"desk_left_half"}),
+    regions={"desk_left_half": 0.7},
 )
 
 
@@ -79,6 +79,18 @@ def test_on_a_thing_asks_for_its_middle_as_well_and_no_skill_for_that():
     assert found["accept"] == ["on(coin, slab)", centred, "inside(gem, crate)"]
     assert found["sessions"]["step_1"]["accept"] == ["on(coin, slab)", centred]
     assert len(found["sessions"]) == 2
+
+
+def test_on_a_surface_asks_that_a_thing_comes_down_to_it():
+    """A bowl that leaned on its neighbour, 2.4 mm above the surface, was on it for us and not for the scorer."""
+    assert graph("(And (On gem desk_left_half))")["accept"] == ["inside(gem, desk_left_half)", "height(gem) <= 0.7020"]
+
+
+def test_on_a_room_asks_that_a_thing_is_in_it_as_well():
+    """A box at the foot of a rack was on it for us; the scorer looks at the room at its top."""
+    found = graph("(And (On gem crate_room))")["accept"]
+
+    assert found == ["on(gem, crate)", "centred(gem, crate, 0.03)", "inside(gem, crate)"]
 
 
 def test_only_the_goal_of_a_problem_is_read():
