@@ -149,16 +149,17 @@ def _put_in(inventory: Inventory, thing: str, place: str) -> Effect:
 
 
 def _put_on(inventory: Inventory, thing: str, place: str) -> Effect:
-    """On a surface that the world marks is within the space above it, and down on it; on a thing is over its middle.
+    """On a surface that the world marks is within the space above it, and down on it; on a room is inside it.
 
-    On a room is both on the thing that has it and inside.
+    On a thing is on it, over its middle.
     """
     there, what = inventory.find_place(place), inventory.find_place(thing)
     if place in inventory.regions:
         down = f"height({what}) <= {inventory.regions[place] + TOUCH_M:.4f}"
         return Effect(f"inside({what}, {there})", place=there, also=(down,))
-    within = (f"inside({what}, {there})",) if place in inventory.rooms else ()
-    return Effect(f"on({what}, {there})", place=there, also=(f"centred({what}, {there}, {CENTRED_M})", *within))
+    if place in inventory.rooms:
+        return _put_in(inventory, thing, place)
+    return Effect(f"on({what}, {there})", place=there, also=(f"centred({what}, {there}, {CENTRED_M})",))
 
 
 def _move(state: str, inventory: Inventory, name: str) -> Effect:

@@ -86,11 +86,9 @@ def test_on_a_surface_asks_that_a_thing_comes_down_to_it():
     assert graph("(And (On gem desk_left_half))")["accept"] == ["inside(gem, desk_left_half)", "height(gem) <= 0.7020"]
 
 
-def test_on_a_room_asks_that_a_thing_is_in_it_as_well():
+def test_on_a_room_is_inside_it():
     """A box at the foot of a rack was on it for us; the scorer looks at the room at its top."""
-    found = graph("(And (On gem crate_room))")["accept"]
-
-    assert found == ["on(gem, crate)", "centred(gem, crate, 0.03)", "inside(gem, crate)"]
+    assert graph("(And (On gem crate_room))")["accept"] == ["inside(gem, crate)"]
 
 
 def test_only_the_goal_of_a_problem_is_read():
