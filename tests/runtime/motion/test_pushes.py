@@ -10,6 +10,7 @@ from phyagentos.geometry import compute_matrix
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_center, find_surface
 from phyagentos.runtime.motion.pushes import compute_push
+from phyagentos.runtime.motion.requests import Approaches, FindPush, World
 
 pytestmark = pytest.mark.motion
 
@@ -73,3 +74,19 @@ def test_what_is_hollow_is_taken_along_by_its_far_side_from_within(way_deg):
     assert nearest_m == pytest.approx(FINGERS_M[0], abs=0.004), "they touch the far side where it ends"
     plain = replace(dish, shapes=(floor,))
     assert compute_push(plain, goal, FINGERS_M, OFF_M, 0.024, 0.0, 0.01) == (), "nothing encloses them"
+
+
+def test_the_hand_leans_back_where_what_it_pushes_goes_under_a_board(planner, build, home):
+    table = build.fixed("table", (0.45, 0.05, -0.02), build.box((0, 0, 0), (0.45, 0.65, 0.02)))
+    board = build.fixed("board", (0.5, 0.3, 0.1), build.box((0, 0, 0), (0.3, 0.1, 0.01)))
+    push = FindPush(world=World((table, build.cube("it", 0.5, 0.1))), object="it", to_m=(0.5, 0.22), q_rad=home, seed=0)
+
+    upright, leaning = planner.answer(push), planner.answer(replace(push, world=World((*push.world.entities, board))))
+
+    assert isinstance(leaning, Approaches), leaning
+    assert {each.label.partition("+")[0] for each in upright.approaches} == {"push"}
+    for each in leaning.approaches:
+        tool = compute_matrix(each.tcp_end)
+        assert each.label.startswith("lean")
+        assert tool[1, 2] == pytest.approx(math.sin(math.radians(40)), abs=0.01), "its fingertips are ahead of it"
+        assert tool[1, 3] < 0.2, "behind the thing"
