@@ -14,11 +14,13 @@ from phyagentos.runtime.motion.poses import point_tool_down
 BAR = Shape(ShapeKind.CAPSULE, (0.01, 0.04))
 TAB = Shape(ShapeKind.BOX, (0.02, 0.005, 0.01))
 DOOR = Mechanism("hinge", (0.0, 0.0, 1.0), 1.5, Pose((0.5, 0.0, 0.1)))
-BEFORE = Pose((0.3, 0.0, 0.1))
 LID = Mechanism("hinge", (0.0, 1.0, 0.0), 1.5, Pose((0.5, 0.0, 0.1)))
 
 
-def find(mechanism, shape, yaw_rad=0.0, opening=1.0, pose=BEFORE):
+AHEAD = Pose((0.3, 0.0, 0.1))
+
+
+def find(mechanism, shape, yaw_rad=0.0, opening=1.0, pose=AHEAD):
     """The leaf after it was ticked, and what it wrote; the handle is 0.2 m before the hinge."""
     handle = Entity(name="bar", kind="handle", pose=pose, shapes=(shape,), part_of="door")
     door = Entity(name="door", kind="door", pose=Pose((0.5, 0.0, 0.1)), joint=0.0, mechanism=mechanism)

@@ -115,9 +115,9 @@ def _list_points(a: Entity) -> list[Vector]:
 
 
 def measure_centred(view: View, a: Entity, b: Entity, tol_m: float) -> Reading:
-    """Centres, and datums, no further apart than `tol_m` as seen from above."""
-    pairs = zip(_list_points(a), _list_points(b), strict=False)
-    apart_m = max(math.dist(one[:2], other[:2]) for one, other in pairs)
+    """Datums no further apart than `tol_m` as seen from above; centres where one has none."""
+    *_, (one, other) = zip(_list_points(a), _list_points(b), strict=False)  # in the order: centre, datum
+    apart_m = math.dist(one[:2], other[:2])
     because = f"{a.name} is {apart_m:.3f} m off the middle of {b.name}, allowed are {tol_m:g} m"
     scale_m = max(tol_m, 1e-3)
     doubt = _find_position_doubt(view, a, b) / scale_m
