@@ -12,7 +12,7 @@ def make_session(name):
 
 
 def test_the_last_line_of_the_scorer_counts_and_not_that_of_the_session_reported_last():
-    """A second attempt at the first node came before the second node, and its line was taken: a false success of ours."""
+    """A repeated first node came before the second one, and its line was taken: a false success of ours."""
     report = SimpleNamespace(
         sessions=[make_session(name) for name in ("a", "b", "a.r1")],
         verdict="success",
