@@ -150,9 +150,9 @@ def open_agent(folder: Path, server: Server) -> Iterator[Agent]:
 
 
 def score(record: Record, report: MissionReport, server: Server) -> Record:
-    """The verdict beside what the scorer said at the end of the last session, as its lines follow each other."""
-    own = {each.id for each in report.sessions}
-    scored = [line for session, line in server.read_outcomes().items() if session in own]
+    """The verdict beside what the scorer said at the end of the last session."""
+    lines = server.read_outcomes()
+    scored = sorted((lines[each.id] for each in report.sessions if each.id in lines), key=lambda line: line["steps"])
     return record | {
         "verdict": report.verdict,
         "reason": report.reason,
