@@ -350,6 +350,8 @@ class TargetSessionHandle:
             self._check_permitted(operation)
         if self._local is None:
             wire.send_request(self._connection, request)
+        else:
+            self._local.send_ahead(request)
 
     def _receive(self, request: wire.Request, timeout_s: float = REPLY_TIMEOUT_S) -> wire.Reply:
         """The next reply, which is that of `request`."""

@@ -114,6 +114,10 @@ class Loopback:
         self._target.driver.is_ending = on_wait
         return self._target.handle(request)
 
+    def send_ahead(self, request: Request) -> None:
+        """Let the target have a request before its turn; `ask`, in the same order, returns the reply."""
+        self._target.send_ahead(request)
+
     def send_bytes(self, message: bytes, /) -> None:
         """Have one request answered."""
         self._replies.append(REPLIES.encode(self._target.handle(REQUESTS.decode(message))))

@@ -394,7 +394,7 @@ REPLIES = Codec[Reply](Reply, "reply")
 def exchange(
     connection: Channel, request: Request, timeout_s: float, on_wait: Callable[[], bool] | None = None
 ) -> Reply:
-    """One request and its reply; see `await_reply`."""
+    """One request and its reply; see `await_replies`."""
     send_request(connection, request)
     return await_reply(connection, timeout_s, on_wait)
 
@@ -412,11 +412,19 @@ def send_request(connection: Channel, request: Request) -> None:
 
 
 def await_reply(connection: Channel, timeout_s: float, on_wait: Callable[[], bool] | None = None) -> Reply:
+    """The next reply, where no further request was sent; see `await_replies`."""
+    return await_replies(connection, timeout_s, on_wait)[0]
+
+
+def await_replies(
+    connection: Channel, timeout_s: float, on_wait: Callable[[], bool] | None = None, n_behind: int = 0
+) -> list[Reply]:
     """The next reply; without a sign for `timeout_s` [s] the connection is closed, so none is mistaken.
 
     Each `Beat` of the target is a sign. `on_wait` is called meanwhile, every `WAIT_SLICE_S` at least. When it says that
     the session is to end, one more request informs the target. It refuses a command that waits for other targets with
-    `ABORTED`, and carries out a halt or settling as soon as none of them is in the middle of a motion.
+    `ABORTED`, and carries out a halt or settling as soon as none of them is in the middle of a motion. Then the replies to
+    the `n_behind` requests that were sent meanwhile are returned, too.
 
     Raises:
         ExecutionError: `TARGET_LOST`, as of `receive_reply`.
@@ -432,9 +440,11 @@ def await_reply(connection: Channel, timeout_s: float, on_wait: Callable[[], boo
             if isinstance(reply, Beat) and on_wait is not None and on_wait() and not is_ending:
                 is_ending = True
                 connection.send_bytes(REQUESTS.encode(Describe()))
-        if is_ending:
-            receive_reply(connection, timeout_s)
-        return reply
+        replies = [reply]
+        while is_ending and len(replies) < n_behind + 2:
+            if not isinstance(reply := receive_reply(connection, timeout_s), Beat):
+                replies.append(reply)
+        return replies[: n_behind + 1]
     except (ExecutionError, OSError) as error:
         connection.close()
         if isinstance(error, ExecutionError):
