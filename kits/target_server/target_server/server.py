@@ -17,6 +17,7 @@ import ssl
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -37,45 +38,33 @@ BACKLOG = 8
 
 
 class Connection(Client):
-    """One client. What it sends is decoded in the thread of the connection, while the body moves."""
+    """One client."""
 
     def __init__(self, connection: ServerConnection) -> None:
-        self._connection = connection
-        self._received: queue.Queue[dict[str, Any] | Refusal | EOFError] = queue.Queue(BACKLOG)
+        self._connection, self._received = connection, deque[bytes]()
         self.is_closed = threading.Event()
 
-    def read(self) -> None:
-        """Take in requests until the connection ends; the first one is the greeting."""
-        decode = wire.decode_greeting
-        end = EOFError()
-        with contextlib.suppress(ConnectionClosed):
-            for message in self._connection:
-                if not isinstance(message, bytes):
-                    end = EOFError("a text frame; the wire has binary ones only")
-                    break
-                try:
-                    self._put(decode(message))
-                except Refusal as refusal:
-                    self._put(refusal)
-                decode = wire.decode
-        self._put(end)
-        self.is_closed.wait()
+    def poll(self, timeout_s: float) -> bool:
+        """Whether a message is there; raises EOFError when the client is gone."""
+        return bool(self._received) or self._take(timeout_s)
 
-    def _put(self, request: dict[str, Any] | Refusal | EOFError) -> None:
-        while not self.is_closed.is_set():
-            with contextlib.suppress(queue.Full):
-                return self._received.put(request, timeout=LOOK_S)
-        return None
-
-    def receive(self, timeout_s: float) -> dict[str, Any] | None:
-        """The oldest request, None where there is none; raises EOFError when the client is gone, or its `Refusal`."""
+    def _take(self, timeout_s: float) -> bool:
+        """Whether another message came; raises EOFError as `poll`."""
         try:
-            request = self._received.get(timeout=timeout_s)
-        except queue.Empty:
-            return None
-        if isinstance(request, Exception):
-            raise request
-        return request
+            message = self._connection.recv(timeout_s)
+        except TimeoutError:
+            return False
+        except ConnectionClosed as error:
+            raise EOFError(str(error)) from error
+        if not isinstance(message, bytes):
+            raise EOFError("a text frame; the wire has binary ones only")
+        self._received.append(message)
+        return True
+
+    def receive(self) -> bytes:
+        """The oldest message."""
+        self.poll(LOOK_S)
+        return self._received.popleft()
 
     def send(self, message: bytes) -> None:
         """Send one; a client that is gone is met at the next read."""
@@ -90,10 +79,12 @@ class Connection(Client):
 
     def wants_end(self) -> bool:
         """A `Describe` behind the request that is carried out means: end it. Commands may wait before it."""
-        return self.is_gone() or any(
-            isinstance(each, EOFError) or (isinstance(each, dict) and each["type"] == "Describe")
-            for each in tuple(self._received.queue)
-        )
+        try:
+            while self._take(0.0):
+                pass
+        except EOFError:
+            return True
+        return self.is_gone() or any(map(wire.is_describe, self._received))
 
     def beat(self) -> None:
         """Send a sign of life."""
@@ -141,7 +132,7 @@ def serve_body(
             waiting.put_nowait(client)
         except queue.Full:
             return
-        client.read()
+        client.is_closed.wait()
 
     options: Any = {"compression": None, "max_size": MESSAGE_MAX_BYTES, "ssl": tls, "origins": [None]}
     options |= {"ping_interval": PING_S, "ping_timeout": PING_S, "close_timeout": CLOSE_S}
@@ -162,16 +153,19 @@ def serve_body(
 def _serve_client(served: Served, client: Connection, key: bytes, ended: threading.Event) -> None:
     """Until this client is gone."""
     try:
+        if not client.poll(GREETING_S):
+            return
         _admit(client, key)
         answered_s = time.monotonic()
         while not ended.is_set():
+            if not client.poll(served.period_s if served.is_moving else LOOK_S):
+                served.watch(time.monotonic() - answered_s)
+                continue
+            message = client.receive()
+            if client.is_gone():  # what a client that is gone has left in the pipe must not happen
+                raise EOFError
             try:
-                request = client.receive(served.period_s if served.is_moving else LOOK_S)
-                if request is None:
-                    served.watch(time.monotonic() - answered_s)
-                    continue
-                if client.is_gone():  # what a client that is gone has left in the pipe must not happen
-                    raise EOFError
+                request = wire.decode(message)
                 reply = served.handle(request, client)
             except Refusal as refusal:
                 request, reply = {}, {"type": "Refused", "code": refusal.code, "message": str(refusal)}
@@ -189,14 +183,11 @@ def _serve_client(served: Served, client: Connection, key: bytes, ended: threadi
 def _admit(client: Connection, key: bytes) -> None:
     """Answer the greeting; raises ConnectionRefusedError."""
     try:
-        greeting = client.receive(GREETING_S)
-        if greeting is None:
-            raise ConnectionRefusedError
-        if not hmac.compare_digest(greeting["token"], wire.mint(key)):
+        version, token = wire.decode_greeting(client.receive())
+        if not hmac.compare_digest(token, wire.mint(key)):
             raise Refusal("BAD_TOKEN", "the token is not that of the present commander")
-        if greeting["version"] != VERSION:
-            found = f"the client speaks version {greeting['version']} of the wire, this kit {VERSION}"
-            raise Refusal("VERSION_MISMATCH", found)
+        if version != VERSION:
+            raise Refusal("VERSION_MISMATCH", f"the client speaks version {version} of the wire, this kit {VERSION}")
     except Refusal as refusal:
         client.send(wire.encode("Denied", code=refusal.code, message=str(refusal)))
         raise ConnectionRefusedError from refusal

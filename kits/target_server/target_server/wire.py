@@ -58,13 +58,21 @@ def encode(kind: str, **fields: Any) -> bytes:
     return _pack({"type": kind, **fields})
 
 
-def decode_greeting(message: bytes) -> dict[str, Any]:
-    """A client's first message, with `version` and `token`; raises `Refusal`."""
+def decode_greeting(message: bytes) -> tuple[int, bytes]:
+    """Version and token of a client's first message; raises `Refusal`."""
     greeting = _unpack(message)
     version, token = greeting.get("version"), greeting.get("token")
     if greeting.get("type") != "Hello" or type(version) is not int or not isinstance(token, bytes):
         raise Refusal("MALFORMED", "the first message is no greeting")
-    return greeting
+    return version, token
+
+
+def is_describe(message: bytes) -> bool:
+    """Whether a message is a `Describe`; what is longer than one is not decoded."""
+    try:
+        return len(message) <= len(encode("Describe")) and _unpack(message).get("type") == "Describe"
+    except Refusal:
+        return False
 
 
 def decode(message: bytes) -> dict[str, Any]:
