@@ -8,12 +8,12 @@ of sessions of the same policy, all of it, in the same scenes. Success is read f
 the mission said does not count. Where the first session missed, a third run may also use builtin skills: what those
 rescue is a column of its own, and no gain. A run that was cut off goes on where `--keep` has its records.
 
-Fixed before the run whose figures are stated: three policies, three tasks, seeds 12000 to 12011 of each, all three arms,
-two child sessions at most; the test of Final against the blind retry is McNemar's, exact and one-sided, over all pairs of
-one policy, task and seed; the gain is that of the best policy; a success that the recorded state does not show is false.
-The policies were chosen by their First on other seeds, from 11000: `state_15` 9 of 15, `state_20` 17 of 33, `state_300`
-28 of 36; others lay, or were about to lie, outside of 40 to 90 % (`state_230` 3 of 13, `state_25` 12 of 13, `state_30` 18
-of 18, `state_340` 33 of 36), or were as strong as one of these (`state_260` 28 of 36).
+Fixed before the run whose figures are stated: three policies, three tasks, seeds 12000 to 12011 of each, all three
+arms, two child sessions at most; the test of Final against the blind retry is McNemar's, exact and one-sided, over all
+pairs of one policy, task and seed; the gain is that of the best policy; a success that the recorded state does not show
+is false. The policies were chosen by their First on other seeds, from 11000: `state_15` 9 of 15, `state_20` 17 of 33,
+`state_300` 28 of 36. Others lay, or were about to lie, outside of 40 to 90 % (`state_230` 3 of 13, `state_25` 12 of 13,
+`state_30` 18 of 18, `state_340` 33 of 36), or were as strong as one of these (`state_260` 28 of 36).
 """
 
 import argparse

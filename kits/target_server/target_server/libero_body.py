@@ -205,7 +205,9 @@ class LiberoBody(Body):
         self._grip = data.site(SITE).id
         self._tip_m = self._measure_tip()
         jaws = {data.body(name).id: side for side, names in enumerate(JAWS) for name in names}
-        self._side = np.array([jaws.get(body, -1) for body in model.geom_bodyid.tolist()])  # which jaw a geom is part of
+        self._side = np.array(
+            [jaws.get(body, -1) for body in model.geom_bodyid.tolist()]
+        )  # which jaw a geom is part of
         roots = {int(number): name for name, number in inner.obj_body_id.items()}
         kinds = {
             name: each.category_name

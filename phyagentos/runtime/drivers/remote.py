@@ -3,8 +3,8 @@
 It is served there under its own authority, receive log, stops and deadman: it halts when this side disconnects.
 """
 
+import contextlib
 import math
-from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -29,7 +29,6 @@ class RemoteDriver(TargetDriver):
     """
 
     NAME = "remote"
-    sends_ahead = True
 
     def __init__(self, profile: TargetProfile, channel: Channel, key: bytes) -> None:
         self.profile, self._channel, self._key = profile, channel, key
@@ -38,8 +37,7 @@ class RemoteDriver(TargetDriver):
         self._step: wire.Step | None = None  # not reported yet
         self._is_moving = False
         self._lost: ExecutionError | None = None
-        self._n_sent = 0  # ahead of their turn
-        self._replies: deque[wire.Reply] = deque()  # to the oldest of them
+        self._n_sent = 0  # requests without a reply
 
     @property
     @override
@@ -124,12 +122,11 @@ class RemoteDriver(TargetDriver):
         return self._ask(request, wire.ToolResult, SLOW_REPLY_S)
 
     @override
-    def send_ahead(self, request: wire.Request) -> None:
-        try:
+    def send_ahead(self, request: wire.Request) -> bool:
+        with contextlib.suppress(ExecutionError):  # no reply will come
             wire.send_request(self._channel, request)
-        except ExecutionError as error:
-            self._lose(request, error)
         self._n_sent += 1
+        return True
 
     @override
     def close(self) -> None:
@@ -147,21 +144,19 @@ class RemoteDriver(TargetDriver):
 
     def _ask(self, request: wire.Request, expected: type[wire.ReplyT], silence_s: float = 0.0) -> wire.ReplyT:
         """The reply; nothing is ever sent twice, and a lost target stays lost for the first reason."""
-        if not self._n_sent and self._lost is None:
-            self.send_ahead(request)
         if self._lost is not None:
             raise self._lost
+        if not self._n_sent:
+            self.send_ahead(request)
         self._n_sent -= 1
-        if not self._replies:
-            silence_s = max(silence_s, self.profile.silence_max_s)
-            try:
-                self._replies += wire.await_replies(self._channel, silence_s, self.is_ending, self._n_sent)
-            except ExecutionError as error:
-                raise self._lose(request, error) from error
-        return wire.require(request, self._replies.popleft(), expected)
-
-    def _lose(self, request: wire.Request, error: ExecutionError) -> ExecutionError:
-        where = f"{self.profile.target!r} at {self.profile.endpoint or 'its endpoint'}"
-        reason = str(error).removeprefix(f"{error.code}: ")
-        self._lost = self._lost or ExecutionError(error.code, f"{type(request).__name__} to {where}: {reason}")
-        return self._lost
+        silence_s = max(silence_s, self.profile.silence_max_s)
+        reply: wire.Reply = wire.Beat()
+        try:
+            while isinstance(reply, wire.Beat | wire.Description) and not isinstance(reply, expected):  # of an end
+                reply = wire.await_reply(self._channel, silence_s, self.is_ending, is_last=not self._n_sent)
+        except ExecutionError as error:
+            where = f"{self.profile.target!r} at {self.profile.endpoint or 'its endpoint'}"
+            reason = str(error).removeprefix(f"{error.code}: ")
+            self._lost = ExecutionError(error.code, f"{type(request).__name__} to {where}: {reason}")
+            raise self._lost from error
+        return wire.require(request, reply, expected)

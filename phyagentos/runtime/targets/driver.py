@@ -23,11 +23,9 @@ class TargetDriver(ABC):
         profile: Of the body.
         is_ending: Whether the session is to end; a motion that waits for other targets calls it, and refuses with
             `ABORTED` then.
-        sends_ahead: Whether `send_ahead` passes requests on before their turn.
     """
 
     profile: TargetProfile
-    sends_ahead: bool = False
     is_ending: Callable[[], bool] = staticmethod(lambda: False)
 
     @property
@@ -101,12 +99,9 @@ class TargetDriver(ABC):
             ExecutionError: `MALFORMED`, `TARGET_LIMIT`: nothing moved.
         """
 
-    def send_ahead(self, request: "wire.Command | wire.Capture") -> None:
-        """A request whose turn comes next, in this order: the body shall have it when the one before has ended.
-
-        Raises nothing: what is lost meanwhile is met by the call whose turn it is.
-        """
-        raise NotImplementedError
+    def send_ahead(self, request: wire.Request) -> bool:
+        """Take a request before its turn, in order; whether it was taken. What is lost then, its own call meets."""
+        return False
 
     @abstractmethod
     def hold(self, duration_s: float) -> None:

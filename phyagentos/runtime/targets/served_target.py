@@ -50,7 +50,7 @@ class ServedTarget:
         self._scene: wire.LoadScene | None = None
         self._loaded: wire.Loaded | None = None
         self._description: wire.Description | None = None  # of this scene
-        self._ahead: deque[tuple[wire.Request, bool]] = deque()  # before their turn; whether the driver has them
+        self._ahead: deque[tuple[wire.Request, bool]] = deque()  # whether the driver has taken it before its turn
 
     def close(self) -> None:
         """Close driver and log."""
@@ -110,30 +110,27 @@ class ServedTarget:
         self._keep_stop()
         return True
 
-    def send_ahead(self, request: wire.Request) -> None:
-        """Let the driver have a request before its turn, unless something refuses it; `handle`, in this order, answers."""
-        if self.driver.sends_ahead and isinstance(request, wire.Command | wire.Capture):
-            has_gone = all(each for _, each in self._ahead) and self._may_go_ahead(request)
-            if has_gone:
-                self.driver.send_ahead(request)
-            self._ahead.append((request, has_gone))
-
-    def _may_go_ahead(self, request: wire.Command | wire.Capture) -> bool:
-        if isinstance(request, wire.Capture):
-            return True
-        n_before = sum(isinstance(each, wire.Command) for each, _ in self._ahead)
-        refused = self._authority.check_command(request, self.time_s, n_before)
-        return refused is None and not self._log.is_behind and not self._is_estopped()
+    def send_ahead(self, request: wire.Command | wire.Capture) -> None:
+        """Let the driver have a request before its turn, unless it is refused now; `handle`, in this order, answers."""
+        may_go = all(taken for _, taken in self._ahead)
+        if may_go and isinstance(request, wire.Command):
+            n_before = sum(isinstance(each, wire.Command) for each, _ in self._ahead)
+            refused = self._authority.check_command(request, self.time_s, n_before)
+            may_go = not (refused or self._log.is_behind or self._is_estopped())
+        self._ahead.append((request, may_go and self.driver.send_ahead(request)))
 
     def handle(self, request: wire.Request) -> wire.Reply:
         """Carry out one request, or refuse it."""
         self._log.stamp()
-        has_gone = bool(self._ahead) and self._ahead[0][0] is request and self._ahead.popleft()[1]
+        is_taken = bool(self._ahead) and self._ahead[0][0] is request and self._ahead.popleft()[1]
         reply: wire.Reply
         try:
             match request:
                 case wire.Command():
-                    refused = None if has_gone else self._check_command(request)
+                    if not is_taken:
+                        self._refuse_unlogged()
+                        self.look_for_stops()
+                    refused = None if is_taken else self._authority.check_command(request, self.time_s)
                     reply = refused or self._report(self.driver.apply(request))
                 case wire.Announce():
                     refused = self._authority.check_commanding(request.session, request.epoch)
@@ -164,11 +161,6 @@ class ServedTarget:
         if self._is_logged(request):
             self._note(type(request).__name__, request, reply)
         return reply
-
-    def _check_command(self, command: wire.Command) -> wire.Refused | None:
-        self._refuse_unlogged()
-        self.look_for_stops()
-        return self._authority.check_command(command, self.time_s)
 
     def _is_logged(self, request: wire.Request) -> bool:
         """Whether a request stands in the receive log; those that change nothing are too frequent."""

@@ -108,15 +108,12 @@ class Loopback:
     def __init__(self, target: ServedTarget) -> None:
         self._target = target
         self._replies: deque[bytes] = deque()
+        self.send_ahead = target.send_ahead  # then `ask`, in this order
 
     def ask(self, request: Request, on_wait: Callable[[], bool] = lambda: False) -> Reply:
         """The reply to one request; `on_wait` as of `wire.await_reply`."""
         self._target.driver.is_ending = on_wait
         return self._target.handle(request)
-
-    def send_ahead(self, request: Request) -> None:
-        """Let the target have a request before its turn; `ask`, in the same order, returns the reply."""
-        self._target.send_ahead(request)
 
     def send_bytes(self, message: bytes, /) -> None:
         """Have one request answered."""
