@@ -21,8 +21,8 @@ class TargetDriver(ABC):
 
     Attributes:
         profile: Of the body.
-        is_ending: Whether the session is to end; a motion that waits for other targets calls it, and refuses with
-            `ABORTED` then.
+        is_ending: Whether the session is to end; a motion that waits for other targets calls it, and no other one may:
+            a command may wait behind it. It refuses with `ABORTED` then.
     """
 
     profile: TargetProfile
