@@ -151,20 +151,21 @@ class SphereModel:
 
     def _calibrate(self, robot: RobotModel) -> list[float]:
         """Reduce each pair's threshold until only 1 % of the exactly free postures look closer than it."""
-        data = mujoco.MjData(robot.model)
+        data, free = mujoco.MjData(robot.model), []
         rng = np.random.default_rng(SEED)
-        centers: list[list[Array]] = [[] for _ in self._clusters]  # of each cluster, a row for each posture
-        links = np.zeros_like(self._chain.frames)
         for q in rng.uniform(robot.q_min_rad, robot.q_max_rad, size=(SAMPLES, robot.model.nq)):
             data.qpos[:] = q
             mujoco.mj_kinematics(robot.model, data)
             mujoco.mj_collision(robot.model, data)
-            if data.ncon:
-                continue
-            compute_links(q, self._chain.frames, self._chain.parents, self._chain.slides, links)
-            for rows, (link, _, cover) in zip(centers, self._clusters, strict=True):
-                rows.append(cover[:, :3] @ links[link, :, :3].T + links[link, :, 3])
-        placed = [np.array(rows) for rows in centers]
+            if not data.ncon:
+                free.append(q)
+        links = np.zeros((len(free), *self._chain.frames.shape))
+        for q, row in zip(free, links, strict=True):
+            compute_links(q, self._chain.frames, self._chain.parents, self._chain.slides, row)
+        placed = [  # (n, k, 3) centres of each cluster in every free posture
+            cover[:, :3] @ links[:, link, :, :3].transpose(0, 2, 1) + links[:, None, link, :, 3]
+            for link, _, cover in self._clusters
+        ]
         gaps = [self._compute_gaps(placed, a, b) for a, b in self._pairs]
         quantiles = np.array([np.quantile(each, QUANTILE) for each in gaps])  # empty for a rigid body
         return [float(1e-4 - gap) if gap < 0.0 else 0.0 for gap in quantiles]

@@ -38,7 +38,7 @@ def test_the_chain_agrees_with_mujoco(planner):
         assert T[:3, :3].reshape(9) == pytest.approx(data.site("tcp").xmat, abs=1e-9)
 
 
-def test_screening_and_mink_reach_a_pose_within_their_tolerances(planner, home):
+def test_screening_and_polishing_reach_a_pose_within_their_tolerances(planner, home):
     target = point_tool_down(0.4, np.array((0.5, 0.1, 0.2)))
     screened = planner._chain.solve(target, home)
     solved = planner._kinematics.solve(target, home)
@@ -50,6 +50,22 @@ def test_screening_and_mink_reach_a_pose_within_their_tolerances(planner, home):
         assert (
             np.linalg.norm(compute_rotation_vector(reached[:3, :3].T @ target[:3, :3])) < 1.1 * tolerance.rotation_rad
         )
+
+
+def test_quadratic_programs_polish_what_stalls_between_the_limits_of_joints(planner):
+    chain, rng, stalled = planner._chain, np.random.default_rng(0), 0
+    for _ in range(20):
+        q = rng.uniform(chain.q_min_rad, chain.q_max_rad)
+        q[:3] = chain.q_min_rad[:3]
+        target, start = chain.compute_tcp(q), np.maximum(q + rng.normal(0.0, 0.03, len(q)), chain.q_min_rad)
+        found = chain.follow(np.array((target, target)), start, (POLISHED.position_m, POLISHED.rotation_rad))
+        polished = planner._kinematics.solve(target, start, POLISHED)
+        is_short = found is None or found[2] >= POLISHED.position_m or found[3] >= POLISHED.rotation_rad
+        stalled += is_short and polished is not None
+        if polished is not None:
+            assert chain.compute_tcp(polished.q_rad) == pytest.approx(target, abs=2e-6)
+
+    assert stalled > 5
 
 
 def test_a_line_of_the_tool_is_straight_and_one_out_of_reach_is_none(planner, home):
