@@ -87,7 +87,7 @@ def _scale(d1, d2, step, fastest, hardest):  # type: ignore[no-untyped-def]  # n
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _bound(d1, d2, i, step, hardest, x, following):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Ends of the range of u at `x`, how they change with x, and x, less if need be; an interval on x <= `following`."""
+    """Both ends of the range of u at `x`, their slopes, and x, less if need be; an interval on, x <= `following`."""
     high, low, high_slope, low_slope = (following - x) / step, -x / step, -1.0 / step, -1.0 / step
     for end in range(2):
         for j in range(len(hardest)):

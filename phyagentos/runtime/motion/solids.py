@@ -1,0 +1,108 @@
+"""A body of a MuJoCo model whose solids are posed, sized and left out without compiling it again."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from math import hypot
+
+import mujoco
+import numpy as np
+from msgspec.structs import replace
+
+from phyagentos.geometry import compute_rotation
+from phyagentos.protocol.world.environment import Shape, ShapeKind
+from phyagentos.protocol.world.predicates.geometry import compute_half_box
+from phyagentos.runtime.motion.requests import Array
+
+Shapes = tuple[Shape, ...]
+Kinds = tuple[ShapeKind, ...]
+
+_UNIT_M = (0.01, 0.01, 0.01)
+_GEOM_TYPES = {
+    ShapeKind.BOX: mujoco.mjtGeom.mjGEOM_BOX,
+    ShapeKind.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
+    ShapeKind.CAPSULE: mujoco.mjtGeom.mjGEOM_CAPSULE,
+    ShapeKind.SPHERE: mujoco.mjtGeom.mjGEOM_SPHERE,
+}
+
+
+class SolidBody:
+    """One body with solids of certain kinds; `id` is the body's."""
+
+    def __init__(self, model: mujoco.MjModel, name: str) -> None:
+        self._model, self.id = model, int(model.body(name).id)
+        self._rows: Array | None = None
+        geoms, tree = int(model.body_geomadr[self.id]), int(model.body_bvhadr[self.id])
+        self._geoms = slice(geoms, geoms + int(model.body_geomnum[self.id]))
+        self._tree = slice(tree, tree + int(model.body_bvhnum[self.id]))
+        model.geom_sameframe[self._geoms] = 0
+        nodes, depths = model.bvh_nodeid[self._tree], model.bvh_depth[self._tree]
+        self._leaves = np.flatnonzero(nodes >= 0)
+        self._places = nodes[self._leaves] - geoms
+        levels = [np.flatnonzero((nodes < 0) & (depths == depth)) for depth in range(depths.max(), -1, -1)]
+        self._levels = [(inner, *model.bvh_child[self._tree][inner].T) for inner in levels if len(inner)]
+
+    def touch(self, contype: int) -> None:
+        """Let all its solids have a contact type, 0 for nothing."""
+        self._model.geom_contype[self._geoms] = self._model.body_contype[self.id] = contype
+
+    def fill(self, rows: Array) -> None:
+        """Let its solids be these, in its own frame, and compute the tree of boxes by which MuJoCo passes over them.
+
+        Args:
+            rows: (k, 17) as `measure_solids` keeps them, of solids of just its kinds.
+        """
+        if rows is self._rows:
+            return
+        self._rows, model, geoms = rows, self._model, self._geoms
+        model.geom_pos[geoms], model.geom_quat[geoms], model.geom_size[geoms] = rows[:, :3], rows[:, 3:7], rows[:, 7:10]
+        model.geom_aabb[geoms, 3:], model.geom_rbound[geoms] = rows[:, 10:13], rows[:, 13]
+        low, high = np.empty((2, self._tree.stop - self._tree.start, 3))
+        low[self._leaves] = (rows[:, :3] - rows[:, 14:])[self._places]
+        high[self._leaves] = (rows[:, :3] + rows[:, 14:])[self._places]
+        for inner, left, right in self._levels:
+            low[inner], high[inner] = np.minimum(low[left], low[right]), np.maximum(high[left], high[right])
+        model.bvh_aabb[self._tree] = np.hstack(((low + high) / 2.0, (high - low) / 2.0))
+
+
+def list_kinds(shapes: Shapes) -> Kinds:
+    """Of each solid."""
+    return tuple(shape.kind for shape in shapes)
+
+
+@lru_cache(maxsize=256)
+def measure_solids(shapes: Shapes, margin_m: float, scale: float = 1.0) -> Array:
+    """(k, 17) of solids as they are checked: position, quaternion, size, half extents, radius, reach along axes [m]."""
+    rows = []
+    for shape in shapes:
+        grown = replace(shape, size_m=tuple(part * scale + margin_m for part in shape.size_m))
+        half_m = compute_half_box(grown)
+        reach_m = np.abs(compute_rotation(shape.pose.quaternion_wxyz)) @ half_m
+        place = *shape.pose.position_m, *shape.pose.quaternion_wxyz
+        rows.append((*place, *_pad(grown.size_m), *half_m, hypot(*half_m), *reach_m))
+    return np.array(rows)
+
+
+def add_solids(body: "mujoco.MjsBody", kinds: Kinds, contype: int, conaffinity: int) -> None:
+    """Give a body a solid of each kind, and an inertial frame that is its own."""
+    body.explicitinertial, body.mass, body.inertia, body.ipos = True, 0.001, (1e-6, 1e-6, 1e-6), (0.0, 0.0, 0.0)
+    add_geoms(body, [Shape(kind, _UNIT_M) for kind in kinds], contype, conaffinity)
+
+
+def add_geoms(body: "mujoco.MjsBody", shapes: Sequence[Shape], contype: int, conaffinity: int) -> None:
+    """Add a geom for each solid to a body."""
+    for shape in shapes:
+        body.add_geom(
+            type=_GEOM_TYPES[shape.kind],
+            size=_pad(shape.size_m),
+            pos=shape.pose.position_m,
+            quat=shape.pose.quaternion_wxyz,
+            contype=contype,
+            conaffinity=conaffinity,
+            condim=1,
+            mass=0.001,
+        )
+
+
+def _pad(size_m: tuple[float, ...]) -> list[float]:
+    """A size as MuJoCo takes it (3,) [m]."""
+    return [*size_m, 0.0, 0.0][:3]
