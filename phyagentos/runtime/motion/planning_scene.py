@@ -3,9 +3,9 @@
 One compiled MuJoCo model serves all worlds whose entities have the same kinds of solids: entities are mocap bodies, and
 solids are posed and sized anew, so that no new belief costs a compilation. Contact bits leave out pairs of entities,
 and what the robot stands on. Immovable entities are inflated by 4 mm, movable ones by 2 mm, the payload by 2 %.
-Base and first link ignore immovable entities, on which the robot stands; wheels or legs of a base that moves ignore the ground
-alone. Fingers stand where they are commanded; around a payload they take every opening from that at which they hold it
-to that at which they let go. The tool centre point is a ball that meets only its bounds.
+Base and first link ignore immovable entities, on which the robot stands; wheels or legs of a base that moves ignore the
+ground alone. Fingers stand where they are commanded; around a payload they take every opening from that at which they
+hold it to that at which they let go. The tool centre point is a ball that meets only its bounds.
 """
 
 from collections import defaultdict
