@@ -12,6 +12,7 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import lru_cache
 from itertools import pairwise
+from math import ceil
 
 import mujoco
 import numpy as np
@@ -33,7 +34,7 @@ MOVABLE_MARGIN_M = 0.002  # smaller, since fingers must pass beside a neighbour
 PAYLOAD_SCALE = 1.02
 ROOM_BIT, BASE_BIT = 4, 8  # of the tool's bounds; of what the robot stands on
 PARKED_M = (0.0, 0.0, -10.0)
-SWEEP = 4  # openings that stand for a range: at most 13 mm apart, as thick as a finger; walls are inflated
+SWEEP, NEAR_M = 4, 0.013  # openings that stand for a range; fewer that are so near, as thick as a finger
 _CACHE_SIZE = 8
 _SPREADS = 64  # openings at which the places of the fingers are kept
 AROUND = "around/"  # before the name of a body around the robot
@@ -69,6 +70,8 @@ class PlanningScene:
             for index in range(SWEEP if held else 1)
             for body in (self._model.body(_name_copy(name, index)),)
         ]
+        self._moved = np.array([body for body, _, _ in self._fingers], dtype=np.intp)
+        self._body_pos, self._body_quat = model.body_pos, model.body_quat  # views, which take a while to make
         self._places: dict[tuple[float, float], tuple[Array, Array]] = {}  # of all fingers, by the openings
         self._spread: tuple[float, float] | None = None  # openings at which the fingers stand
         self.obstacles: list[Entity] = []
@@ -114,7 +117,8 @@ class PlanningScene:
         That is at the widest opening of the fingers, from `high_m` down to `low_m` [m], at which any do.
         """
         stands_for_all = self.payload_shapes or low_m == high_m  # with a payload there are copies of the fingers
-        for opening_m in (high_m,) if stands_for_all else _list_openings(low_m, high_m):
+        count = min(SWEEP, 1 + ceil((high_m - low_m) / NEAR_M))
+        for opening_m in (high_m,) if stands_for_all else _list_openings(low_m, high_m, count):
             self.spread_fingers(low_m if stands_for_all else opening_m, opening_m)
             if pairs := [pair for pair in self.find_contacts(q_rad) if pair not in tolerate]:
                 return pairs
@@ -126,12 +130,11 @@ class PlanningScene:
             return
         self._spread = low_m, high_m
         if self._spread not in self._places:
-            openings_m = _list_openings(min(low_m, high_m), high_m)
+            openings_m = _list_openings(min(low_m, high_m), high_m, SWEEP)
             placed = [track.place(openings_m[index]) for _, index, track in self._fingers]
             places = np.array([p for p, _ in placed]).reshape(-1, 3), np.array([q for _, q in placed]).reshape(-1, 4)
             self._places = dict([*self._places.items(), (self._spread, places)][-_SPREADS:])
-        bodies = [body for body, _, _ in self._fingers]
-        self._model.body_pos[bodies], self._model.body_quat[bodies] = self._places[self._spread]
+        self._body_pos[self._moved], self._body_quat[self._moved] = self._places[self._spread]
 
     def is_free(self, q_rad: Array) -> bool:
         """Whether a posture (n_joints,) touches nothing; exact."""
@@ -204,9 +207,9 @@ class PlanningScenes:
 
 
 @lru_cache(maxsize=256)
-def _list_openings(low_m: float, high_m: float) -> list[float]:
+def _list_openings(low_m: float, high_m: float, count: int) -> list[float]:
     """Those that stand for a range, the widest first [m]."""
-    return np.linspace(high_m, low_m, SWEEP).tolist()  # type: ignore[no-any-return]
+    return np.linspace(high_m, low_m, count).tolist()  # type: ignore[no-any-return]
 
 
 def name_pair(pair: Pair) -> str:

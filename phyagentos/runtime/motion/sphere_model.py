@@ -5,6 +5,7 @@ calibrated over free postures; so the model may be wrong in both directions, and
 """
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import mujoco
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_inverse, compute_matrix
-from phyagentos.protocol.world.environment import Shape
+from phyagentos.protocol.world.environment import Entity, Shape
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.chain import Chain, compute_links
 from phyagentos.runtime.motion.planning_scene import FIXED_MARGIN_M, MOVABLE_MARGIN_M, PAYLOAD_SCALE, PlanningScene
@@ -273,16 +274,21 @@ def bound_spheres(spheres: Array) -> Array:
 
 
 def _box_obstacles(scene: PlanningScene) -> tuple[Array, Integers]:
-    rows, kinds = [], []
-    for entity in scene.obstacles:
-        margin_m, kind = (MOVABLE_MARGIN_M, MOVABLE) if entity.movable else (FIXED_MARGIN_M, _FIXED)
-        for box in compute_shape_boxes(entity):
-            rows.append(_make_row(box.pose[:3, 3], box.pose[:3, :3], box.half_m + margin_m))
-            kinds.append(kind)
-    for _, center_m, half_m in iter_walls(scene.robot.bounds):
-        rows.append(_make_row(center_m, np.eye(3), half_m))
-        kinds.append(_WALL)
-    return np.array(rows).reshape(-1, 16), np.array(kinds, dtype=np.int64)
+    groups = [
+        (_enclose(entity, MOVABLE_MARGIN_M), MOVABLE) if entity.movable else (_enclose(entity, FIXED_MARGIN_M), _FIXED)
+        for entity in scene.obstacles
+    ]
+    walls = [_make_row(center_m, np.eye(3), half_m) for _, center_m, half_m in iter_walls(scene.robot.bounds)]
+    groups.append((np.array(walls).reshape(-1, 16), _WALL))
+    return np.vstack([rows for rows, _ in groups]), np.repeat([kind for _, kind in groups], [len(r) for r, _ in groups])
+
+
+@lru_cache(maxsize=256)
+def _enclose(entity: Entity, margin_m: float) -> Array:
+    """(b, 16) rows of boxes around its solids."""
+    boxes = compute_shape_boxes(entity)
+    rows = [_make_row(each.pose[:3, 3], each.pose[:3, :3], each.half_m + margin_m) for each in boxes]
+    return np.array(rows).reshape(-1, 16)
 
 
 def _make_row(center_m: Array, rotation: Array, half_m: Array) -> Array:
