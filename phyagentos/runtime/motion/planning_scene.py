@@ -22,7 +22,7 @@ from phyagentos.protocol.world.environment import Entity, ShapeKind
 from phyagentos.runtime.models.base import GROUND
 from phyagentos.runtime.motion.requests import Array, Payload, World
 from phyagentos.runtime.motion.robot_model import ROBOT_BIT, WORLD_BIT, RobotModel
-from phyagentos.runtime.motion.solids import Kinds, Shapes, SolidBody, add_solids, list_kinds, measure_solids
+from phyagentos.runtime.motion.solids import Kinds, Shapes, SolidBody, add_solids, measure_solids
 from phyagentos.runtime.motion.tool_bounds import BALL_M, is_wall, iter_walls
 
 Pair = tuple[str, str]
@@ -90,14 +90,17 @@ class PlanningScene:
             free[kinds].append(body)
         self._data.mocap_pos[:] = PARKED_M
         for each in (each for each in self.obstacles if each.shapes):
-            body, is_base = free[list_kinds(each.shapes)].pop(), self.robot.profile.base is None or each.kind == GROUND
-            body.fill(measure_solids(each.shapes, MOVABLE_MARGIN_M if each.movable else FIXED_MARGIN_M))
-            body.touch(BASE_BIT if is_base and not each.movable else WORLD_BIT)
+            body, is_base = (
+                free[tuple(shape.kind for shape in each.shapes)].pop(),
+                self.robot.profile.base is None or each.kind == GROUND,
+            )
+            rows = measure_solids(each.shapes, MOVABLE_MARGIN_M if each.movable else FIXED_MARGIN_M)
+            body.fill(rows, BASE_BIT if is_base and not each.movable else WORLD_BIT)
             self._owner[body.id], place = each.name, self._model.body_mocapid[body.id]
             self._data.mocap_pos[place], self._data.mocap_quat[place] = each.pose.position_m, each.pose.quaternion_wxyz
         if payload is not None and self._held is not None:
             self.payload_shapes = next(each.shapes for each in world.entities if each.name == payload.entity)
-            self._held.fill(measure_solids(self.payload_shapes, 0.0, PAYLOAD_SCALE))
+            self._held.fill(measure_solids(self.payload_shapes, 0.0, PAYLOAD_SCALE), ROBOT_BIT)
             self.tcp_T_payload = compute_matrix(payload.tcp_T_entity)
             site = self._model.site(self.robot.profile.tcp)
             tool_T_tcp = np.eye(4)
@@ -195,7 +198,7 @@ class PlanningScenes:
 
     def get_scene(self, world: World, payload: Payload | None = None, ignore: Iterable[str] = ()) -> PlanningScene:
         """The scene with such solids, posed as this world."""
-        solid = {each.name: list_kinds(each.shapes) for each in world.entities if each.shapes}
+        solid = {each.name: tuple(shape.kind for shape in each.shapes) for each in world.entities if each.shapes}
         held = () if payload is None else solid.get(payload.entity, ())
         key = tuple(sorted(solid.values())), held
         scene = self._scenes.pop(key, None) or PlanningScene(self._robot, *key)

@@ -29,44 +29,23 @@ class SolidBody:
     """One body with solids of certain kinds; `id` is the body's."""
 
     def __init__(self, model: mujoco.MjModel, name: str) -> None:
-        self._model, self.id = model, int(model.body(name).id)
-        self._rows: Array | None = None
+        self._model, self.id, self._rows = model, int(model.body(name).id), np.empty(0)
         geoms, tree = int(model.body_geomadr[self.id]), int(model.body_bvhadr[self.id])
         self._geoms = slice(geoms, geoms + int(model.body_geomnum[self.id]))
         self._tree = slice(tree, tree + int(model.body_bvhnum[self.id]))
         model.geom_sameframe[self._geoms] = 0
-        nodes, depths = model.bvh_nodeid[self._tree], model.bvh_depth[self._tree]
-        self._leaves = np.flatnonzero(nodes >= 0)
-        self._places = nodes[self._leaves] - geoms
-        levels = [np.flatnonzero((nodes < 0) & (depths == depth)) for depth in range(depths.max(), -1, -1)]
-        self._levels = [(inner, *model.bvh_child[self._tree][inner].T) for inner in levels if len(inner)]
 
-    def touch(self, contype: int) -> None:
-        """Let all its solids have a contact type, 0 for nothing."""
-        self._model.geom_contype[self._geoms] = self._model.body_contype[self.id] = contype
-
-    def fill(self, rows: Array) -> None:
-        """Let its solids be these, in its own frame, and compute the tree of boxes by which MuJoCo passes over them.
-
-        Args:
-            rows: (k, 17) as `measure_solids` keeps them, of solids of just its kinds.
-        """
+    def fill(self, rows: Array, contype: int) -> None:
+        """Let its solids be these (k, 17) rows of `measure_solids`, of just its kinds, in its own frame."""
+        model, geoms = self._model, self._geoms
+        model.geom_contype[geoms] = model.body_contype[self.id] = contype
         if rows is self._rows:
             return
-        self._rows, model, geoms = rows, self._model, self._geoms
+        self._rows = rows
         model.geom_pos[geoms], model.geom_quat[geoms], model.geom_size[geoms] = rows[:, :3], rows[:, 3:7], rows[:, 7:10]
         model.geom_aabb[geoms, 3:], model.geom_rbound[geoms] = rows[:, 10:13], rows[:, 13]
-        low, high = np.empty((2, self._tree.stop - self._tree.start, 3))
-        low[self._leaves] = (rows[:, :3] - rows[:, 14:])[self._places]
-        high[self._leaves] = (rows[:, :3] + rows[:, 14:])[self._places]
-        for inner, left, right in self._levels:
-            low[inner], high[inner] = np.minimum(low[left], low[right]), np.maximum(high[left], high[right])
-        model.bvh_aabb[self._tree] = np.hstack(((low + high) / 2.0, (high - low) / 2.0))
-
-
-def list_kinds(shapes: Shapes) -> Kinds:
-    """Of each solid."""
-    return tuple(shape.kind for shape in shapes)
+        low, high = (rows[:, :3] - rows[:, 14:]).min(axis=0), (rows[:, :3] + rows[:, 14:]).max(axis=0)
+        model.bvh_aabb[self._tree] = *((low + high) / 2.0), *((high - low) / 2.0)  # MuJoCo passes over the whole body
 
 
 @lru_cache(maxsize=256)

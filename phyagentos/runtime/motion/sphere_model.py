@@ -274,13 +274,14 @@ def bound_spheres(spheres: Array) -> Array:
 
 
 def _box_obstacles(scene: PlanningScene) -> tuple[Array, Integers]:
-    groups = [
-        (_enclose(entity, MOVABLE_MARGIN_M), MOVABLE) if entity.movable else (_enclose(entity, FIXED_MARGIN_M), _FIXED)
-        for entity in scene.obstacles
-    ]
-    walls = [_make_row(center_m, np.eye(3), half_m) for _, center_m, half_m in iter_walls(scene.robot.bounds)]
-    groups.append((np.array(walls).reshape(-1, 16), _WALL))
-    return np.vstack([rows for rows, _ in groups]), np.repeat([kind for _, kind in groups], [len(r) for r, _ in groups])
+    rows, kinds = [np.empty((0, 16))], list[int]()
+    for entity in scene.obstacles:
+        rows.append(_enclose(entity, MOVABLE_MARGIN_M if entity.movable else FIXED_MARGIN_M))
+        kinds += [MOVABLE if entity.movable else _FIXED] * len(rows[-1])
+    for _, center_m, half_m in iter_walls(scene.robot.bounds):
+        rows.append(_make_row(center_m, np.eye(3), half_m)[None])
+        kinds.append(_WALL)
+    return np.vstack(rows), np.array(kinds, dtype=np.int64)
 
 
 @lru_cache(maxsize=256)

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.motion.requests import Array, TimeScaling, Trajectory
@@ -155,21 +154,13 @@ def sample_within_limits(
 
 def compute_excess(start_rad: Array, q_rad: Array, qd_rad_s: Array, limits: JointLimits) -> float:
     """Largest ratio of a finite-difference velocity or acceleration to its limit, starting from rest."""
-    rows = np.vstack((start_rad, start_rad, q_rad))
-    return float(_compute_excess(rows, qd_rad_s, limits.velocity_rad_s, limits.acceleration_rad_s2, limits.step_s))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _compute_excess(rows, qd, fastest, hardest, dt):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - compiled
-    """The same of rows (k + 2, n_joints) of which the first two are the start."""
-    excess = 0.0
-    for i in range(len(qd)):
-        for j in range(len(fastest)):
-            before, velocity = (rows[i + 1, j] - rows[i, j]) / dt, (rows[i + 2, j] - rows[i + 1, j]) / dt
-            commanded = (qd[i, j] - (qd[i - 1, j] if i > 0 else 0.0)) / dt
-            excess = max(excess, abs(velocity) / fastest[j], abs(qd[i, j]) / fastest[j])
-            excess = max(excess, abs(velocity - before) / dt / hardest[j], abs(commanded) / hardest[j])
-    return excess
+    dt, still = limits.step_s, np.zeros_like(start_rad)
+    moved, asked = np.diff(np.vstack((start_rad, start_rad, q_rad)), axis=0) / dt, np.vstack((still, qd_rad_s))
+    speeds = np.maximum(np.abs(moved[1:]), np.abs(qd_rad_s)) / limits.velocity_rad_s
+    changes = np.maximum(*(np.abs(np.diff(each, axis=0)) for each in (moved, asked))) / (
+        dt * limits.acceleration_rad_s2
+    )
+    return float(max(speeds.max(), changes.max()))
 
 
 def _creep(start_rad: Array, end_rad: Array, limits: JointLimits) -> Trajectory:
