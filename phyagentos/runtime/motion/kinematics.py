@@ -5,6 +5,7 @@ the limits of joints, mink's quadratic program in joint velocities tracks the to
 the limits. Collisions are checked afterwards: a collision limit makes the program fail more often.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,14 +65,12 @@ class Kinematics:
 
     def _solve_programs(self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance) -> Solution | None:
         """The same by quadratic programs."""
-        import daqp
         import mink  # with scipy, 0.4 s: only where it is used
 
-        model, rows = self._robot.model, 2 * self._robot.model.nv
+        model = self._robot.model
         tool = mink.FrameTask(self._robot.profile.tcp, "site", position_cost=1.0, orientation_cost=0.5, lm_damping=1e-6)
         posture = mink.PostureTask(model, cost=1e-4)
         limits = [mink.ConfigurationLimit(model, gain=0.95, min_distance_from_limits=LIMIT_MARGIN_RAD)]
-        unbounded, inequalities = np.full(rows, -1e30), np.zeros(rows, dtype=np.int32)  # in daqp's words
         tool.set_target(mink.SE3.from_matrix(world_T_tcp))
         posture.set_target(start_rad)
         configuration = mink.Configuration(model, q=start_rad)
@@ -80,11 +79,9 @@ class Kinematics:
             off_m, off_rad = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
             if off_m < tolerance.position_m and off_rad < tolerance.rotation_rad:
                 return Solution(np.array(configuration.q), Differential(iteration, _round(off_m), _round(off_rad)))
-            program = mink.build_ik(configuration, [tool, posture], _DT_S, 1e-6, limits)
-            step_rad, _, found, _ = daqp.solve(program.P, program.q, program.G, program.h, unbounded, inequalities)
-            if found <= 0:
-                return None
-            configuration.integrate_inplace(step_rad / _DT_S, _DT_S)
+            with suppress(mink.NoSolutionFound):
+                rates = mink.solve_ik(configuration, [tool, posture], _DT_S, "daqp", damping=1e-6, limits=limits)
+                configuration.integrate_inplace(rates, _DT_S)
         return None
 
     def solve_line(self, start_rad: Array, end: Array) -> Solution | None:

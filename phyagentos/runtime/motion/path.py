@@ -9,11 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from operator import itemgetter
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.runtime.motion.planning_scene import PlanningScene
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
 from phyagentos.runtime.motion.tree_search import RESOLUTION_RAD, grow_path, measure, shorten_path
@@ -27,17 +27,8 @@ SPACING_RAD = 0.12
 ROUNDING_PASSES = 3
 
 
-class Checker(Protocol):
-    """Collision checks of postures and joint motions."""
-
-    def is_free(self, q_rad: Array) -> bool:
-        """Whether a posture is free."""
-
-    def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = RESOLUTION_RAD) -> bool:
-        """Whether a straight joint motion is free."""
-
-    def path_is_free(self, path_rad: Array, resolution_rad: float = 0.05) -> bool:
-        """Whether every edge of a path is free."""
+Checker = SphereChecker | PlanningScene
+"""Checks postures and joint motions for collisions."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,6 +46,7 @@ class PlanningScene:
 
     Attributes:
         checks: Configurations checked since `pose`.
+        finest_rad: Edges are checked in steps of at most that, since `pose`.
         obstacles: Entities of the world that are not parked.
         crowd: Groups of spheres (k, 4) of other robots, by their names.
         crowd_checks: Whether a posture (n_joints,) is clear of each.
@@ -55,7 +56,7 @@ class PlanningScene:
     def __init__(self, robot: RobotModel, around: Sequence[Kinds], held: Kinds) -> None:
         self.robot = robot
         self.payload_shapes: Shapes = ()
-        self.checks = 0
+        self.checks, self.finest_rad = 0, np.inf
         self._model = model = _compile(robot, around, held)
         self._data = mujoco.MjData(model)
         self._qpos = self._data.qpos
@@ -111,7 +112,7 @@ class PlanningScene:
             self._model.body_quat[self._held.id] = compute_quaternion(tool_T_payload[:3, :3])
         most_m = self.robot.profile.gripper.max_width_m
         self.spread_fingers(most_m if payload is None else payload.width_m, most_m)
-        self.checks = 0
+        self.checks, self.finest_rad = 0, np.inf
         self.crowd, self.crowd_checks, self.crowded_by = {}, {}, set()
 
     def sweep(self, q_rad: Array, low_m: float, high_m: float, tolerate: Collection[Pair] = frozenset()) -> list[Pair]:
@@ -177,7 +178,7 @@ class PlanningScene:
     def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = 0.03) -> bool:
         """Whether the straight joint motion after `start_rad` is free, at the given resolution; coarse to fine."""
         delta = end_rad - start_rad
-        steps = max(1, int(np.ceil(np.linalg.norm(delta) / resolution_rad)))
+        steps = max(1, int(np.ceil(np.linalg.norm(delta) / min(resolution_rad, self.finest_rad))))
         return all(self.is_free(start_rad + delta * (k / steps)) for k in _coarse_to_fine(steps))
 
     def path_is_free(self, path_rad: Array, resolution_rad: float = 0.05) -> bool:

@@ -19,13 +19,18 @@ class Spline:
     """The natural cubic spline through rows (k, n_joints), k >= 2, at parameters `along` (k,) that rise from 0 to 1."""
 
     def __init__(self, along: Array, rows_rad: Array) -> None:
-        self._given = along, np.ascontiguousarray(rows_rad), _bend(along, rows_rad)
+        h, rise = np.diff(along)[:, None], np.diff(rows_rad, axis=0) / np.diff(along)[:, None]
+        A = np.diag(np.pad(2.0 * (h[:-1, 0] + h[1:, 0]), 1, constant_values=1.0))
+        A += np.diag(np.append(h[:-1], 0.0), -1) + np.diag(np.append(0.0, h[1:]), 1)
+        bent = np.linalg.solve(A, np.pad(6.0 * np.diff(rise, axis=0), ((1, 1), (0, 0))))  # second derivatives (k, n)
+        slope = rise - h * (2.0 * bent[:-1] + bent[1:]) / 6.0
+        self._along, self._parts = along, (rows_rad[:-1], slope, bent[:-1] / 2.0, np.diff(bent, axis=0) / (6.0 * h))
 
     def evaluate(self, at: Array) -> tuple[Array, Array, Array]:
         """Positions, first and second derivatives (m, n_joints) at parameters (m,)."""
-        q, d1, d2 = np.empty((3, len(at), self._given[1].shape[1]))
-        _evaluate(*self._given, at, q, d1, d2)
-        return q, d1, d2
+        part = np.clip(np.searchsorted(self._along, at, side="right") - 1, 0, len(self._along) - 2)
+        t, (a, b, c, d) = (at - self._along[part])[:, None], (each[part] for each in self._parts)
+        return a + t * (b + t * (c + t * d)), b + t * (2.0 * c + 3.0 * t * d), 2.0 * c + 6.0 * t * d
 
 
 def scale_time(spline: Spline, knots: Array, fastest_rad_s: Array, hardest_rad_s2: Array) -> Array:
@@ -36,37 +41,7 @@ def scale_time(spline: Spline, knots: Array, fastest_rad_s: Array, hardest_rad_s
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _bend(along, rows):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - compiled
-    """Second derivatives (k, n) at the knots, by the tridiagonal equations of a spline that ends straight."""
-    bent, share = np.zeros(rows.shape), np.zeros(len(rows))
-    for i in range(1, len(rows) - 1):
-        before, after = along[i] - along[i - 1], along[i + 1] - along[i]
-        pivot = 2.0 * (before + after) - before * share[i - 1]
-        share[i] = after / pivot
-        for j in range(rows.shape[1]):
-            turn = (rows[i + 1, j] - rows[i, j]) / after - (rows[i, j] - rows[i - 1, j]) / before
-            bent[i, j] = (6.0 * turn - before * bent[i - 1, j]) / pivot
-    for i in range(len(rows) - 2, 0, -1):
-        for j in range(rows.shape[1]):
-            bent[i, j] -= share[i] * bent[i + 1, j]
-    return bent
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _evaluate(along, rows, bent, at, q, d1, d2):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    for k in range(len(at)):
-        i = min(max(np.searchsorted(along, at[k], side="right") - 1, 0), len(along) - 2)
-        h, t = along[i + 1] - along[i], at[k] - along[i]
-        for j in range(rows.shape[1]):
-            third = (bent[i + 1, j] - bent[i, j]) / h
-            slope = (rows[i + 1, j] - rows[i, j]) / h - h * (2.0 * bent[i, j] + bent[i + 1, j]) / 6.0
-            q[k, j] = rows[i, j] + t * (slope + t * (bent[i, j] / 2.0 + t * third / 6.0))
-            d1[k, j] = slope + t * (bent[i, j] + t * third / 2.0)
-            d2[k, j] = bent[i, j] + t * third
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _scale(d1, d2, step, fastest, hardest):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _scale(d1, d2, step, fastest, hardest):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - compiled
     """Squares of speeds: the most from which a stop is possible, backwards, then the most that is reached."""
     count = len(d1)
     most, x = np.zeros(count), np.zeros(count)
