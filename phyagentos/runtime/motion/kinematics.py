@@ -7,6 +7,7 @@ the limits. Collisions are checked afterwards: a collision limit makes the progr
 
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +23,7 @@ POSE_JOINTS = 6  # fewer reach a pose only as exactly as the axes of a model are
 _DT_S = 0.1  # scales the velocity limits of the program only; convergence does not depend on it
 
 
-@dataclass(frozen=True, slots=True)
-class Tolerance:
+class Tolerance(NamedTuple):
     """Largest error of a tool pose."""
 
     position_m: float
@@ -56,9 +56,8 @@ class Kinematics:
 
     def solve(self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance = REACHED) -> Solution | None:
         """A posture near `start_rad` whose tool pose is within tolerance, or None."""
-        fine = tolerance.position_m, tolerance.rotation_rad
-        found = self.chain.follow(np.array((world_T_tcp, world_T_tcp)), start_rad, fine)
-        if found is None or found[2] >= fine[0] or found[3] >= fine[1]:
+        found = self.chain.follow(np.array((world_T_tcp, world_T_tcp)), start_rad, tolerance)
+        if found is None or found[2] >= tolerance.position_m or found[3] >= tolerance.rotation_rad:
             return self._solve_programs(world_T_tcp, start_rad, tolerance)
         rows, steps, off_m, off_rad = found
         return Solution(rows[1], Differential(steps, _round(off_m), _round(off_rad)))
@@ -90,7 +89,7 @@ class Kinematics:
         None where the line leaves the workspace or jumps to another branch.
         """
         poses = interpolate_poses(self.chain.compute_tcp(start_rad), end, LINE_STEP_M, LINE_STEP_RAD)
-        found = self.chain.follow(poses, start_rad, (self.polished.position_m, self.polished.rotation_rad))
+        found = self.chain.follow(poses, start_rad, self.polished)
         if found is None:
             return None
         rows, steps, off_m, off_rad = found

@@ -112,13 +112,13 @@ class _Search:
             find_approaches, q_rad=request.q_rad, screen=screen, kinematics=self.kinematics, scene=self.scene, job=job
         )
         turned = {degrees: cache(partial(_turn, degrees, placing, self.tilt)) for degrees in attitudes}
-        found: list[Approach] = []
+        found, avoided = list[Approach](), set(request.avoid)
         for fall_m, sites, release_m in product(_list_falls(placing), groups, self.releases_m):
             ways = (
                 [
                     way
                     for way in _ways_to(site, turned, placing, release_m, fall_m)
-                    if not {way.label, site.name} & set(request.avoid)
+                    if not {way.label, site.name} & avoided
                 ]
                 for site in sites
                 if not (site.is_tight and fall_m)

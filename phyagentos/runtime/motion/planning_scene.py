@@ -64,7 +64,6 @@ class PlanningScene:
         self._held = SolidBody(model, PAYLOAD) if held else None
         self._owner = [model.body(int(body)).name.partition(_COPY)[0] for body in range(model.nbody)]
         self._is_obstacle = [is_wall(name) or name.startswith(AROUND) for name in self._owner]  # by body, too
-        self._names: set[str] = set()  # of entities
         self._fingers = [  # body, which opening it stands for, its places
             (int(body.id), index, track)
             for name, track in robot.fingers.items()
@@ -85,7 +84,6 @@ class PlanningScene:
         """Pose this scene as a world with just its kinds of solids; park payload and ignored entities far below."""
         gone = {*ignore, *([payload.entity] if payload else [])}
         self.obstacles = [entity for entity in world.entities if entity.name not in gone]
-        self._names = {entity.name for entity in self.obstacles}
         free = defaultdict[Kinds, list[SolidBody]](list)
         for kinds, body in self._bodies:
             free[kinds].append(body)
@@ -173,7 +171,7 @@ class PlanningScene:
 
     def is_of_tool_pose(self, pair: Pair) -> bool:
         """Whether a contact follows from the tool's pose alone, whatever the arm's posture."""
-        return (pair[0] == PAYLOAD or pair[0] in self.robot.hand) and (pair[1] in self._names or is_wall(pair[1]))
+        return (pair[0] == PAYLOAD or pair[0] in self.robot.hand) and pair[1] not in self.robot.bodies
 
     def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = 0.03) -> bool:
         """Whether the straight joint motion after `start_rad` is free, at the given resolution; coarse to fine."""

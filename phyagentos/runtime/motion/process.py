@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 CANCEL_GRACE_S = 0.5
 CLOSE_GRACE_S = 2.0
 KEPT = 4  # latest answers that are remembered, by the bytes of their requests
-_BLAS = "scipy.linalg.cython_blas"
 
 _REQUESTS = Codec[MotionRequest | Cancel](MotionRequest | Cancel, "motion request")
 _ANSWERS = Codec[MotionAnswer](MotionAnswer, "answer")
@@ -263,10 +262,10 @@ def _load_libraries() -> None:
     """Load MuJoCo and numba without what no planner uses, windows and scipy's matrix products: 0.2 s less."""
     gc.disable()  # until all is loaded
     os.environ["MUJOCO_GL"] = "disable"
-    sys.modules[_BLAS] = None  # type: ignore[assignment]
+    sys.modules[blas := "scipy.linalg.cython_blas"] = None  # type: ignore[assignment]
     import numba.np.arraymath  # noqa: F401 - does without it from now on
 
-    del sys.modules[_BLAS]
+    del sys.modules[blas]
 
 
 def main() -> None:

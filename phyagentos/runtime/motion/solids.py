@@ -16,7 +16,6 @@ from phyagentos.runtime.motion.requests import Array
 Shapes = tuple[Shape, ...]
 Kinds = tuple[ShapeKind, ...]
 
-_UNIT_M = (0.01, 0.01, 0.01)
 _GEOM_TYPES = {
     ShapeKind.BOX: mujoco.mjtGeom.mjGEOM_BOX,
     ShapeKind.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -56,15 +55,16 @@ def measure_solids(shapes: Shapes, margin_m: float, scale: float = 1.0) -> Array
         grown = replace(shape, size_m=tuple(part * scale + margin_m for part in shape.size_m))
         half_m = compute_half_box(grown)
         reach_m = np.abs(compute_rotation(shape.pose.quaternion_wxyz)) @ half_m
-        place = *shape.pose.position_m, *shape.pose.quaternion_wxyz
-        rows.append((*place, *_pad(grown.size_m), *half_m, hypot(*half_m), *reach_m))
+        turned = np.array(shape.pose.quaternion_wxyz) / hypot(*shape.pose.quaternion_wxyz)
+        place = *shape.pose.position_m, *turned
+        rows.append((*place, *(*grown.size_m, 0.0, 0.0)[:3], *half_m, hypot(*half_m), *reach_m))
     return np.array(rows)
 
 
 def add_solids(body: "mujoco.MjsBody", kinds: Kinds, contype: int, conaffinity: int) -> None:
     """Give a body a solid of each kind, and an inertial frame that is its own."""
     body.explicitinertial, body.mass, body.inertia, body.ipos = True, 0.001, (1e-6, 1e-6, 1e-6), (0.0, 0.0, 0.0)
-    add_geoms(body, [Shape(kind, _UNIT_M) for kind in kinds], contype, conaffinity)
+    add_geoms(body, [Shape(kind, (0.01, 0.01, 0.01)) for kind in kinds], contype, conaffinity)
 
 
 def add_geoms(body: "mujoco.MjsBody", shapes: Sequence[Shape], contype: int, conaffinity: int) -> None:
@@ -72,7 +72,7 @@ def add_geoms(body: "mujoco.MjsBody", shapes: Sequence[Shape], contype: int, con
     for shape in shapes:
         body.add_geom(
             type=_GEOM_TYPES[shape.kind],
-            size=_pad(shape.size_m),
+            size=(*shape.size_m, 0.0, 0.0)[:3],
             pos=shape.pose.position_m,
             quat=shape.pose.quaternion_wxyz,
             contype=contype,
@@ -80,8 +80,3 @@ def add_geoms(body: "mujoco.MjsBody", shapes: Sequence[Shape], contype: int, con
             condim=1,
             mass=0.001,
         )
-
-
-def _pad(size_m: tuple[float, ...]) -> list[float]:
-    """A size as MuJoCo takes it (3,) [m]."""
-    return [*size_m, 0.0, 0.0][:3]

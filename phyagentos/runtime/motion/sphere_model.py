@@ -287,9 +287,8 @@ def _box_obstacles(scene: PlanningScene) -> tuple[Array, Integers]:
 @lru_cache(maxsize=256)
 def _enclose(entity: Entity, margin_m: float) -> Array:
     """(b, 16) rows of boxes around its solids."""
-    boxes = compute_shape_boxes(entity)
-    rows = [_make_row(each.pose[:3, 3], each.pose[:3, :3], each.half_m + margin_m) for each in boxes]
-    return np.array(rows).reshape(-1, 16)
+    boxes = [(each.pose, each.half_m + margin_m) for each in compute_shape_boxes(entity)]
+    return np.array([_make_row(T[:3, 3], T[:3, :3], half_m) for T, half_m in boxes]).reshape(-1, 16)
 
 
 def _make_row(center_m: Array, rotation: Array, half_m: Array) -> Array:

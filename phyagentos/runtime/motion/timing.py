@@ -57,9 +57,7 @@ def drop_duplicates(rows_rad: Array, spacing_rad: float = DUPLICATE_RAD) -> Arra
     for index in range(1, len(rows_rad)):
         if np.abs(rows_rad[index] - rows_rad[keep[-1]]).max() > spacing_rad:
             keep.append(index)
-    if keep[-1] != len(rows_rad) - 1:
-        keep.pop()
-        keep.append(len(rows_rad) - 1)
+    keep[-1] = len(rows_rad) - 1
     return rows_rad[keep]
 
 
