@@ -152,7 +152,7 @@ def open_agent(folder: Path, server: Server) -> Iterator[Agent]:
 def score(record: Record, report: MissionReport, server: Server) -> Record:
     """The verdict beside what the scorer said at the end of the last session."""
     lines = server.read_outcomes()
-    scored = [lines[each.id] for each in report.sessions if each.id in lines]
+    scored = sorted((lines[each.id] for each in report.sessions if each.id in lines), key=lambda line: line["steps"])
     return record | {
         "verdict": report.verdict,
         "reason": report.reason,

@@ -18,6 +18,10 @@ if not os.environ.get("DISPLAY"):
 
 SECOND_READER = Path(__file__).parents[1] / "protocol" / "followers" / "follow.mjs"
 SLOW = {"sim", "motion", "journey", "device"}
+INTERPRETERS = {
+    "kit": "`websockets` and `msgpack` alone",
+    **{extra: f"the extra `{extra}`" for extra in ("gymnasium", "openpi", "libero", "lerobot", "peers")},
+}
 RARE = {"journey", "alone", "device", "extras"}
 
 gc.set_threshold(50_000, 20, 50)  # four thousand tests and all libraries are looked through again and again otherwise
@@ -28,14 +32,9 @@ def pytest_addoption(parser):
     parser.addoption(
         "--journeys", type=Path, help="what a run of all journeys has left, for journeys/test_statecharts.py"
     )
-    parser.addoption(
-        "--kit-python", help="interpreter with `websockets` and `msgpack` alone, for tests marked `extras`"
-    )
-    parser.addoption("--gymnasium-python", help="interpreter that has the extra `targets`, for tests marked `extras`")
-    parser.addoption("--openpi-python", help="interpreter that has the extra `openpi`, for tests marked `extras`")
-    parser.addoption("--libero-python", help="interpreter that has the extra `libero`, for tests marked `extras`")
-    parser.addoption("--lerobot-python", help="interpreter that has the extra `lerobot`, for tests marked `extras`")
-    parser.addoption("--peers-python", help="interpreter that has the extra `peers`, for tests marked `extras`")
+    for name, brings in INTERPRETERS.items():
+        about = f"interpreter that has {brings}, for tests marked `extras`"
+        parser.addoption(f"--{name}-python", type=os.path.abspath, help=about)  # processes begin in other folders
 
 
 def pytest_ignore_collect(collection_path, config):

@@ -22,6 +22,7 @@ TIMEOUT_S = 120.0  # of a session, in the target's time
 WALL_S = {"wall_timeout_s": 1800.0, "preflight_s": 900.0, "heartbeat_s": 120.0, "stall_s": 300.0, "think_s": 900.0}
 """Limits by the wall clock: the target's time stands still while anything computes, however slow the machine."""
 CENTRED_M = 0.03  # off the middle of what it is put on
+WIDE = 0.97  # of its travel: what things are put into is opened so far, though less counts as open
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,8 +174,8 @@ def generate_graph(
 ) -> dict[str, Any]:
     """The goal graph that brings effects about.
 
-    What is put into a thing with a joint needs it open before, and closed, where that is wanted, after. Nothing else is
-    ordered.
+    What is put into a thing with a joint needs it open before, as wide as it goes, and closed, where that is wanted,
+    after. Nothing else is ordered.
     """
     places = sorted({each.place for each in effects} & inventory.entities.keys())
     before = [_open(inventory, place) for place in places if inventory.entities[place].mechanism is not None]
@@ -188,6 +189,8 @@ def generate_graph(
             node["after"] = after
         if each.mechanism and len(parts := inventory.find_parts(each.mechanism)) == 1:
             node["with"] = {"handle": parts[0]}
+        if each in before and (inventory.entities[each.mechanism].joint or 0.0) < WIDE:
+            node["even_if_met"] = True
         sessions[names[each.wanted]] = node
     return {
         "goal": name,

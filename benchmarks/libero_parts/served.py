@@ -16,6 +16,7 @@ from phyagentos.runtime.targets.handshake import greet, make_key, mint
 from phyagentos.runtime.targets.websocket import connect_websocket
 
 KIT = find_shipped_root() / "kits" / "target_server"
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +52,9 @@ class Server:
 
 
 @contextmanager
-def serve(python: Path, profile: TargetProfile, scene: str, outcomes: Path) -> Iterator[Server]:
+def serve(
+    python: Path, profile: TargetProfile, scene: str, outcomes: Path, module: str = "target_server.libero_body"
+) -> Iterator[Server]:
     """A process that has a scene loaded; it ends with the block. Raises RuntimeError with its words when it fails."""
     key = make_key()
     settings = {
@@ -62,8 +65,8 @@ def serve(python: Path, profile: TargetProfile, scene: str, outcomes: Path) -> I
     }
     with outcomes.with_suffix(".log").open("ab") as log:
         process = subprocess.Popen(
-            [python, "-m", "target_server.libero_body"],
-            env=os.environ | {"PYTHONPATH": str(KIT)},
+            [python, "-m", module],
+            env=os.environ | {"PYTHONPATH": f"{KIT}{os.pathsep}{ROOT}"},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,

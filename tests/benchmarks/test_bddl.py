@@ -1,5 +1,8 @@
 """Goals in BDDL become wanted effects, and a goal graph that brings them about in the order that they need."""
 
+from dataclasses import replace
+
+import msgspec
 import pytest
 import yaml
 
@@ -48,9 +51,9 @@ def wanted(goal):
     return [each.wanted for each in translate(problem(goal), INVENTORY)]
 
 
-def graph(goal):
-    effects = translate(problem(goal), INVENTORY)
-    return generate_graph("hoard", "Hoard it.", "vault", effects, INVENTORY, "robot_arm")
+def graph(goal, inventory=INVENTORY):
+    effects = translate(problem(goal), inventory)
+    return generate_graph("hoard", "Hoard it.", "vault", effects, inventory, "robot_arm")
 
 
 @pytest.mark.parametrize(
@@ -129,6 +132,19 @@ def test_what_is_put_behind_a_joint_needs_it_open_before_and_closed_after(goal):
     assert set(order["closed(desk_drawer)"]) == {names["open(desk_drawer)"], names["inside(gem, desk_drawer)"]}
     assert "open(desk_drawer)" not in found["accept"], "a means, not an end"
     assert set(found["accept"]) == {"inside(gem, desk_drawer)", "closed(desk_drawer)"}
+
+
+@pytest.mark.parametrize(("joint", "opens_further"), [(0.0, True), (0.92, True), (0.98, False)])
+def test_what_things_are_put_into_is_opened_as_wide_as_it_goes(joint, opens_further):
+    """A bowl did not pass between the front of a drawer that was 92 % open and the handles above it."""
+    drawer = msgspec.structs.replace(INVENTORY.entities["desk_drawer"], joint=joint)
+    inventory = replace(INVENTORY, entities={**INVENTORY.entities, "desk_drawer": drawer})
+
+    nodes = graph("(And (In gem drawer_room))", inventory)["sessions"]
+
+    assert nodes["step_1"]["skill"] == {"guarantees": "open(desk_drawer)"}
+    assert nodes["step_1"].get("even_if_met", False) is opens_further
+    assert "even_if_met" not in nodes["step_2"]
 
 
 def test_the_handle_is_the_part_of_what_opens():

@@ -5,6 +5,10 @@ A fork that collects it nevertheless copies every page; that was a third of what
 
 import gc
 
+from numba.core.registry import cpu_target
+
+cpu_target.typing_context.refresh()  # what a first kernel would wait for
+cpu_target.target_context.refresh()
 gc.collect()
 gc.freeze()
 gc.set_threshold(50_000, 20, 50)

@@ -30,7 +30,7 @@ ARGUMENTS = (
     "no:xdist",
     "-p",
     "no:cacheprovider",
-    "--tb=short",
+    "--tb=native",  # the others look for sources among all modules: as long as most tests take
     "-o",
     "junit_family=xunit1",
     "-W",
@@ -48,18 +48,22 @@ BREAKAGE = {  # what a badly made edit raises; a lie that nobody noticed must no
 }
 LIBRARIES = (
     "pytest",
+    "cv2",
     "hypothesis.strategies",
     "msgspec.yaml",
     "networkx",
     "numba",
     "pydantic",
     "py_trees",
+    "scipy.interpolate",
+    "scipy.optimize",
     "scipy.spatial",
+    "typer",
     "tests.gauntlet.preloaded",
 )
 FORKS = multiprocessing.get_context("forkserver")
 FORKS.set_forkserver_preload([*LIBRARIES])
-FRAME = re.compile(r"^(\S+\.py):\d+: in ", re.MULTILINE)  # of a short traceback
+FRAME = re.compile(r'^  File "(.+)", line \d+, in ', re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,5 +190,5 @@ def _is_breakage(message: str, traceback: str) -> bool:
     """
     kind = message.partition(":")[0].rpartition(".")[2]
     frames = FRAME.findall(traceback)
-    is_of_test = bool(frames) and frames[-1].startswith("tests/")
+    is_of_test = bool(frames) and Path(frames[-1]).is_relative_to(ROOT / "tests")
     return (kind in BREAKAGE and not is_of_test) or message.startswith("Failed: Timeout")

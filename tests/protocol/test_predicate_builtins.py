@@ -397,13 +397,17 @@ def test_a_thing_is_where_its_datum_is_as_well_as_its_centre():
     assert truth("inside(a, tray)", world(tray(), cube("a", 0.57, 0.0, 0.03))) is Truth.TRUE
     assert truth("inside(a, tray)", world(tray(), cube("a", 0.57, 0.0, 0.03, **off))) is Truth.FALSE  # beyond the side
     assert truth("inside(a, tray)", world(tray(), cube("a", 0.5, 0.0, 0.03, datum_m=(0.0, 0.0, 0.03)))) is Truth.FALSE
+    assert truth("inside(a, tray)", world(tray(), cube("a", 0.5, 0.0, 0.03, datum_m=(0.0, 0.0, -0.035)))) is Truth.FALSE
 
 
-def test_centred_is_judged_from_above_by_centres_and_by_datums():
+def test_centred_is_judged_from_above_by_datums_where_both_have_one_else_by_centres():
     under, a = cube("b", 0.5, 0.0, 0.02, datum_m=(0.0, 0.0, 0.0)), cube("a", 0.52, 0.0, 0.06)
     assert truth("centred(a, b)", world(under, a)) is Truth.TRUE
     assert truth("centred(a, b, 0.01)", world(under, a)) is Truth.FALSE
     assert truth("centred(a, b)", world(under, cube("a", 0.52, 0.0, 0.06, datum_m=(0.02, 0.0, 0.0)))) is Truth.FALSE
+    handle = cube("a", 0.54, 0.0, 0.06, datum_m=(-0.02, 0.0, 0.0))  # moves its centre away, not where its world has it
+    assert truth("centred(a, b)", world(under, handle)) is Truth.TRUE
+    assert truth("centred(a, b)", world(cube("b", 0.5, 0.0, 0.02), handle)) is Truth.FALSE
 
 
 @pytest.mark.parametrize(

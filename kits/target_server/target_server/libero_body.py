@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from target_server.body import Body, Entity, Joint, State
 from target_server.mujoco_things import Joint as JointOfThing
-from target_server.mujoco_things import Mark, Thing, list_things, to_quaternion
+from target_server.mujoco_things import Mark, Thing, list_things, narrow_turned, to_quaternion
 from target_server.server import main
 from target_server.wire import Refusal
 
@@ -305,7 +305,7 @@ class LiberoBody(Body):
         if thing.name in held:
             more["held_by"] = self.target
         if (room := thing.interior) is not None:
-            half_m = np.abs(room.rotation) @ room.half_m
+            half_m = np.abs(room.rotation) @ narrow_turned(room.half_m, rotation @ room.rotation)
             more["interior"] = {"center_m": room.center_m.tolist(), "half_m": half_m.tolist()}
         if (joint := thing.joint) is not None:
             share = (float(self._data.qpos[joint.address]) - joint.closed) / (joint.opened - joint.closed)
@@ -334,11 +334,12 @@ class LiberoBody(Body):
 
     def _place(self, thing: Thing, mark: Mark) -> dict[str, Any]:
         position_m, rotation = self._locate(thing)
+        turned = rotation @ mark.rotation
         pose = {
             "position_m": (position_m + rotation @ mark.center_m).tolist(),
-            "quaternion_wxyz": to_quaternion(rotation @ mark.rotation),
+            "quaternion_wxyz": to_quaternion(turned),
         }
-        return {"name": mark.name, "pose": pose, "half_m": mark.half_m.tolist()}
+        return {"name": mark.name, "pose": pose, "half_m": narrow_turned(mark.half_m, turned).tolist()}
 
     def _describe_scene(self, arguments: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
         """The task in its own words, and every thing with its geometry."""

@@ -318,7 +318,7 @@ def _read_marks(
 
 
 def make_mark(name: str, center_m: Array, rotation: Array, half_m: Array, up: Array, solids: Sequence[Solid]) -> Mark:
-    """A mark whose bottom lies on what carries things there, with room above it where it is flat.
+    """A mark whose bottom lies on what carries things there, but not below the mark; room above it where it is flat.
 
     Args:
         name: Of the site.
@@ -338,9 +338,22 @@ def make_mark(name: str, center_m: Array, rotation: Array, half_m: Array, up: Ar
     tops = [top for solid in solids if (top := _find_top(solid, center_m, up)) is not None]
     least, most = (middle + FLOOR_M[0], middle + FLOOR_M[1]) if is_surface else (low - 0.02, middle)
     floor = max((top for top in tops if least <= top <= most), default=low)
-    high = floor + SURFACE_M if is_surface else high
+    floor, high = (floor, min(floor, high) + SURFACE_M) if is_surface else (max(floor, low), high)
     half_m[vertical] = (high - floor) / 2.0
     return Mark(name, center_m + ((high + floor) / 2.0 - middle) * up, half_m, rotation, is_surface)
+
+
+def narrow_turned(half_m: Array, rotation: Array) -> Array:
+    """(3,) half sides of a box that is turned about the vertical, as far as a world along whose axes it is read has it.
+
+    LIBERO takes |R s| for the half sides (3,) of a room along the axes of the world: true of quarter turns only, and
+    between them less than the box around the room. `rotation` (3, 3) is that of the box; the order and the signs of its
+    axes need not be those of the site.
+    """
+    parts_m = np.abs(rotation) * half_m
+    shares = np.maximum(2.0 * parts_m.max(axis=1) / parts_m.sum(axis=1) - 1.0, 0.0)
+    found: Array = half_m * np.array((shares[:2].min(), shares[:2].min(), 1.0))
+    return found
 
 
 def _find_top(solid: Solid, point_m: Array, up: Array) -> float | None:

@@ -135,7 +135,7 @@ def _bind(wanted: Formula, offered: Formula, world: Environment) -> dict[str, An
 def _find_middle(world: Environment, place: str, tolerance_m: float) -> list[float] | None:
     """The middle of a region without walls, where the tolerance keeps the end inside."""
     region = world.regions.get(place)
-    if region is None or min(region.half_m[:2]) < tolerance_m:
+    if region is None or round(min(region.half_m[:2]), 6) < tolerance_m:
         return None
     return [round(value, 4) for value in region.pose.position_m]
 

@@ -38,6 +38,12 @@ def find_places(entity: Entity, environment: Environment) -> list[Relation]:
     return []
 
 
+def list_inside(place: str, environment: Environment) -> list[str]:
+    """Names of the things that are inside of a place."""
+    loose = [each.name for each in environment.entities.values() if each.movable and each.name != place]
+    return [name for name in loose if _judge("inside", (name, place), environment)]
+
+
 def _iter_places(environment: Environment) -> Iterator[Relation]:
     for entity in environment.entities.values():
         if entity.held_by:

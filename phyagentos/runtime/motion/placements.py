@@ -4,7 +4,7 @@ The entity keeps the attitude in which it is held, and the hand its tilt, unless
 counted from the destination, are tried at each site, and those that lay its faces along the walls. The fingers open as
 far as they can; where a wall is in their way, a little further than around the entity. Where the hand does not go down
 between the walls of a container, the entity is let go as little above its floor as is possible, if the walls keep what
-falls.
+falls. Where its floor has no room, it comes to lie on what is there already, if the walls keep it.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -25,7 +25,16 @@ from phyagentos.runtime.motion.packing import find_joint_sites
 from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
 from phyagentos.runtime.motion.poses import DOWN, find_way_out, measure_tilt, move_pose, point_tool_down, point_up
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPlacements, NoPlan
-from phyagentos.runtime.motion.sites import Placing, Site, Sites, find_sites, find_space, measure_footprint
+from phyagentos.runtime.motion.sites import (
+    Placing,
+    Site,
+    Sites,
+    Space,
+    find_sites,
+    find_space,
+    find_space_above,
+    measure_footprint,
+)
 from phyagentos.runtime.motion.standing import find_standing_sites, fit_tight
 
 DROP_M = 0.004  # released this far above the support, so that errors do not press
@@ -44,13 +53,18 @@ ALIGNED_DEG = 3  # a yaw further than this from those of the grid has faces alon
 
 
 def find_placements(
-    request: FindPlacements, held: Entity, kinematics: Kinematics, scene: PlanningScene, job: Job
+    request: FindPlacements,
+    held: Entity,
+    kinematics: Kinematics,
+    scene: PlanningScene,
+    job: Job,
+    space: Space | None = None,
 ) -> Approaches | NoPlan:
-    """Approaches to free sites of the destination, the nearest first."""
+    """Approaches to free sites of the destination, or of a `space` in it, the nearest first."""
     world_T_tcp = kinematics.chain.compute_tcp(request.q_rad)
     tcp_T_entity = compute_matrix(request.payload.tcp_T_entity)
     with job.stage("sites"):
-        space = find_space(request, held)
+        space = space or find_space(request, held)
         if space is None:
             return job.fail("NO_SPACE", f"{request.destination} has no interior to put things into.")
         tilt = measure_tilt(world_T_tcp) if request.up is None else point_up(tcp_T_entity[:3, :3] @ request.up)
@@ -72,6 +86,9 @@ def find_placements(
         groups = [*groups, standing]
         found = search.run([standing], finer)
     if not any(groups):
+        above = find_space_above(placing) if request.may_fall else None
+        if above is not None and above.depth_m >= KEPT_SHARE * footprint.height_m:
+            return find_placements(request, held, kinematics, scene, job, above)
         if request.near is None and not _fits_alone(placing, finer, job):
             return job.fail("NO_SPACE", f"{held.name} does not go into {request.destination}, empty as it may be.")
         near = f" within {request.near_radius_m} m of {request.near}" if request.near else ""

@@ -179,6 +179,23 @@ class Placing:
         return self.space.center_m if tips else self.tool_m, np.inf
 
 
+def find_space_above(placing: Placing) -> Space | None:
+    """The room between the walls above the things that lie there; None where nothing does."""
+    space, tops_m = placing.space, dict[str, float]()
+    for each in placing.request.world.entities:
+        is_loose = each.movable and each.mechanism is None and not each.part_of and each.name != placing.held.name
+        if is_loose and each.shapes and each.name not in space.supports:
+            box = compute_entity_box(each)
+            x, y, z = np.abs(space.rotation.T @ (box.pose[:3, 3] - space.center_m))
+            if x <= space.half_m[0] and y <= space.half_m[1] and z <= space.depth_m:
+                tops_m[each.name] = box.top_m
+    if not tops_m:
+        return None
+    center_m = np.append(space.center_m[:2], max(tops_m.values()))
+    depth_m = space.depth_m + float(space.center_m[2] - center_m[2])
+    return replace(space, center_m=center_m, supports=space.supports | tops_m.keys(), depth_m=depth_m)
+
+
 def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> list[Sites]:
     """Groups of sites: at most 16 for any yaw, the nearest to `near` or to the tool (3,) first; then packed ones.
 

@@ -17,9 +17,12 @@ DOOR = Mechanism("hinge", (0.0, 0.0, 1.0), 1.5, Pose((0.5, 0.0, 0.1)))
 LID = Mechanism("hinge", (0.0, 1.0, 0.0), 1.5, Pose((0.5, 0.0, 0.1)))
 
 
-def find(mechanism, shape, yaw_rad=0.0, opening=1.0):
+AHEAD = Pose((0.3, 0.0, 0.1))
+
+
+def find(mechanism, shape, yaw_rad=0.0, opening=1.0, pose=AHEAD):
     """The leaf after it was ticked, and what it wrote; the handle is 0.2 m before the hinge."""
-    handle = Entity(name="bar", kind="handle", pose=Pose((0.3, 0.0, 0.1)), shapes=(shape,), part_of="door")
+    handle = Entity(name="bar", kind="handle", pose=pose, shapes=(shape,), part_of="door")
     door = Entity(name="door", kind="door", pose=Pose((0.5, 0.0, 0.1)), joint=0.0, mechanism=mechanism)
     tcp = compute_pose(point_tool_down(yaw_rad, np.array((0.3, 0.0, 0.11))))
     world = SimpleNamespace(observe=lambda need: SimpleNamespace(entities={"door": door, "bar": handle}))
@@ -75,3 +78,14 @@ def test_what_neither_slides_nor_turns_is_refused():
 
     assert (status, leaf.code) == (Status.FAILURE, "NO_SLIDE")
     assert "door neither slides nor turns" in leaf.message
+
+
+def test_where_a_handle_shall_be_is_said_of_its_middle_wherever_its_frame_is():
+    """A drawer was to be pushed by its handle to where the frame of both would be: 10 cm too far, into the cabinet."""
+    drawer = Mechanism("slide", (-1.0, 0.0, 0.0), 0.2, Pose((0.5, 0.0, 0.1)))
+    own = Shape(TAB.kind, TAB.size_m, Pose((-0.2, 0.0, 0.0)))
+
+    _, _, found = find(drawer, own, pose=Pose((0.5, 0.0, 0.1)))
+
+    assert found["to"] == pytest.approx((0.1, 0.0, 0.1))
+    assert found["to"] == pytest.approx(find(drawer, TAB)[2]["to"])

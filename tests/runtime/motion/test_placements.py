@@ -65,6 +65,20 @@ def test_nothing_falls_where_it_must_not_or_where_no_wall_keeps_it(planner, deep
     assert place_into(planner, deep(0.1, is_open=True), home, 0.03).code == "NO_IK"
 
 
+def test_a_thing_goes_onto_what_fills_its_container_where_walls_keep_it_there(planner, build, deep, home):
+    """A basket whose floor was taken by the first thing had no room for the second one, and was 12 cm deep."""
+    filling = build.fixed("filling", (0.5, 0.3, 0.025), build.box((0, 0, 0), (0.035, 0.045, 0.02)))
+    filling = msgspec.structs.replace(filling, movable=True)
+    answer = place_into(planner, deep(0.1, filling), home, 0.03)
+    assert isinstance(answer, Approaches), answer
+    for approach in answer.approaches:
+        assert approach.site.position_m[2] == pytest.approx(0.045 + 0.015, abs=2e-4)
+    assert place_into(planner, deep(0.1, filling), home, 0.03, may_fall=False).code == "NO_FREE_SITE"
+    assert place_into(planner, deep(0.055, filling), home, 0.03).code == "NO_FREE_SITE", "no wall keeps it"
+    fixed = msgspec.structs.replace(filling, movable=False)
+    assert place_into(planner, deep(0.1, fixed), home, 0.03).code == "NO_SPACE", "it was not put there"
+
+
 def test_what_fits_at_one_yaw_only_is_turned_along_the_walls(planner, build, deep, home):
     shape = build.box((0, 0, 0), (0.05, 0.012, 0.012))
     bar = msgspec.structs.replace(build.cube("cube0", 0.4, -0.2), shapes=(shape,))

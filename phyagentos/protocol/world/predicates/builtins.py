@@ -83,7 +83,7 @@ def _find_tilt_doubt(view: View, a: Entity) -> float:
 
 
 def measure_inside(view: View, a: Entity, b: str) -> Reading:
-    """Let go of; centre within the sides of the interior box, and the datum; lowest point between floor and rim."""
+    """Let go of; centre and datum within the sides of the interior, datum and lowest point between floor and rim."""
     if (held := _find_hold(view, a)) is not None:
         return held
     box = get_place(view, b)
@@ -96,7 +96,7 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
         "side_x_m": box.half_m[0] - max(abs(x) for x, _, _ in points),
         "side_y_m": box.half_m[1] - max(abs(y) for _, y, _ in points),
         "below_rim_m": box.half_m[2] - max(RIM_M + low_m, *(z for _, _, z in points[1:]), -math.inf),
-        "above_floor_m": low_m + box.half_m[2] + FLOOR_SLACK_M,
+        "above_floor_m": min(low_m, *(z for _, _, z in points[1:]), math.inf) + box.half_m[2] + FLOOR_SLACK_M,
     }
     scales = (box.half_m[0], box.half_m[1], box.half_m[2], box.half_m[2])
     margin, worst = min((s / max(h, 1e-3), name) for (name, s), h in zip(slack_m.items(), scales, strict=True))
@@ -115,9 +115,9 @@ def _list_points(a: Entity) -> list[Vector]:
 
 
 def measure_centred(view: View, a: Entity, b: Entity, tol_m: float) -> Reading:
-    """Centres, and datums, no further apart than `tol_m` as seen from above."""
-    pairs = zip(_list_points(a), _list_points(b), strict=False)
-    apart_m = max(math.dist(one[:2], other[:2]) for one, other in pairs)
+    """Datums no further apart than `tol_m` as seen from above; centres where one has none."""
+    *_, (one, other) = zip(_list_points(a), _list_points(b), strict=False)  # in the order: centre, datum
+    apart_m = math.dist(one[:2], other[:2])
     because = f"{a.name} is {apart_m:.3f} m off the middle of {b.name}, allowed are {tol_m:g} m"
     scale_m = max(tol_m, 1e-3)
     doubt = _find_position_doubt(view, a, b) / scale_m

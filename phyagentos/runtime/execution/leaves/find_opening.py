@@ -7,6 +7,7 @@ import numpy as np
 from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Entity, Mechanism
 from phyagentos.protocol.world.mechanisms import compute_motion, find_hinge
+from phyagentos.protocol.world.predicates.geometry import compute_center
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.shapes import ROUND_KINDS
@@ -30,7 +31,9 @@ class FindOpening(Leaf):
         "opening": PortInformation(data_type=float, description="Wanted fraction of its travel, 0 is closed."),
     }
     OUTPUT_PORTS = {
-        "to": PortInformation(data_type=tuple, required=False, description="Where the part shall be, world frame [m]."),
+        "to": PortInformation(
+            data_type=tuple, required=False, description="Where its middle shall be, world frame [m]."
+        ),
         "waypoints": PortInformation(
             data_type=tuple, required=False, description="Poses world_T_tcp that bring it there from the tool's place."
         ),
@@ -53,7 +56,7 @@ class FindOpening(Leaf):
         if mechanism is None:
             return self.fail("NO_SLIDE", f"{whole.name} neither slides nor turns", object=whole.name)
         motions = compute_way(whole, mechanism, self.read("opening"))
-        at_m, tool = np.array(part.pose.position_m), compute_matrix(self.context.step.target.tcp)
+        at_m, tool = np.array(compute_center(part)), compute_matrix(self.context.step.target.tcp)
         ways_m = [motion[:3, :3] @ at_m + motion[:3, 3] - at_m for motion in motions]
         axis = find_hinge(whole)
         level = tuple(compute_pose(_shift(tool, way_m)) for way_m in ways_m)

@@ -1,5 +1,6 @@
 """Ask for a straight push of an object along its support."""
 
+from phyagentos.protocol.world.relations import list_inside
 from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import PlanningLeaf
 from phyagentos.runtime.motion.requests import Approaches, FindPush, MotionRequest
@@ -22,7 +23,8 @@ class PlanPush(PlanningLeaf[Approaches]):
     def compose(self) -> MotionRequest | Status:
         """One request, with the fingers as they stand."""
         name, to = self.read("object"), self.read("to")
-        entity = self.context.world.observe(BELIEF).entities.get(name)
+        now = self.context.world.observe(BELIEF)
+        entity = now.entities.get(name)
         if entity is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
         return FindPush(
@@ -31,7 +33,7 @@ class PlanPush(PlanningLeaf[Approaches]):
             to_m=(float(to[0]), float(to[1])),
             q_rad=self.context.commands.q_rad,
             seed=self.context.draw_seed(self.path),
-            ignore=(entity.part_of,) if entity.part_of else (),  # a drawer moves with its handle
+            ignore=(entity.part_of, *list_inside(entity.part_of, now)) if entity.part_of else (),  # all moves with it
             width_m=self.context.step.target.gripper_width_m,
         )
 

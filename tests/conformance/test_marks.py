@@ -1,0 +1,54 @@
+"""Boxes that another simulator marks, as regions in which its own check finds a thing as well."""
+
+import importlib
+
+import numpy as np
+import pytest
+
+from tests.conformance.test_target_server import KIT
+
+UP = np.array((0.0, 0.0, 1.0))
+
+
+@pytest.fixture
+def things(monkeypatch):
+    monkeypatch.syspath_prepend(str(KIT))
+    return importlib.import_module("target_server.mujoco_things")
+
+
+def floor_at(things, top_m):
+    half_m = np.array((0.1, 0.1, 0.005))
+    return things.Solid("box", half_m, np.array((0.0, 0.0, top_m - 0.005)), np.eye(3), half_m)
+
+
+def mark(things, top_m, half_height_m):
+    half_m = np.array((0.05, 0.05, half_height_m))
+    return things.make_mark("a", np.zeros(3), np.eye(3), half_m, UP, [floor_at(things, top_m)])
+
+
+def bounds(found):
+    return [round(float(found.center_m[2] + sign * found.half_m[2]), 6) for sign in (-1.0, 1.0)]
+
+
+def test_a_room_ends_on_what_carries_things_in_it_but_never_below_its_mark(things):
+    """A book on the floor of a compartment, 11 mm below its mark, was inside for us and not for the scorer."""
+    assert bounds(mark(things, -0.05, 0.06)) == [-0.05, 0.06]
+    assert bounds(mark(things, -0.071, 0.06)) == [-0.06, 0.06]
+
+
+def test_the_room_above_a_surface_ends_where_that_above_its_mark_does(things):
+    assert bounds(mark(things, 0.02, 0.005)) == [0.02, 0.105]
+    assert bounds(mark(things, -0.02, 0.005)) == [-0.02, 0.08]
+
+
+@pytest.mark.parametrize("turn_deg", [0, 90, 180, 5, 30, -20])
+def test_a_turned_room_is_no_larger_than_a_check_along_the_axes_of_the_world_finds_it(things, turn_deg):
+    turn, half_m = np.radians(turn_deg), np.array((0.06, 0.05, 0.07))
+    R = np.array(((np.cos(turn), -np.sin(turn), 0.0), (np.sin(turn), np.cos(turn), 0.0), (0.0, 0.0, 1.0)))
+
+    narrow_m = things.narrow_turned(half_m, R)
+
+    assert np.all(np.abs(R) @ narrow_m <= np.abs(R @ half_m) + 1e-9)
+    assert np.all(narrow_m > 0.0)
+    if turn_deg % 90 == 0:
+        assert narrow_m == pytest.approx(half_m)
