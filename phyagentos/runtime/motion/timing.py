@@ -1,23 +1,49 @@
-"""Timing of a path within the joint limits.
+"""Timing of a path within the joint limits, with toppra.
 
 A natural cubic spline through the rows is traversed as fast as the limits allow. It is stretched until its finite
 differences respect them too, and to whole control periods, so that the last command ends at rest.
 """
 
-from collections.abc import Callable
+import logging
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from types import ModuleType
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.motion.requests import Array, TimeScaling, Trajectory
-from phyagentos.runtime.motion.time_scaling import Spline, scale_time
+
+
+@contextmanager
+def _without_figures() -> Iterator[None]:
+    """Import without matplotlib, which toppra loads for figures that are not drawn here; it takes half a second."""
+    empty = {name: ModuleType(name) for name in ("matplotlib", "matplotlib.pyplot") if name not in sys.modules}
+    sys.modules.update(empty)
+    try:
+        yield
+    finally:
+        for name in empty:
+            del sys.modules[name]
+
+
+with _without_figures():
+    import toppra
+    from toppra import algorithm, constraint
+    from toppra.solverwrapper.cy_seidel_solverwrapper import seidelWrapper
 
 VELOCITY_SCALE = 0.9  # of the datasheet's limits; the rest is for the controller
 ACCELERATION_SCALE = 0.7  # toppra exceeds its limit by some per cent between grid points
 FINITE_DIFFERENCE_SCALE = 0.98  # the guard differentiates too, and refuses at 1
 DUPLICATE_RAD = 1e-4
-GRID_SHARE, GRID_MIN, GRID_MAX = 4, 48, 300  # points of the grid for a row, and in all
+GRID_SHARE, GRID_MIN, GRID_MAX = 3, 24, 300  # points of the grid for a row, and in all
+_FASTEST = np.array((1e-9, -1.0))
+
+logging.getLogger("toppra").setLevel(logging.ERROR)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,15 +83,16 @@ def drop_duplicates(rows_rad: Array, spacing_rad: float = DUPLICATE_RAD) -> Arra
     for index in range(1, len(rows_rad)):
         if np.abs(rows_rad[index] - rows_rad[keep[-1]]).max() > spacing_rad:
             keep.append(index)
-    keep[-1] = len(rows_rad) - 1
+    if keep[-1] != len(rows_rad) - 1:
+        keep.pop()
+        keep.append(len(rows_rad) - 1)
     return rows_rad[keep]
 
 
-def measure_along(rows_rad: Array) -> Array:
-    """(k,) normalised chord length at rows (k, n_joints), k >= 2."""
+def fit_spline(rows_rad: Array) -> CubicSpline:
+    """The natural cubic spline through rows (k, n_joints), k >= 2, over their normalised chord length."""
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows_rad, axis=0), axis=1))))
-    along /= along[-1]
-    return along
+    return CubicSpline(along / along[-1], rows_rad, bc_type="natural")
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,18 +116,18 @@ def time_path(rows_rad: Array, limits: JointLimits) -> Timed:
     rows = drop_duplicates(rows_rad)
     if len(rows) < 2:
         return Timed.by("quintic", "too short for toppra", _creep(rows_rad[0], rows_rad[-1], limits))
-    spline = Spline(measure_along(rows), rows)
-    knots = np.linspace(0.0, 1.0, int(np.clip(GRID_SHARE * len(rows), GRID_MIN, GRID_MAX)))
-    fastest, hardest = VELOCITY_SCALE * limits.velocity_rad_s, ACCELERATION_SCALE * limits.acceleration_rad_s2
-    speeds = scale_time(spline, knots, fastest, hardest)
+    path, problem = _run_toppra(rows, limits)
+    status = problem.return_code.name
+    if problem.return_code is not algorithm.algorithm.ParameterizationReturnCode.Ok:
+        return Timed.by("quintic", f"toppra: {status}", _creep(rows_rad[0], rows_rad[-1], limits))
+    knots, speeds = problem.gridpoints, problem.sd_vec
 
     def evaluate(times_s: Array) -> tuple[Array, Array]:
         s, speed = compute_progress(knots, speeds, times_s)
-        q, slope, _ = spline.evaluate(s)
-        return q, slope * speed[:, None]
+        return path(s), path(s, 1) * speed[:, None]
 
     motion = sample_within_limits(evaluate, float(end_knots(knots, speeds)[-1]), rows[0], rows[-1], limits)
-    return Timed.by("toppra", "Ok", motion)
+    return Timed.by("toppra", status, motion)
 
 
 def compute_progress(knots: Array, speeds: Array, times_s: Array) -> tuple[Array, Array]:
@@ -171,3 +198,51 @@ def _creep(start_rad: Array, end_rad: Array, limits: JointLimits) -> Trajectory:
         return start_rad + s * (end_rad - start_rad), ds / period_s * (end_rad - start_rad)
 
     return sample_within_limits(evaluate, period_s, start_rad, end_rad, limits)
+
+
+class _Toppra(algorithm.TOPPRA):  # type: ignore[misc]
+    """toppra's algorithm with leaner steps between its solver's linear programs, which cost a third of it.
+
+    Its solver is given; toppra looks for others on disk each time.
+    """
+
+    def __init__(self, constraints: Sequence[constraint.Constraint], path: object, *, gridpoints: Array) -> None:
+        algorithm.algorithm.ParameterizationAlgorithm.__init__(self, constraints, path, gridpoints=gridpoints)
+        self.solver_wrapper = seidelWrapper(self.constraints, path, self.gridpoints, solve_lp1d=True)
+
+    def _one_step(self, i: int, K_next: Array) -> tuple[float, float]:
+        solve, low, high = self.solver_wrapper.solve_stagewise_optim, K_next[0], K_next[1]
+        fastest = solve(i, None, _FASTEST, np.nan, np.nan, low, high)[1]
+        return solve(i, None, -_FASTEST, np.nan, np.nan, low, high)[1], fastest
+
+    def _forward_step(self, i: int, x: float, K_next: Array) -> Array:
+        wrapper = self.solver_wrapper
+        objective = np.array((-2.0 * wrapper.get_deltas()[i], -1.0))
+        step: Array = wrapper.solve_stagewise_optim(i, None, objective, x, x, K_next[0], K_next[1])
+        return step
+
+
+def _run_toppra(
+    rows: Array, limits: JointLimits
+) -> "tuple[toppra.SplineInterpolator, algorithm.algorithm.ParameterizationData]":
+    along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1))))
+    path = toppra.SplineInterpolator(along / along[-1], rows, bc_type="natural")
+    solver = _Toppra(
+        list(_constrain(tuple(limits.velocity_rad_s.tolist()), tuple(limits.acceleration_rad_s2.tolist()))),
+        path,
+        gridpoints=np.linspace(0.0, 1.0, int(np.clip(GRID_SHARE * len(rows), GRID_MIN, GRID_MAX))),
+    )
+    solver.compute_parameterization(0.0, 0.0)
+    return path, solver.problem_data
+
+
+@lru_cache(maxsize=16)
+def _constrain(velocity: tuple[float, ...], acceleration: tuple[float, ...]) -> tuple[constraint.Constraint, ...]:
+    """Limits [rad/s], [rad/s^2] as toppra takes them; kept, since to make them takes longer than to use them."""
+    fastest, hardest = VELOCITY_SCALE * np.array(velocity), ACCELERATION_SCALE * np.array(acceleration)
+    return (
+        constraint.JointVelocityConstraint(np.column_stack((-fastest, fastest))),
+        constraint.JointAccelerationConstraint(
+            np.column_stack((-hardest, hardest)), discretization_scheme=constraint.DiscretizationType.Interpolation
+        ),
+    )

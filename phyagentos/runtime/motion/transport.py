@@ -28,7 +28,7 @@ from phyagentos.runtime.motion.timing import (
     compute_progress,
     drop_duplicates,
     end_knots,
-    measure_along,
+    fit_spline,
     sample_within_limits,
     time_path,
 )
@@ -178,8 +178,7 @@ class _Path:
 
     @classmethod
     def describe(cls, rows: Array, chain: Chain, care: Care) -> "_Path":
-        q = CubicSpline(measure_along(rows), rows, bc_type="natural")
-        s, load = np.linspace(0.0, 1.0, GRID), care.load
+        s, q, load = np.linspace(0.0, 1.0, GRID), fit_spline(rows), care.load
         poses = chain.compute_tcp_path(q(s))
         axes = CubicSpline(s, poses[:, :3, :3])
         center = np.zeros(3) if load is None else np.array(load.center_m)

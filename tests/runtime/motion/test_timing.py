@@ -1,19 +1,19 @@
 """Timing and shaping: limits, rest at both ends, exact goals, degenerate paths, spilling."""
 
+from functools import partial
+
 import msgspec
 import mujoco
 import numpy as np
 import pytest
-import toppra
-from toppra import algorithm, constraint
+from toppra import algorithm
 
 from phyagentos.geometry import compute_pose
 from phyagentos.protocol.world.environment import Pose
-from phyagentos.runtime.motion import transport
+from phyagentos.runtime.motion import timing, transport
 from phyagentos.runtime.motion.path import densify
 from phyagentos.runtime.motion.requests import FindLine, Load, NoPlan, ShapeTransport, TimeLine, World
-from phyagentos.runtime.motion.time_scaling import Spline, scale_time
-from phyagentos.runtime.motion.timing import JointLimits, compute_excess, drop_duplicates, measure_along, time_path
+from phyagentos.runtime.motion.timing import JointLimits, compute_excess, drop_duplicates, time_path
 from phyagentos.runtime.motion.transport import Care, time_carry
 
 pytestmark = pytest.mark.motion
@@ -36,25 +36,16 @@ def test_random_paths_respect_the_limits_by_finite_differences(limits, home, see
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_speeds_along_a_path_are_those_of_the_package_toppra(limits, home, seed):
+def test_the_leaner_steps_give_the_bits_of_toppra(limits, home, seed, monkeypatch):
     rng = np.random.default_rng(seed)
     rows = densify(home + np.cumsum(rng.normal(0.0, 0.3, (6, len(home))), axis=0), 0.12)
-    fastest, hardest = 0.9 * limits.velocity_rad_s, 0.7 * limits.acceleration_rad_s2
-    path = toppra.SplineInterpolator(measure_along(rows), rows, bc_type="natural")
-    asked = [
-        constraint.JointVelocityConstraint(np.column_stack((-fastest, fastest))),
-        constraint.JointAccelerationConstraint(
-            np.column_stack((-hardest, hardest)), discretization_scheme=constraint.DiscretizationType.Interpolation
-        ),
-    ]
-    knots = np.linspace(0.0, 1.0, 4 * len(rows))
-    package = algorithm.TOPPRA(asked, path, gridpoints=knots, solver_wrapper="seidel")
-    package.compute_parameterization(0.0, 0.0)
-    spline = Spline(measure_along(rows), rows)
+    lean = time_path(rows, limits)
+    monkeypatch.setattr(timing, "_Toppra", partial(algorithm.TOPPRA, solver_wrapper="seidel"))
+    plain = time_path(rows, limits)
 
-    for ours, theirs in zip(spline.evaluate(knots), (path(knots, order) for order in range(3)), strict=True):
-        assert ours == pytest.approx(theirs, abs=1e-9)
-    assert scale_time(spline, knots, fastest, hardest) == pytest.approx(package.problem_data.sd_vec, abs=1e-4)
+    assert lean.scaling == plain.scaling
+    assert lean.scaling.solver == "toppra"
+    assert np.array_equal(lean.trajectory.q_rad, plain.trajectory.q_rad)
 
 
 def test_a_straight_motion_is_near_the_time_optimum(limits, home):
