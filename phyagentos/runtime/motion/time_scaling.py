@@ -1,8 +1,7 @@
 """The fastest progress along a path within joint limits, compiled by numba: TOPP-RA, and the spline that it follows.
 
 Pham and Pham, A New Approach to Time-Optimal Path Parameterization Based on Reachability Analysis, T-RO 2018, with
-constraints at both ends of each interval. In x = s'^2 and u = s'' a step is a linear program in the plane. The authors'
-package takes 0.3 s to load, and 3 ms for a path.
+constraints at both ends of each interval. In x = s'^2 and u = s'' a step is a linear program in the plane.
 """
 
 import numpy as np
@@ -20,9 +19,12 @@ class Spline:
 
     def __init__(self, along: Array, rows_rad: Array) -> None:
         h, rise = np.diff(along)[:, None], np.diff(rows_rad, axis=0) / np.diff(along)[:, None]
-        A = np.diag(np.pad(2.0 * (h[:-1, 0] + h[1:, 0]), 1, constant_values=1.0))
-        A += np.diag(np.append(h[:-1], 0.0), -1) + np.diag(np.append(0.0, h[1:]), 1)
-        bent = np.linalg.solve(A, np.pad(6.0 * np.diff(rise, axis=0), ((1, 1), (0, 0))))  # second derivatives (k, n)
+        bent, share = np.zeros_like(rows_rad), np.zeros((len(rows_rad), 1))  # second derivatives; tridiagonal equations
+        for i in range(1, len(h)):
+            pivot = 2.0 * (h[i - 1] + h[i]) - h[i - 1] * share[i - 1]
+            share[i], bent[i] = h[i] / pivot, (6.0 * (rise[i] - rise[i - 1]) - h[i - 1] * bent[i - 1]) / pivot
+        for i in range(len(h) - 1, 0, -1):
+            bent[i] -= share[i] * bent[i + 1]
         slope = rise - h * (2.0 * bent[:-1] + bent[1:]) / 6.0
         self._along, self._parts = along, (rows_rad[:-1], slope, bent[:-1] / 2.0, np.diff(bent, axis=0) / (6.0 * h))
 
