@@ -28,7 +28,6 @@ ROUNDING_PASSES = 3
 
 
 Checker = SphereChecker | PlanningScene
-"""Checks postures and joint motions for collisions."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -229,8 +229,7 @@ def _compile(robot: RobotModel, around: Sequence[Kinds], held: Kinds) -> mujoco.
     if held:
         add_solids(spec.body(robot.tool).add_body(name=PAYLOAD), held, ROBOT_BIT, ROBOT_BIT | WORLD_BIT | BASE_BIT)
         _copy_fingers(spec, robot)
-    # MuJoCo sorts bodies along the axis in which they are farthest apart: a ball far below makes it the vertical, along
-    # which a hand is apart from what stands around it; that halves the time of a check
+    # a ball far below: MuJoCo sorts bodies along the axis of their greatest spread, and the vertical halves a check
     add_solids(spec.worldbody.add_body(mocap=True, pos=PARKED_M), (ShapeKind.SPHERE,), WORLD_BIT, 0)
     _add_tool_bounds(spec, robot)
     return spec.compile()
