@@ -5,8 +5,9 @@
 
 The path is that of a session in its worker: a skill that has its set-points ready, safety guard, receive log, driver,
 socket, the kit's own checks, the environment's step, the report back, and what is kept for the evidence; a command is
-one step. It is timed from turn to turn of the session's loop. Nothing is planned, seen or asked of a policy meanwhile.
-The bare loop calls `env.step` in the environment's own Python, with the same actions. Both take turns, a round each.
+one step, and is sent while the one before is carried out. It is timed from turn to turn of the session's loop. Nothing
+is planned, seen or asked of a policy meanwhile. The bare loop calls `env.step` in the environment's own Python, with
+the same actions. Both take turns, a round each.
 Where other programs want the processors, `chrt -r 5` keeps them out of it.
 """
 

@@ -181,6 +181,36 @@ def test_a_command_is_broken_off_within_itself(motor, way):
     assert not list(LogMonitor(served.log.name, None).judge(served.log.read_bytes()))
 
 
+@pytest.mark.parametrize("way", ["cancel", "stop", "disconnect"])
+def test_a_command_that_waits_behind_one_that_is_broken_off_moves_nothing(motor, way):
+    served, target = motor
+    first = make_motion(target)
+    second = make_motion(target, sequence=2, q_rad=first.q_rad + 0.05, expires_at_s=9.0)
+    wire.send_request(target._channel, first)
+    wire.send_request(target._channel, second)
+    if way == "disconnect":
+        time.sleep(0.15)  # noqa: TID251
+        target.withdraw()
+    else:
+        served.set_stop(way == "stop")
+        step, refused = (
+            wire.await_reply(target._channel, 5.0, lambda: way == "cancel", is_last=False),
+            wire.await_reply(target._channel, 5.0),
+        )
+        if way == "cancel":
+            assert isinstance(wire.await_reply(target._channel, 5.0), wire.Description)
+        code = {"cancel": "ABORTED", "stop": "ESTOPPED"}[way]
+        assert (getattr(step, "stopped", "") or step.code, refused.code) == (code, code)
+    end = target.exchange(wire.Observe())
+
+    assert isinstance(end, wire.Observation), "replies are in the order of requests"
+    assert end.time_s < 0.4
+    assert end.target.qd_rad_s == (0.0,)
+    carried_out = [line["sequence"] for line in read_lines(served) if line["kind"] == "Command" and "code" not in line]
+    assert 2 not in carried_out
+    assert not list(LogMonitor(served.log.name, None).judge(served.log.read_bytes()))
+
+
 def test_what_is_no_request_is_refused_and_moves_nothing(motor):
     _, target = motor
     sound = make_motion(target)

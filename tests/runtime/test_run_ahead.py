@@ -21,12 +21,13 @@ class Tap:
 
     def __init__(self, connection):
         self._connection, self._kinds = connection, deque()
-        self.most, self.asked_meanwhile = 0, []
+        self.most, self.asked_meanwhile, self.alone = 0, [], 0
 
     def send_bytes(self, message):
         kind = type(wire.REQUESTS.decode(message))
         if kind is not wire.Command and wire.Command in self._kinds:
             self.asked_meanwhile.append(kind)
+        self.alone += kind is wire.Command and not self._kinds
         self._kinds.append(kind)
         self.most = max(self.most, self._kinds.count(wire.Command))
         self._connection.send_bytes(message)
@@ -94,6 +95,13 @@ def test_the_world_is_looked_at_only_while_it_stands(move):
 
     assert tap.asked_meanwhile == []
     assert sum(isinstance(request, wire.Observe) for request in bench.target.requests) > 5
+
+
+def test_where_nothing_is_to_be_seen_no_sample_holds_up_the_next_command(move):
+    tap, _, execution = move()
+
+    assert execution.ticks > 20
+    assert tap.alone <= 3, "the first command, and those about the end of a motion"
 
 
 class Glancing(TrueWorld):

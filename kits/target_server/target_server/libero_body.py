@@ -11,6 +11,7 @@ end of each session, for who measures.
 """
 
 import json
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -52,6 +53,7 @@ FINGERS = ("gripper0_finger_joint1", "gripper0_finger_joint2")
 JAWS = (("gripper0_leftfinger", "gripper0_finger_joint1_tip"), ("gripper0_rightfinger", "gripper0_finger_joint2_tip"))
 SITE, PADS, FLANGE = "gripper0_grip_site", "gripper0_finger1_pad_collision", "robot0_link7"
 BASE = "robot0_link0"
+TOOL = np.array(((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))  # in the site's frame: z approaches, y closes
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,7 @@ class LiberoBody(Body):
         self._settings, self.target = settings, settings.target
         self._scene, self._steps, self._state = "", 0, 0
         self._env: Any = None
+        self._present: tuple[State, Array, Array] | None = None  # until the next step; with the pose of the tool
         self.tools = {"describe_scene": self._describe_scene}
         self.load(settings.scene, 0, b"")
 
@@ -99,7 +102,7 @@ class LiberoBody(Body):
         self._open(scene)
         if not 0 <= seed < len(self._states):
             raise Refusal("MALFORMED", f"seed {seed}; {scene} has the initial states 0 to {len(self._states) - 1}")
-        self._steps, self._reached, self._state = 0, False, seed
+        self._steps, self._reached, self._state, self._present = 0, False, seed, None
         self._env.seed(FIXTURES_SEED)
         self._env.reset()
         self._env.set_init_state(self._states[seed])
@@ -110,22 +113,13 @@ class LiberoBody(Body):
         self._rest()
 
     def read(self) -> State:
-        q, qd = self._data.qpos[self._q_at], self._data.qvel[self._qd_at]
-        position_m, rotation = self._read_tool(self._data)
-        w, x, y, z = to_quaternion(rotation)
-        return State(
-            q=q.tolist(),
-            qd=qd.tolist(),
-            tcp_m=tuple(position_m.tolist()),
-            tcp_wxyz=(w, x, y, z),
-            width_m=self._measure_width(),
-            holding=self._list_held(),
-        )
+        return self._look()[0]
 
     def measure_error(self, wanted: Sequence[float]) -> float:
-        position_m, rotation = self._read_tool(self._data)
+        _, position_m, rotation = self._look()
         aim_m, aim = self._compute_tool(np.asarray(wanted))
-        return float(max(np.linalg.norm(aim_m - position_m) / LEVER_M, np.linalg.norm(_to_vector(aim @ rotation.T))))
+        off_m, off_rad = aim_m - position_m, _to_vector(aim @ rotation.T)
+        return max(math.sqrt(off_m @ off_m) / LEVER_M, math.sqrt(off_rad @ off_rad))
 
     def list_entities(self) -> Sequence[Entity]:
         held = self._list_held()
@@ -184,17 +178,36 @@ class LiberoBody(Body):
         self._task = tasks.get_task(int(number)).language
         self._read_model()
 
+    def _look(self) -> tuple[State, Array, Array]:
+        """The present, which stays until the next step, and where the tool is as `_read_tool` has it."""
+        if self._present is None:
+            position_m, rotation = self._read_tool(self._data)
+            w, x, y, z = to_quaternion(rotation)
+            state = State(
+                q=self._data.qpos[self._q_at].tolist(),
+                qd=self._data.qvel[self._qd_at].tolist(),
+                tcp_m=tuple(position_m.tolist()),
+                tcp_wxyz=(w, x, y, z),
+                width_m=min(float(np.abs(self._data.qpos[self._fingers_at]).sum()), WIDTH_M),
+                holding=self._list_held(),
+            )
+            self._present = state, position_m, rotation
+        return self._present
+
     def _read_model(self) -> None:
         """What stays as it is while this environment is open."""
         inner, model, data = self._env.env, self._env.sim.model._model, self._env.sim.data._data
         self._model, self._scratch = model, mujoco.MjData(model)
         self._q_at = [int(model.joint(name).qposadr[0]) for name in ARM]
         self._qd_at = [int(model.joint(name).dofadr[0]) for name in ARM]
+        self._fingers_at = [int(model.joint(name).qposadr[0]) for name in FINGERS]
         self._base_m, self._base = data.body(BASE).xpos.copy(), data.body(BASE).xmat.reshape(3, 3).copy()
         self._grip = data.site(SITE).id
         self._tip_m = self._measure_tip()
         jaws = {data.body(name).id: side for side, names in enumerate(JAWS) for name in names}
-        self._side_of = {geom: jaws[body] for geom, body in enumerate(model.geom_bodyid.tolist()) if body in jaws}
+        self._side = np.array(
+            [jaws.get(body, -1) for body in model.geom_bodyid.tolist()]
+        )  # which jaw a geom is part of
         roots = {int(number): name for name, number in inner.obj_body_id.items()}
         kinds = {
             name: each.category_name
@@ -234,10 +247,10 @@ class LiberoBody(Body):
         ]
 
     def _read_tool(self, data: Any) -> tuple[Array, Array]:
-        """Tool centre point (3,), midway between the pads, and its rotation (3, 3): z approaches, y closes."""
+        """Tool centre point (3,), midway between the pads, and its rotation (3, 3)."""
         rotation = self._base.T @ data.site_xmat[self._grip].reshape(3, 3)
         position_m = self._base.T @ (data.site_xpos[self._grip] - self._base_m) + rotation @ self._tip_m
-        return position_m, rotation @ np.array(((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+        return position_m, rotation @ TOOL
 
     def _compute_tool(self, q: Array) -> tuple[Array, Array]:
         """Where joint positions (7,) bring the tool."""
@@ -248,15 +261,16 @@ class LiberoBody(Body):
     def _act(self, qd: Array) -> None:
         """One step towards the wanted set-points, ahead by what the controller lags behind."""
         aim_m, aim = self._compute_tool(self._wanted + LAG_S * qd)
-        position_m, rotation = self._read_tool(self._data)
+        _, position_m, rotation = self._look()
         site_m = (aim_m - position_m) + (rotation - aim) @ self._tip_m  # the site lies on the approach axis
         action = np.zeros(7)
         action[:3] = self._base @ site_m / MOST_M
         action[3:6] = self._base @ _to_vector(aim @ rotation.T) / MOST_RAD
         action[6] = self._choose_grip()
-        self._env.step(np.clip(action, -1.0, 1.0))
+        self._present = None
+        *_, is_met, _ = self._env.step(np.clip(action, -1.0, 1.0))  # says whether the benchmark's goal is met
         self._steps += 1
-        self._reached = self._reached or bool(self._env.check_success())
+        self._reached = self._reached or bool(is_met)
 
     def _choose_grip(self) -> float:
         """1 closes, -1 opens, by a fixed step of the opening that the motors have as their aim; 0 leaves it.
@@ -264,26 +278,23 @@ class LiberoBody(Body):
         Their aim is not brought further into a thing than their full force needs, so that they let go at once.
         """
         aim_m = WIDTH_M * (1.0 + float(self._env.env.robots[0].gripper.current_action[0])) / 2.0
-        wanted_m = max(self._width_m, self._measure_width() - SQUEEZE_M)
+        wanted_m = max(self._width_m, self.read().width_m - SQUEEZE_M)
         if abs(wanted_m - aim_m) < GRIP_STEP_M / 2.0:
             return 0.0
         return 1.0 if wanted_m < aim_m else -1.0
-
-    def _measure_width(self) -> float:
-        return min(float(sum(abs(self._data.joint(name).qpos[0]) for name in FINGERS)), WIDTH_M)
 
     def _rest(self) -> None:
         self._wanted = np.array(self._data.qpos[self._q_at])
 
     def _list_held(self) -> tuple[str, ...]:
         """What moves and is touched by both jaws."""
-        touched: tuple[set[int], ...] = tuple(set() for _ in JAWS)
-        for pair in self._data.contact.geom.tolist() if self._data.ncon else ():
-            for jaw, other in (pair, pair[::-1]):
-                if jaw in self._side_of:
-                    touched[self._side_of[jaw]].add(other)
-        if not all(touched):
+        pairs = self._data.contact.geom
+        sides = self._side[pairs]
+        if not {0, 1} <= set(sides.ravel().tolist()):
             return ()
+        touched: tuple[set[int], ...] = tuple(set() for _ in JAWS)
+        for at, column in zip(*np.nonzero(sides >= 0), strict=True):
+            touched[sides[at, column]].add(int(pairs[at, 1 - column]))
         return tuple(
             each.name
             for each in self._things

@@ -344,16 +344,18 @@ def make_mark(name: str, center_m: Array, rotation: Array, half_m: Array, up: Ar
 
 
 def narrow_turned(half_m: Array, rotation: Array) -> Array:
-    """(3,) half sides of a box that is turned about the vertical, as far as a world along whose axes it is read has it.
+    """(3,) half sides of a box that is turned, as far as a world along whose axes it is read has it.
 
     LIBERO takes |R s| for the half sides (3,) of a room along the axes of the world: true of quarter turns only, and
-    between them less than the box around the room. `rotation` (3, 3) is that of the box; the order and the signs of its
-    axes need not be those of the site.
+    between them less than the box around the room. `rotation` (3, 3) is that of the box, whose z axis is about the
+    vertical; the order and the signs of its axes need not be those of the site.
     """
     parts_m = np.abs(rotation) * half_m
-    shares = np.maximum(2.0 * parts_m.max(axis=1) / parts_m.sum(axis=1) - 1.0, 0.0)
-    found: Array = half_m * np.array((shares[:2].min(), shares[:2].min(), 1.0))
-    return found
+    least_m = np.maximum(2.0 * parts_m.max(axis=1) - parts_m.sum(axis=1), 0.0)  # whatever the signs
+    up = float(least_m[2] / parts_m[2].sum())
+    aside = (least_m[:2] - up * parts_m[:2, 2]) / np.maximum(parts_m[:2, :2].sum(axis=1), 1e-9)
+    least = float(aside.min())
+    return half_m * np.clip((least, least, up), 0.0, up) if least > 0.0 else np.zeros(3)
 
 
 def _find_top(solid: Solid, point_m: Array, up: Array) -> float | None:

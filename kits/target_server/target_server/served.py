@@ -47,8 +47,9 @@ class ReceiveLog:
 
     def stamp(self) -> None:
         """A request arrives now."""
-        now = datetime.datetime.now(datetime.UTC)
-        self.arrived_at = now.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+        if self._fd >= 0:
+            now = datetime.datetime.now(datetime.UTC).replace(tzinfo=None)
+            self.arrived_at = f"{now.isoformat(timespec='microseconds')}Z"
 
     def note(self, **line: Any) -> None:
         """Append one line; kept in memory while the disk takes no more."""

@@ -46,8 +46,10 @@ class Connection(Client):
 
     def poll(self, timeout_s: float) -> bool:
         """Whether a message is there; raises EOFError when the client is gone."""
-        if self._received:
-            return True
+        return bool(self._received) or self._take(timeout_s)
+
+    def _take(self, timeout_s: float) -> bool:
+        """Whether another message came; raises EOFError as `poll`."""
         try:
             message = self._connection.recv(timeout_s)
         except TimeoutError:
@@ -76,13 +78,13 @@ class Connection(Client):
         return self._connection.state is not State.OPEN
 
     def wants_end(self) -> bool:
-        """A `Describe` behind the request that is carried out means: end it."""
+        """A `Describe` behind the request that is carried out means: end it. Commands may wait before it."""
         try:
-            return self.is_gone() or (self.poll(0.0) and wire.decode(self._received[0])["type"] == "Describe")
+            while self._take(0.0):
+                pass
         except EOFError:
             return True
-        except Refusal:
-            return False
+        return self.is_gone() or any(map(wire.is_describe, self._received))
 
     def beat(self) -> None:
         """Send a sign of life."""

@@ -67,6 +67,14 @@ def decode_greeting(message: bytes) -> tuple[int, bytes]:
     return version, token
 
 
+def is_describe(message: bytes) -> bool:
+    """Whether a message is a `Describe`; what is longer than one is not decoded."""
+    try:
+        return len(message) <= len(encode("Describe")) and _unpack(message).get("type") == "Describe"
+    except Refusal:
+        return False
+
+
 def decode(message: bytes) -> dict[str, Any]:
     """One request with every field of its type; raises `Refusal` `MALFORMED`."""
     request = _unpack(message)

@@ -178,10 +178,7 @@ class TargetSessionHandle:
 
     @property
     def can_run_ahead(self) -> bool:
-        """Whether a command may be sent before the report of the previous one: in lockstep, where time is not shared.
-
-        It holds within one process, too, so that glances fall on the same moments as behind a connection.
-        """
+        """Whether a command may be sent before the report of the previous one: in lockstep of its own time."""
         return self.describe().mode == WorldMode.LOCKSTEP and not self._shares_time
 
     def apply(self, points: SetPoints) -> wire.Step:
@@ -350,6 +347,8 @@ class TargetSessionHandle:
             self._check_permitted(operation)
         if self._local is None:
             wire.send_request(self._connection, request)
+        elif isinstance(request, wire.Command | wire.Capture):
+            self._local.send_ahead(request)
 
     def _receive(self, request: wire.Request, timeout_s: float = REPLY_TIMEOUT_S) -> wire.Reply:
         """The next reply, which is that of `request`."""

@@ -3,6 +3,7 @@
 It is served there under its own authority, receive log, stops and deadman: it halts when this side disconnects.
 """
 
+import contextlib
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -36,6 +37,7 @@ class RemoteDriver(TargetDriver):
         self._step: wire.Step | None = None  # not reported yet
         self._is_moving = False
         self._lost: ExecutionError | None = None
+        self._n_sent = 0  # requests without a reply
 
     @property
     @override
@@ -120,6 +122,13 @@ class RemoteDriver(TargetDriver):
         return self._ask(request, wire.ToolResult, SLOW_REPLY_S)
 
     @override
+    def send_ahead(self, request: wire.Request) -> bool:
+        with contextlib.suppress(ExecutionError):  # no reply will come
+            wire.send_request(self._channel, request)
+        self._n_sent += 1
+        return True
+
+    @override
     def close(self) -> None:
         """Disconnect; the target there halts and ends the authority."""
         self._channel.close()
@@ -137,9 +146,14 @@ class RemoteDriver(TargetDriver):
         """The reply; nothing is ever sent twice, and a lost target stays lost for the first reason."""
         if self._lost is not None:
             raise self._lost
+        if not self._n_sent:
+            self.send_ahead(request)
+        self._n_sent -= 1
         silence_s = max(silence_s, self.profile.silence_max_s)
+        reply: wire.Reply = wire.Beat()
         try:
-            reply = wire.exchange(self._channel, request, silence_s, self.is_ending)
+            while isinstance(reply, wire.Beat | wire.Description) and not isinstance(reply, expected):  # of an end
+                reply = wire.await_reply(self._channel, silence_s, self.is_ending, is_last=not self._n_sent)
         except ExecutionError as error:
             where = f"{self.profile.target!r} at {self.profile.endpoint or 'its endpoint'}"
             reason = str(error).removeprefix(f"{error.code}: ")

@@ -2,8 +2,8 @@
 
 The way begins above, goes down behind the object, and straight on until its middle is at the goal. Up to three heights
 of contact, two distances behind the object and four turns of the hand are tried: across the push the hand is wide,
-along it narrow. What is hollow, as a plate, is also taken along from within, by its far side; at last the hand leans
-back, as under what juts out. Where something is in the way of object or hand, the first of several pushes is given.
+along it narrow; at last it leans, as under what juts out. Where something is in the way of object or hand, the first of
+several pushes around it is given.
 """
 
 from dataclasses import dataclass
@@ -14,13 +14,7 @@ from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix, compute_pose, to_parent
 from phyagentos.protocol.world.environment import Entity, Pose
-from phyagentos.protocol.world.predicates.geometry import (
-    compute_center,
-    compute_centroid,
-    compute_reach,
-    find_surface,
-    find_tops_below,
-)
+from phyagentos.protocol.world.predicates.geometry import compute_center, compute_centroid, compute_reach, find_surface
 from phyagentos.runtime.motion.approaches import SAME_POSTURE_RAD, Screen
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
@@ -31,8 +25,6 @@ from phyagentos.runtime.motion.requests import Approach, Approaches, Array, Find
 from phyagentos.runtime.motion.robot_model import measure_fingers
 from phyagentos.runtime.motion.shapes import Box, compute_entity_box, compute_shape_boxes, settle
 
-PUSH, PULL = "push", "pull"
-LEAN_DEG = 40  # of a hand that trails behind its fingertips, where it does not go upright
 STAND_OFFS_M = (0.03, 0.012)  # gaps between fingers and object before the push
 PUSH_HEIGHT_M = 0.02  # above the object's lowest point: low enough that tall things slide instead of falling over
 HIGH_SHARE = 0.45  # of the object's height: the highest contact, below its middle
@@ -40,6 +32,7 @@ FRICTION_MAX = 0.6  # of a thing on its support: pushed higher than its half wid
 TIP_M = 0.002  # of room under the fingertips, for an error of the believed height
 OVER_M = 0.12  # height above the line at which the tool comes and goes
 TURNS_DEG = (0, 180, 90, 270)
+LEANS_DEG = (0, 40)  # of a hand that trails behind its fingertips
 SHORTEST_M = 0.005  # a push shorter than this is none
 POSTURES = 4  # at which one way may begin
 ROUTE_STEP_M = 0.08  # between places that the object may be pushed by
@@ -68,17 +61,14 @@ def find_push(
     steady_m = float(np.delete(box.half_m, np.abs(box.pose[2, :3]).argmax()).min()) / FRICTION_MAX
     most_m = max(HIGH_SHARE * tall_m, min(steady_m, tall_m - TIP_M), least_m)
     wanted_m = sorted({least_m, max(HIGH_SHARE * tall_m, least_m), max(tall_m - palm_m, least_m)})
-    pushes = [_Stroke(PUSH, each) for each in wanted_m if tall_m - palm_m <= each <= most_m]
-    if not pushes:  # the palm is wider than the fingers
+    heights_m = [each for each in wanted_m if tall_m - palm_m <= each <= most_m]
+    if not heights_m:  # the palm is wider than the fingers
         return job.fail("TOO_TALL", f"{entity.name} is {1e3 * tall_m:.0f} mm tall, the hand would meet or topple it.")
     bottom_m = compute_entity_box(settle(entity, request.world.entities)).bottom_m
-    x_m, y_m = _find_middle(entity).tolist()
-    if floors_m := [top.point_m[2] for top in find_tops_below(entity, x_m, y_m, 0.0)]:
-        pushes.append(_Stroke(PULL, max(floors_m) - box.bottom_m + gripper.fingertip_m + TIP_M))
     strokes = _Strokes(
         Screen(kinematics, request.q_rad, scene.robot.home_rad, request.seed).seeds,
         bottom_m,
-        [*pushes, *(_Stroke("lean", each.height_m, np.radians(LEAN_DEG)) for each in pushes if each.name == PUSH)],
+        heights_m,
         half_m,
         kinematics,
         scene,
@@ -99,21 +89,12 @@ def find_push(
 
 
 @dataclass(frozen=True, slots=True)
-class _Stroke:
-    """A kind of straight push or pull, at a height above the lowest point of the object."""
-
-    name: str
-    height_m: float
-    lean_rad: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
 class _Strokes:
-    """Straight pushes and pulls of `kinds`, the better first, with fingers of `half_m` (2,)."""
+    """Straight pushes at `heights_m` above the lowest point of the object, with fingers of `half_m` (2,)."""
 
     seeds: Array
     bottom_m: float
-    kinds: list[_Stroke]
+    heights_m: list[float]
     half_m: Array
     kinematics: Kinematics
     scene: PlanningScene
@@ -121,20 +102,22 @@ class _Strokes:
 
     def find(self, entity: Entity, to_m: Array) -> list[Approach]:
         """Ways of the tool that push an entity until its middle is at a point (2,)."""
-        for stroke, stand_off_m, degrees in product(self.kinds, STAND_OFFS_M, TURNS_DEG):
-            poses = self._compute(entity, to_m, stroke, stand_off_m, degrees)
-            label = f"{stroke.name}+{degrees:03d}.h{round(1e3 * stroke.height_m)}.d{round(1e3 * stand_off_m)}"
-            if poses and (found := _find_ways(poses, label, self.seeds, self.kinematics, self.scene, self.job)):
+        ways = product(LEANS_DEG, self.heights_m, STAND_OFFS_M, TURNS_DEG)
+        for lean_deg, height_m, stand_off_m, degrees in ways:
+            if lean_deg and degrees % 180:
+                continue
+            poses = self._compute(entity, to_m, height_m, stand_off_m, degrees, lean_deg)
+            label = f"push+{degrees:03d}.h{round(1e3 * height_m)}.d{round(1e3 * stand_off_m)}"
+            label += f".lean{lean_deg}" if lean_deg else ""
+            if found := _find_ways(poses, label, self.seeds, self.kinematics, self.scene, self.job):
                 return found
         return []
 
     def look_open(self, entity: Entity, to_m: Array) -> bool:
         """Whether the tool reaches points of a push, a few centimetres apart, without a contact of the hand."""
         self.job.checkpoint()
-        strokes = (self.kinds[0], *(each for each in self.kinds if each.name == PULL))
-        for stroke, degrees in product(strokes, TURNS_DEG):
-            if not (poses := self._compute(entity, to_m, stroke, STAND_OFFS_M[-1], degrees)):
-                continue
+        for degrees in TURNS_DEG:
+            poses = self._compute(entity, to_m, self.heights_m[0], STAND_OFFS_M[-1], degrees)
             above, begin, end = map(compute_matrix, poses)
             line = interpolate_poses(begin, end, ROUTE_STEP_M, np.pi)
             if all(self._reaches(pose) for pose in (begin, end, above, *line[1:-1])):
@@ -142,18 +125,15 @@ class _Strokes:
         return False
 
     def _compute(
-        self, entity: Entity, to_m: Array, stroke: _Stroke, stand_off_m: float, degrees: int
+        self, entity: Entity, to_m: Array, height_m: float, stand_off_m: float, degrees: int, lean_deg: int = 0
     ) -> tuple[Pose, ...]:
-        """Poses as of `compute_push`; none for a hand that cannot lean back as it is turned."""
-        half_m, z_m = self.half_m[::-1] if degrees % 180 else self.half_m, self.bottom_m + stroke.height_m
-        tip_m, lean_rad = self.scene.robot.profile.gripper.fingertip_m, stroke.lean_rad
-        if lean_rad and degrees % 180:
-            return ()
-        half_m = half_m * (np.cos(lean_rad), 1.0) + (tip_m * np.sin(lean_rad), 0.0)
-        within_m = z_m - tip_m if stroke.name == PULL else None
-        poses = compute_push(entity, to_m, half_m, stand_off_m, z_m, np.radians(degrees), within_m)
-        lean_rad *= -1.0 if degrees else 1.0
-        return tuple(compute_pose(tilt_tool(compute_matrix(each), lean_rad)) for each in poses) if lean_rad else poses
+        half_m, lean_rad = self.half_m[::-1] if degrees % 180 else self.half_m, np.radians(lean_deg)
+        if lean_deg:  # the fingertips come first
+            tip_m = self.scene.robot.profile.gripper.fingertip_m
+            half_m = half_m * (np.cos(lean_rad), 1.0) + (tip_m * np.sin(lean_rad), 0.0)
+        poses = compute_push(entity, to_m, half_m, stand_off_m, self.bottom_m + height_m, np.radians(degrees))
+        tilt_rad = lean_rad if degrees == 0 else -lean_rad
+        return tuple(compute_pose(tilt_tool(compute_matrix(each), tilt_rad)) for each in poses) if lean_deg else poses
 
     def _reaches(self, pose: Array) -> bool:
         for seed in self.seeds:
@@ -299,33 +279,20 @@ def _find_ways(
 
 
 def compute_push(
-    entity: Entity,
-    goal_m: Array,
-    half_m: Array,
-    stand_off_m: float,
-    z_m: float,
-    turn_rad: float,
-    within_m: float | None = None,
+    entity: Entity, goal_m: Array, half_m: Array, stand_off_m: float, z_m: float, turn_rad: float
 ) -> tuple[Pose, ...]:
     """Poses `world_T_tcp` of closed fingers that push an entity until its middle is at `goal_m` (2,).
 
     The push goes through the centre of its volume. The fingers reach `half_m` (2,) from the tool centre point along and
     across the push, which begins `stand_off_m` [m] before they meet the entity; `z_m` is the height of the contact in
-    the world, `turn_rad` the turn of the hand against the direction of the push. With `within_m`, the height of the
-    fingertips, they begin over the centre, and meet what encloses it from within; empty where nothing does.
+    the world, `turn_rad` the turn of the hand against the direction of the push.
     """
     way, centroid_m = goal_m - _find_middle(entity), np.array(to_parent(entity.pose, compute_centroid(entity)))
     direction = way / np.linalg.norm(way)
-    far_m, z = (FAR_M, float(centroid_m[2])) if within_m is None else (0.0, within_m)
-    aside_m = np.linspace(-half_m[1], half_m[1], 9)[:, None] * (-direction[1], direction[0])
-    starts = [(*point, z) for point in (centroid_m[:2] + aside_m - far_m * direction).tolist()]
-    solids, ahead = [replace(entity, shapes=(shape,)) for shape in entity.shapes], (*direction.tolist(), 0.0)
-    found_m = (find_surface(solid, start, ahead) for solid, start in product(solids, starts))
-    met_m = [each for each in found_m if each is not None and each > 0.0]
-    by_m = min(met_m, default=far_m) - half_m[0] - stand_off_m
-    if within_m is not None and by_m < 0.0:  # it encloses nothing there, or too little for the fingers
-        return ()
-    begin_m = centroid_m[:2] - direction * (far_m - by_m)
+    aside_m, z = np.linspace(-half_m[1], half_m[1], 9)[:, None] * (-direction[1], direction[0]), float(centroid_m[2])
+    starts = [(*point, z) for point in (centroid_m[:2] + aside_m - FAR_M * direction).tolist()]
+    met_m = [each for start in starts if (each := find_surface(entity, start, (*direction.tolist(), 0.0))) is not None]
+    begin_m = centroid_m[:2] - direction * (FAR_M - min(met_m, default=FAR_M) + half_m[0] + stand_off_m)
     yaw_rad = float(np.arctan2(direction[1], direction[0])) + turn_rad
     begin = point_tool_down(yaw_rad, np.array([*begin_m, z_m]))
     end = point_tool_down(yaw_rad, np.array([*(begin_m + way + stand_off_m * direction), z_m]))

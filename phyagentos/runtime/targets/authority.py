@@ -46,13 +46,13 @@ class Authority:
             refused = Refused(self._stopped, f"{session} was stopped; another session must begin first")
         return refused
 
-    def check_command(self, command: Command, time_s: float) -> Refused | None:
-        """Whether a command may be carried out at this moment [s]."""
+    def check_command(self, command: Command, time_s: float, n_before: int = 0) -> Refused | None:
+        """Whether a command may be carried out at this moment [s], or after `n_before` others."""
         refused = self.check_commanding(command.session, command.epoch)
         if refused is not None:
             return refused
-        if command.sequence != self._sequence + 1:
-            return Refused("OUT_OF_SEQUENCE", f"number {command.sequence} after {self._sequence}")
+        if command.sequence != self._sequence + n_before + 1:
+            return Refused("OUT_OF_SEQUENCE", f"number {command.sequence} after {self._sequence + n_before}")
         if not time_s <= command.expires_at_s:  # also when the expiry is NaN
             return Refused("EXPIRED", f"it is {time_s:.3f} s, the command expired at {command.expires_at_s:.3f} s")
         return None

@@ -21,8 +21,8 @@ class TargetDriver(ABC):
 
     Attributes:
         profile: Of the body.
-        is_ending: Whether the session is to end; a motion that waits for other targets calls it, and refuses with
-            `ABORTED` then.
+        is_ending: Whether the session is to end; a motion that waits for other targets calls it, and no other one may:
+            a command may wait behind it. It refuses with `ABORTED` then.
     """
 
     profile: TargetProfile
@@ -98,6 +98,10 @@ class TargetDriver(ABC):
         Raises:
             ExecutionError: `MALFORMED`, `TARGET_LIMIT`: nothing moved.
         """
+
+    def send_ahead(self, request: wire.Request) -> bool:
+        """Take a request before its turn, in order; whether it was taken. What is lost then, its own call meets."""
+        return False
 
     @abstractmethod
     def hold(self, duration_s: float) -> None:

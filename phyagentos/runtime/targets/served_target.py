@@ -6,6 +6,7 @@ cannot be written. Requests are refused, never raised over the wire.
 
 import contextlib
 import math
+from collections import deque
 from collections.abc import Callable
 
 import msgspec
@@ -49,6 +50,7 @@ class ServedTarget:
         self._scene: wire.LoadScene | None = None
         self._loaded: wire.Loaded | None = None
         self._description: wire.Description | None = None  # of this scene
+        self._ahead: deque[tuple[wire.Request, bool]] = deque()  # whether the driver has taken it before its turn
 
     def close(self) -> None:
         """Close driver and log."""
@@ -108,16 +110,27 @@ class ServedTarget:
         self._keep_stop()
         return True
 
+    def send_ahead(self, request: wire.Command | wire.Capture) -> None:
+        """Let the driver have a request before its turn, unless it is refused now; `handle`, in this order, answers."""
+        may_go = all(taken for _, taken in self._ahead)
+        if may_go and isinstance(request, wire.Command):
+            n_before = sum(isinstance(each, wire.Command) for each, _ in self._ahead)
+            refused = self._authority.check_command(request, self.time_s, n_before)
+            may_go = not (refused or self._log.is_behind or self._is_estopped())
+        self._ahead.append((request, may_go and self.driver.send_ahead(request)))
+
     def handle(self, request: wire.Request) -> wire.Reply:
         """Carry out one request, or refuse it."""
         self._log.stamp()
+        is_taken = bool(self._ahead) and self._ahead[0][0] is request and self._ahead.popleft()[1]
         reply: wire.Reply
         try:
             match request:
                 case wire.Command():
-                    self._refuse_unlogged()
-                    self.look_for_stops()
-                    refused = self._authority.check_command(request, self.time_s)
+                    if not is_taken:
+                        self._refuse_unlogged()
+                        self.look_for_stops()
+                    refused = None if is_taken else self._authority.check_command(request, self.time_s)
                     reply = refused or self._report(self.driver.apply(request))
                 case wire.Announce():
                     refused = self._authority.check_commanding(request.session, request.epoch)

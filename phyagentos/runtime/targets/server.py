@@ -108,6 +108,7 @@ class Loopback:
     def __init__(self, target: ServedTarget) -> None:
         self._target = target
         self._replies: deque[bytes] = deque()
+        self.send_ahead = target.send_ahead  # then `ask`, in this order
 
     def ask(self, request: Request, on_wait: Callable[[], bool] = lambda: False) -> Reply:
         """The reply to one request; `on_wait` as of `wire.await_reply`."""

@@ -10,6 +10,7 @@ import queue
 import ssl
 import threading
 from collections import deque
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -24,7 +25,7 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.runtime.channel import MESSAGE_MAX_BYTES
 
 BACKLOG = 8  # waiting clients while one is served
-_OPEN_S, _OPENINGS = 2.5, 2  # over TLS a first one was seen to stall; nothing is commanded before the greeting
+_OPEN_S = 2.5
 _PING_S = 5.0  # between two pings, and until the answer: a dead connection makes room for the next client
 _CLOSE_S = 0.5  # for the last words: what is lost gives none, and who waits for them gives no sign of life
 _FRAMES: Any = {
@@ -172,15 +173,10 @@ def connect_websocket(endpoint: str, trusted: Path | None = None) -> WebSocketCh
 
 
 def _open(endpoint: str, tls: ssl.SSLContext | None) -> ClientConnection:
-    for left in reversed(range(_OPENINGS)):
-        try:
-            connection: ClientConnection = connect(endpoint, ssl=tls, open_timeout=_OPEN_S, proxy=None, **_FRAMES)
-        except TimeoutError:
-            if not left:
-                raise
-        else:
-            return connection
-    raise TimeoutError
+    opening = partial(connect, endpoint, ssl=tls, open_timeout=_OPEN_S, proxy=None, **_FRAMES)
+    with contextlib.suppress(TimeoutError):  # over TLS it was seen to stall; nothing is commanded before the greeting
+        return opening()
+    return opening()
 
 
 def _check_encrypted(endpoint: str) -> None:

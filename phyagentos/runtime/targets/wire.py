@@ -391,12 +391,10 @@ REQUESTS = Codec[Request](Request, "request")
 REPLIES = Codec[Reply](Reply, "reply")
 
 
-def exchange(
-    connection: Channel, request: Request, timeout_s: float, on_wait: Callable[[], bool] | None = None
-) -> Reply:
+def exchange(connection: Channel, request: Request, timeout_s: float) -> Reply:
     """One request and its reply; see `await_reply`."""
     send_request(connection, request)
-    return await_reply(connection, timeout_s, on_wait)
+    return await_reply(connection, timeout_s)
 
 
 def send_request(connection: Channel, request: Request) -> None:
@@ -411,12 +409,15 @@ def send_request(connection: Channel, request: Request) -> None:
         raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
 
 
-def await_reply(connection: Channel, timeout_s: float, on_wait: Callable[[], bool] | None = None) -> Reply:
+def await_reply(
+    connection: Channel, timeout_s: float, on_wait: Callable[[], bool] | None = None, *, is_last: bool = True
+) -> Reply:
     """The next reply; without a sign for `timeout_s` [s] the connection is closed, so none is mistaken.
 
     Each `Beat` of the target is a sign. `on_wait` is called meanwhile, every `WAIT_SLICE_S` at least. When it says that
     the session is to end, one more request informs the target. It refuses a command that waits for other targets with
-    `ABORTED`, and carries out a halt or settling as soon as none of them is in the middle of a motion.
+    `ABORTED`, and carries out a halt or settling as soon as none of them is in the middle of a motion. The answer to
+    this request is read here, too, where the awaited reply `is_last` of all.
 
     Raises:
         ExecutionError: `TARGET_LOST`, as of `receive_reply`.
@@ -432,7 +433,7 @@ def await_reply(connection: Channel, timeout_s: float, on_wait: Callable[[], boo
             if isinstance(reply, Beat) and on_wait is not None and on_wait() and not is_ending:
                 is_ending = True
                 connection.send_bytes(REQUESTS.encode(Describe()))
-        if is_ending:
+        if is_ending and is_last:
             receive_reply(connection, timeout_s)
         return reply
     except (ExecutionError, OSError) as error:

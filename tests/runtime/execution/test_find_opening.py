@@ -89,3 +89,13 @@ def test_where_a_handle_shall_be_is_said_of_its_middle_wherever_its_frame_is():
 
     assert found["to"] == pytest.approx((0.1, 0.0, 0.1))
     assert found["to"] == pytest.approx(find(drawer, TAB)[2]["to"])
+
+
+@pytest.mark.parametrize(("closes_at", "left_m"), [(0.1, 0.004), (0.05, 0.002), (0.002, 0.00008)])
+def test_what_counts_as_closed_at_its_very_end_is_closed_further(closes_at, left_m):
+    """A drawer that counts as closed in its last 5.9 % was to be pushed to 2 %, and came to 5 %."""
+    drawer = Mechanism("slide", (-1.0, 0.0, 0.0), 0.2, Pose((0.5, 0.0, 0.1)), closes_at=closes_at)
+
+    _, _, found = find(drawer, TAB, opening=0.02)
+
+    assert found["to"] == pytest.approx((0.3 - left_m, 0.0, 0.1))

@@ -10,6 +10,7 @@ from phyagentos.geometry import compute_matrix
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_center, find_surface
 from phyagentos.runtime.motion.pushes import compute_push
+from phyagentos.runtime.motion.requests import Approaches, FindPush, World
 
 pytestmark = pytest.mark.motion
 
@@ -49,27 +50,17 @@ def test_fingers_begin_beside_the_thing_and_end_where_it_stands_at_the_goal(form
     assert measure_gap(there, end, direction) == pytest.approx(0.0, abs=0.004)
 
 
-@pytest.mark.parametrize("way_deg", range(0, 360, 45))
-def test_what_is_hollow_is_taken_along_by_its_far_side_from_within(way_deg):
-    side, floor = (0.005, 0.06, 0.02), Shape(ShapeKind.BOX, (0.06, 0.06, 0.003), Pose((0.0, 0.0, 0.003)))
-    turned = (math.cos(math.pi / 4), 0.0, 0.0, math.sin(math.pi / 4))
-    walls = [Shape(ShapeKind.BOX, side, Pose((sign * 0.055, 0.0, 0.02))) for sign in (-1, 1)]
-    walls += [Shape(ShapeKind.BOX, side, Pose((0.0, sign * 0.055, 0.02), turned)) for sign in (-1, 1)]
-    dish = Entity(name="dish", kind="dish", pose=Pose((0.5, 0.1, 0.0)), shapes=(floor, *walls))
-    direction = np.array((math.cos(math.radians(way_deg)), math.sin(math.radians(way_deg)), 0.0))
-    goal = np.array((0.5, 0.1)) + 0.2 * direction[:2]
+def test_the_hand_leans_back_where_what_it_pushes_goes_under_a_board(planner, build, home):
+    table = build.fixed("table", (0.45, 0.05, -0.02), build.box((0, 0, 0), (0.45, 0.65, 0.02)))
+    board = build.fixed("board", (0.5, 0.3, 0.1), build.box((0, 0, 0), (0.3, 0.1, 0.01)))
+    push = FindPush(world=World((table, build.cube("it", 0.5, 0.1))), object="it", to_m=(0.5, 0.22), q_rad=home, seed=0)
 
-    above, begin, end = map(compute_matrix, compute_push(dish, goal, FINGERS_M, OFF_M, 0.024, 0.0, 0.01))
+    upright, leaning = planner.answer(push), planner.answer(replace(push, world=World((*push.world.entities, board))))
 
-    assert np.allclose(above[:2, 3], begin[:2, 3]), "straight down between its walls"
-    assert np.all(np.abs(begin[:2, 3] - (0.5, 0.1)) < 0.05)
-    assert float((end - begin)[:3, 3] @ direction) == pytest.approx(0.2 + OFF_M)
-    there = replace(dish, pose=Pose((*goal.tolist(), 0.0)), shapes=tuple(walls))
-    aside = np.array((-direction[1], direction[0], 0.0))
-    starts = [end[:3, 3] + share * FINGERS_M[1] * aside for share in np.linspace(-1.0, 1.0, 21)]
-    solids = [replace(there, shapes=(wall,)) for wall in walls]
-    ahead = [find_surface(solid, (*start[:2], 0.01), tuple(direction)) for solid in solids for start in starts]
-    nearest_m = min(each for each in ahead if each is not None and each > 0.0)
-    assert nearest_m == pytest.approx(FINGERS_M[0], abs=0.004), "they touch the far side where it ends"
-    plain = replace(dish, shapes=(floor,))
-    assert compute_push(plain, goal, FINGERS_M, OFF_M, 0.024, 0.0, 0.01) == (), "nothing encloses them"
+    assert isinstance(leaning, Approaches), leaning
+    assert not any("lean" in each.label for each in upright.approaches)
+    for each in leaning.approaches:
+        tool = compute_matrix(each.tcp_end)
+        assert each.label.endswith(".lean40")
+        assert tool[1, 2] == pytest.approx(math.sin(math.radians(40)), abs=0.01), "its fingertips are ahead of it"
+        assert tool[1, 3] < 0.2, "behind the thing"

@@ -16,7 +16,7 @@ from phyagentos.runtime.targets.conformance import Client, Subject
 from phyagentos.runtime.targets.handshake import Tokens, greet, make_key, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
-from phyagentos.runtime.targets.server import serve
+from phyagentos.runtime.targets.server import Loopback, serve
 from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocket
 from tests.faulty_network import FaultyNetwork
 from tests.monitors.silence import LogMonitor
@@ -176,6 +176,76 @@ def test_a_command_whose_reply_is_lost_is_never_sent_again(stand, fault):
     assert straight.code == "STALE_TOKEN", "the command of the lost connection belongs to another epoch"
     assert successor.ask(wire.Observe()).target == before
     assert count_commands(stand, "conformance") == was
+    assert stand.find_violations() == []
+
+
+def test_a_command_is_there_while_the_one_before_is_carried_out(stand, monkeypatch):
+    client, waiting = stand.connect().begin(), []
+    commands = client.plan()[:4]
+    there = Loopback(client.target)
+    carry_out = stand.beyond.apply
+
+    def apply(command):
+        time.sleep(0.1)  # noqa: TID251
+        waiting.append(stand.beyond.is_ending())  # whether the client has sent anything else by now
+        return carry_out(command)
+
+    monkeypatch.setattr(stand.beyond, "apply", apply)
+    there.send_ahead(commands[0])
+    for command, behind in zip(commands, [*commands[1:], None], strict=True):
+        if behind is not None:
+            there.send_ahead(behind)
+        assert isinstance(there.ask(command), wire.Step)
+
+    assert waiting == [True, True, True, False]
+    assert count_commands(stand, "conformance") == 4
+    assert stand.find_violations() == []
+
+
+def test_after_a_stop_no_command_is_sent_ahead_and_the_one_under_way_is_reported(stand):
+    client = stand.connect().begin()
+    first, second, third = client.plan()[:3]
+    there = Loopback(client.target)
+    there.send_ahead(first)
+    client.target._is_estopped = lambda: True
+    there.send_ahead(second)
+    there.send_ahead(third)
+
+    assert isinstance(there.ask(first), wire.Step)
+    assert [there.ask(each).code for each in (second, third)] == ["ESTOPPED", "ESTOPPED"]
+    assert count_commands(stand, "conformance") == 1
+    assert stand.read()[-1]["kind"] == "Halt"
+
+
+def test_behind_a_refused_command_none_is_carried_out(stand):
+    client = stand.connect().begin()
+    first, second, third = client.plan()[:3]
+    there = Loopback(client.target)
+    spoilt = wire.msgspec.structs.replace(first, q_rad=first.q_rad[:-1])
+    for each in (spoilt, second):
+        there.send_ahead(each)
+
+    assert there.ask(spoilt).code == "MALFORMED"
+    there.send_ahead(third)
+    assert [there.ask(each).code for each in (second, third)] == ["OUT_OF_SEQUENCE", "OUT_OF_SEQUENCE"]
+    assert count_commands(stand, "conformance") == 0
+    assert isinstance(client.ask(wire.Observe()), wire.Observation), "replies are in the order of requests"
+
+
+def test_commands_under_way_when_the_connection_ends_are_lost_and_never_sent_again(stand):
+    client = stand.connect().begin()
+    commands = client.plan()[:3]
+    there = Loopback(client.target)
+    stand.beyond.waits_s, stand.beyond.beats = 0.3, False
+    for each in commands[:2]:
+        there.send_ahead(each)
+    time.sleep(0.1)  # noqa: TID251
+    stand.network.cut()
+    there.send_ahead(commands[2])
+
+    assert [there.ask(each).code for each in commands] == ["TARGET_LOST"] * 3
+    wait_for(lambda: stand.read()[-1]["kind"] == "Withdraw")
+    assert count_commands(stand, "conformance") == 1, "what a client that is gone has left in the pipe does not happen"
     assert stand.find_violations() == []
 
 

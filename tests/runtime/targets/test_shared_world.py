@@ -3,7 +3,6 @@
 import contextlib
 import json
 import threading
-from functools import partial
 from multiprocessing import Pipe
 
 import mujoco
@@ -291,7 +290,12 @@ def test_a_command_that_waits_is_given_up_when_its_session_is_to_end_and_the_oth
 ):
     table = Table(library)
     if transport == "unix":
-        ask = partial(wire.exchange, connect(table.right, transport)[0], timeout_s=30.0)
+        channel = connect(table.right, transport)[0]
+
+        def ask(request, on_wait=None):
+            wire.send_request(channel, request)
+            return wire.await_reply(channel, 30.0, on_wait)
+
     else:
         ask = Loopback(open_remote(table, connect)).ask
     table.begin(table.left)

@@ -5,7 +5,7 @@ from math import ceil
 import numpy as np
 
 from phyagentos.geometry import compute_matrix, compute_pose
-from phyagentos.protocol.world.environment import Entity, Mechanism
+from phyagentos.protocol.world.environment import CLOSES_AT, Entity, Mechanism
 from phyagentos.protocol.world.mechanisms import compute_motion, find_hinge
 from phyagentos.protocol.world.predicates.geometry import compute_center
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
@@ -13,6 +13,7 @@ from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.shapes import ROUND_KINDS
 from phyagentos.runtime.perception.world_model import BELIEF
 
+SHUT = 0.2  # of the opening up to which it counts as closed: what shall be closed is left open by no more
 STEP_RAD = 0.02  # of a turn between two waypoints: corners are rounded over some of them, by 0.1 mm at a lever of 0.2 m
 ALONG = 0.95  # cosine between the hinge and what may turn about it in the fingers
 
@@ -55,7 +56,9 @@ class FindOpening(Leaf):
         mechanism = whole.mechanism
         if mechanism is None:
             return self.fail("NO_SLIDE", f"{whole.name} neither slides nor turns", object=whole.name)
-        motions = compute_way(whole, mechanism, self.read("opening"))
+        wanted = self.read("opening")
+        shut = min(wanted, SHUT * mechanism.closes_at)
+        motions = compute_way(whole, mechanism, shut if wanted < CLOSES_AT else wanted)
         at_m, tool = np.array(compute_center(part)), compute_matrix(self.context.step.target.tcp)
         ways_m = [motion[:3, :3] @ at_m + motion[:3, 3] - at_m for motion in motions]
         axis = find_hinge(whole)
