@@ -258,16 +258,6 @@ def serve(
             return
 
 
-def _load_libraries() -> None:
-    """Load MuJoCo and numba without what no planner uses, windows and scipy's matrix products: 0.2 s less."""
-    gc.disable()  # until all is loaded
-    os.environ["MUJOCO_GL"] = "disable"
-    sys.modules[blas := "scipy.linalg.cython_blas"] = None  # type: ignore[assignment]
-    import numba.np.arraymath  # noqa: F401 - does without it from now on
-
-    del sys.modules[blas]
-
-
 def main() -> None:
     """Entry point of the planner process."""
     parser = argparse.ArgumentParser(description="Answers motion requests for one robot.")
@@ -276,7 +266,8 @@ def main() -> None:
     parser.add_argument("--neighbour", action="append", default=[], help="NAME=robots/<name>/target.yaml")
     parser.add_argument("--descriptor", type=int, required=True, help="socket to the worker, inherited")
     arguments = parser.parse_args()
-    _load_libraries()
+    gc.disable()  # until all is loaded
+    os.environ["MUJOCO_GL"] = "disable"  # no planner draws
     bounds = msgspec.json.decode(arguments.bounds, type=dict[str, Corners])
     neighbours = {name: Path(file) for name, _, file in (each.partition("=") for each in arguments.neighbour)}
     serve(arguments.profile, bounds, neighbours, Connection(arguments.descriptor))
