@@ -180,7 +180,7 @@ SEIZED = {"kind": "stall", "object": "green_cube", "when": {"lifted_m": 0.1}}
 
 def test_the_attempt_after_a_failed_one_sets_down_what_that_held_and_takes_it_again(build_world, build, falls):
     bench = build_world(SEIZED)
-    failed, again = (bench.run(build("pick_and_place", 8, number, **TO_GREEN)) for number in (0, 1))
+    failed, again = (bench.run(build("pick_and_place", 11, number, **TO_GREEN)) for number in (0, 1))
 
     assert (failed.ended, again.ended) == (Ended.STALLED, Ended.COMPLETED), (failed.message, again.leaf, again.message)
     assert load_terminal(bench.workspace / failed.evidence).body("green_cube").xpos[2] > 0.1, "it is held"

@@ -1,6 +1,6 @@
 """Approaches from wanted tool poses: the posture above, the straight line down, and their contacts.
 
-Compiled inverse kinematics screens many seeds and follows lines; mink polishes the nearest candidates.
+Compiled inverse kinematics screens many seeds, polishes the nearest candidates and follows lines.
 """
 
 from collections import Counter

@@ -1,6 +1,6 @@
 """Forward kinematics of a tree of joints, those of a base first, and a fast inverse, compiled by numba.
 
-The inverse screens goal postures, which mink (`kinematics`) polishes, and follows straight lines of the tool. No
+The inverse screens and polishes goal postures and follows straight lines of the tool (`kinematics`). No
 `fastmath`: the same bits on every machine with the same mathematical library.
 """
 

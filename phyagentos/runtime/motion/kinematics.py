@@ -1,14 +1,14 @@
-"""Inverse kinematics from near: single postures with mink, straight tool lines with the compiled inverse of the chain.
+"""Inverse kinematics from near: single postures and straight tool lines, with the compiled inverse of the chain.
 
-mink's quadratic program in joint velocities tracks the tool frame, prefers a posture and respects joint limits. On a
-line the posture before is near enough for damped least squares alone, to the same tolerance. Collisions are checked
-afterwards: a collision limit makes the program fail more often.
+A screened posture, or the one before on a line, is near enough for damped least squares. Where these stall, between
+the limits of joints, mink's quadratic program in joint velocities tracks the tool frame, prefers a posture and respects
+the limits. Collisions are checked afterwards: a collision limit makes the program fail more often.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import NamedTuple
 
-import daqp
-import mink
 import numpy as np
 
 from phyagentos.runtime.motion.chain import LIMIT_MARGIN_RAD, Chain
@@ -23,8 +23,7 @@ POSE_JOINTS = 6  # fewer reach a pose only as exactly as the axes of a model are
 _DT_S = 0.1  # scales the velocity limits of the program only; convergence does not depend on it
 
 
-@dataclass(frozen=True, slots=True)
-class Tolerance:
+class Tolerance(NamedTuple):
     """Largest error of a tool pose."""
 
     position_m: float
@@ -53,31 +52,35 @@ class Kinematics:
     def __init__(self, robot: RobotModel, chain: Chain) -> None:
         self.chain = chain
         self.polished = POLISHED if len(chain.q_min_rad) >= POSE_JOINTS else REACHED
-        self._configuration = mink.Configuration(robot.model)
-        self._tool = mink.FrameTask(robot.profile.tcp, "site", position_cost=1.0, orientation_cost=0.5, lm_damping=1e-6)
-        self._posture = mink.PostureTask(robot.model, cost=1e-4)
-        self._limits = [mink.ConfigurationLimit(robot.model, gain=0.95, min_distance_from_limits=LIMIT_MARGIN_RAD)]
-        rows = 2 * robot.model.nv
-        self._unbounded, self._inequalities = np.full(rows, -1e30), np.zeros(rows, dtype=np.int32)  # in daqp's words
+        self._robot = robot
 
     def solve(self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance = REACHED) -> Solution | None:
-        """A posture near `start_rad` whose tool pose is within tolerance, by mink, or None."""
-        self._tool.set_target(mink.SE3.from_matrix(world_T_tcp))
-        self._posture.set_target(start_rad)
-        configuration = self._configuration
-        configuration.update(start_rad)
+        """A posture near `start_rad` whose tool pose is within tolerance, or None."""
+        found = self.chain.follow(np.array((world_T_tcp, world_T_tcp)), start_rad, tolerance)
+        if found is None or found[2] >= tolerance.position_m or found[3] >= tolerance.rotation_rad:
+            return self._solve_programs(world_T_tcp, start_rad, tolerance)
+        rows, steps, off_m, off_rad = found
+        return Solution(rows[1], Differential(steps, _round(off_m), _round(off_rad)))
+
+    def _solve_programs(self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance) -> Solution | None:
+        """The same by quadratic programs."""
+        import mink  # with scipy, 0.4 s: only where it is used
+
+        model = self._robot.model
+        tool = mink.FrameTask(self._robot.profile.tcp, "site", position_cost=1.0, orientation_cost=0.5, lm_damping=1e-6)
+        posture = mink.PostureTask(model, cost=1e-4)
+        limits = [mink.ConfigurationLimit(model, gain=0.95, min_distance_from_limits=LIMIT_MARGIN_RAD)]
+        tool.set_target(mink.SE3.from_matrix(world_T_tcp))
+        posture.set_target(start_rad)
+        configuration = mink.Configuration(model, q=start_rad)
         for iteration in range(PROGRAMS):
-            error = self._tool.compute_error(configuration)
+            error = tool.compute_error(configuration)
             off_m, off_rad = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
             if off_m < tolerance.position_m and off_rad < tolerance.rotation_rad:
                 return Solution(np.array(configuration.q), Differential(iteration, _round(off_m), _round(off_rad)))
-            program = mink.build_ik(configuration, [self._tool, self._posture], _DT_S, 1e-6, self._limits)
-            step_rad, _, found, _ = daqp.solve(
-                program.P, program.q, program.G, program.h, self._unbounded, self._inequalities
-            )
-            if found <= 0:
-                return None
-            configuration.integrate_inplace(step_rad / _DT_S, _DT_S)
+            with suppress(mink.NoSolutionFound):
+                rates = mink.solve_ik(configuration, [tool, posture], _DT_S, "daqp", damping=1e-6, limits=limits)
+                configuration.integrate_inplace(rates, _DT_S)
         return None
 
     def solve_line(self, start_rad: Array, end: Array) -> Solution | None:
@@ -86,7 +89,7 @@ class Kinematics:
         None where the line leaves the workspace or jumps to another branch.
         """
         poses = interpolate_poses(self.chain.compute_tcp(start_rad), end, LINE_STEP_M, LINE_STEP_RAD)
-        found = self.chain.follow(poses, start_rad, (self.polished.position_m, self.polished.rotation_rad))
+        found = self.chain.follow(poses, start_rad, self.polished)
         if found is None:
             return None
         rows, steps, off_m, off_rad = found

@@ -45,22 +45,6 @@ JOINT_END_RAD = 0.012  # a corner that is smoothed swings out; the guard refuses
 
 
 @dataclass(frozen=True, slots=True)
-class _Fine:
-    """The exact model, asked so often along an edge that no thin wall is stepped over."""
-
-    scene: PlanningScene
-
-    def is_free(self, q_rad: Array) -> bool:
-        return self.scene.is_free(q_rad)
-
-    def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = FINE_RAD) -> bool:
-        return self.scene.edge_is_free(start_rad, end_rad, min(resolution_rad, FINE_RAD))
-
-    def path_is_free(self, path_rad: Array, resolution_rad: float = FINE_RAD) -> bool:
-        return self.scene.path_is_free(path_rad, min(resolution_rad, FINE_RAD))
-
-
-@dataclass(frozen=True, slots=True)
 class _Search:
     query: Query
     checker: Checker
@@ -90,7 +74,8 @@ def plan_move(
             larger = _fit(prepared.checker.arrays.grow(LARGER_M), prepared.query)
             prepared = replace(prepared, checker=larger, name="larger spheres")
         elif timed is None:
-            prepared = replace(prepared, checker=_Fine(scene), name="exact, fine")
+            scene.finest_rad = FINE_RAD
+            prepared = replace(prepared, checker=scene, name="exact, fine")
         else:
             search = PathSearch(
                 planner=path.planner,

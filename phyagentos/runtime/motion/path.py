@@ -9,11 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from operator import itemgetter
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.runtime.motion.planning_scene import PlanningScene
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
 from phyagentos.runtime.motion.tree_search import RESOLUTION_RAD, grow_path, measure, shorten_path
@@ -21,22 +21,13 @@ from phyagentos.runtime.motion.tree_search import RESOLUTION_RAD, grow_path, mea
 ITERATIONS = 4_000
 ITERATIONS_CROWDED = 2_000  # where another robot is near: the leaf waits, and asks again
 STARTS = 3
-SHORTCUTS = 100
+COARSE_SHORTCUTS, SHORTCUTS = 30, 100  # of every search's path, and of the shortest one
+NEAR = 1.1  # times the way to the nearest goal: no other search is worth its time
 SPACING_RAD = 0.12
 ROUNDING_PASSES = 3
 
 
-class Checker(Protocol):
-    """Collision checks of postures and joint motions."""
-
-    def is_free(self, q_rad: Array) -> bool:
-        """Whether a posture is free."""
-
-    def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = RESOLUTION_RAD) -> bool:
-        """Whether a straight joint motion is free."""
-
-    def path_is_free(self, path_rad: Array, resolution_rad: float = 0.05) -> bool:
-        """Whether every edge of a path is free."""
+Checker = SphereChecker | PlanningScene
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,18 +80,27 @@ def find_path(query: Query, checker: SphereChecker, seed: int, should_cancel: Ca
     if straight := find_straight(query, checker):
         return straight
     found: list[tuple[float, Array, int]] = []
-    goals, bounds = query.goals_rad[query.order], (query.q_min_rad, query.q_max_rad)
-    for start in range(STARTS):
-        rng = np.random.default_rng((seed, start))
+    goals, bounds, rng = query.goals_rad[query.order], (query.q_min_rad, query.q_max_rad), np.random.default_rng(seed)
+    nearest_rad = float(np.linalg.norm(query.weights * (goals[0] - query.start_rad)))
+    for _ in range(STARTS):
         grown = grow_path(query.start_rad, goals, bounds, checker.arrays, rng, query.iterations, should_cancel)
         if grown is None:
             break
-        rows = shorten_path(grown[0], np.sort(rng.random((SHORTCUTS, 2)), axis=1), RESOLUTION_RAD, checker.arrays)
-        found.append((float(measure(rows, query.weights)[-1]), rows, grown[1]))
+        rows, length_rad = _shorten(grown[0], COARSE_SHORTCUTS, rng, checker)
+        found.append((length_rad, rows, grown[1]))
+        if length_rad < NEAR * nearest_rad:
+            break
     if not found:
         return None
     _, rows, iterations = min(found, key=itemgetter(0))
+    rows, _ = _shorten(rows, SHORTCUTS, rng, checker)
     return Path(rows, query.find_goal(rows[-1]), iterations, "RRT-Connect on spheres")
+
+
+def _shorten(rows: Array, shortcuts: int, rng: np.random.Generator, checker: SphereChecker) -> tuple[Array, float]:
+    """The path after so many shortcuts, and its length."""
+    rows = shorten_path(rows, np.sort(rng.random((shortcuts, 2)), axis=1), RESOLUTION_RAD, checker.arrays)
+    return rows, float(measure(rows, checker.arrays.weights)[-1])
 
 
 def find_straight(query: Query, checker: Checker) -> Path | None:

@@ -10,7 +10,7 @@ falls. Where its floor has no room, it comes to lie on what is there already, if
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from itertools import product
+from itertools import islice, product, zip_longest
 
 import msgspec
 import numpy as np
@@ -48,6 +48,7 @@ OVER_RIM_M = 0.02  # lowest point of a dropped thing above the walls; higher up 
 FINE_DEG = 15  # between yaws where boxes find no room
 KEPT_SHARE = 0.5  # of its height that walls must have to keep what falls between them
 OUT_OF_REACH = {"ik", "line", "far"}  # reasons that no finer site changes
+SITES_IN_TURN = 8
 ALIGNED_DEG = 3  # a yaw further than this from those of the grid has faces along the walls of its own
 
 
@@ -128,23 +129,30 @@ class _Search:
             find_approaches, q_rad=request.q_rad, screen=screen, kinematics=self.kinematics, scene=self.scene, job=job
         )
         turned = {degrees: cache(partial(_turn, degrees, placing, self.tilt)) for degrees in attitudes}
-        found: list[Approach] = []
+        found, avoided = list[Approach](), set(request.avoid)
         for fall_m, sites, release_m in product(_list_falls(placing), groups, self.releases_m):
-            for site in (each for each in sites if not (each.is_tight and fall_m)):
-                ways = (
+            ways = (
+                [
                     way
                     for way in _ways_to(site, turned, placing, release_m, fall_m)
-                    if not {way.label, site.name} & set(request.avoid)
-                )
-                for batch in ([way] for way in ways) if request.count == 1 else (list(ways),):
-                    found += search(batch, count=request.count - len(found))
-                    if len(found) >= request.count:
-                        break
+                    if not {way.label, site.name} & avoided
+                ]
+                for site in sites
+                if not (site.is_tight and fall_m)
+            )
+            for batch in _iter_single(ways) if request.count == 1 else ways:
+                found += search(batch, count=request.count - len(found))
                 if len(found) >= request.count:
                     break
             if found or not any("|" in reason for reason in job.rejected):  # nothing in the way: it is out of reach
                 break
         return found
+
+
+def _iter_single(ways: Iterator[list[Way]]) -> Iterator[list[Way]]:
+    """Each way alone, where any will do: one yaw of some sites after the other, since all fail where walls are near."""
+    while some := list(islice(ways, SITES_IN_TURN)):
+        yield from ([way] for turn in zip_longest(*some) for way in turn if way is not None)
 
 
 def _list_attitudes(tcp_R_entity: Array, step_deg: int = 45) -> dict[int, Array]:

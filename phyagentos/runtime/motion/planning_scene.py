@@ -1,51 +1,44 @@
 """The world in which motions are checked: the robot, its payload, and the believed entities.
 
-One compiled MuJoCo model serves all worlds with the same kinds of solids: entities are mocap bodies, so that a new pose
-or size, as perception measures it anew, costs no compilation. Contact bits exclude pairs of entities. Immovable
-entities are inflated by 4 mm, movable ones by 2 mm, the payload by 2 %. Base and first link ignore immovable entities,
-on which the robot stands; wheels or legs of a base that moves ignore the ground alone. Fingers stand where they are
-commanded; around a payload they take every opening from that at which they hold it to that at which they let go. The
-tool centre point is a ball that meets only its bounds.
+One compiled MuJoCo model serves all worlds whose entities have the same kinds of solids: entities are mocap bodies, and
+solids are posed and sized anew, so that no new belief costs a compilation. Contact bits leave out pairs of entities,
+and what the robot stands on. Immovable entities are inflated by 4 mm, movable ones by 2 mm, the payload by 2 %.
+Base and first link ignore immovable entities, on which the robot stands; wheels or legs of a base that moves ignore the
+ground alone. Fingers stand where they are commanded; around a payload they take every opening from that at which they
+hold it to that at which they let go. The tool centre point is a ball that meets only its bounds.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import lru_cache
 from itertools import pairwise
+from math import ceil
 
 import mujoco
 import numpy as np
-from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix, compute_quaternion, compute_rotation
-from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
-from phyagentos.protocol.world.predicates.geometry import compute_half_box
+from phyagentos.protocol.world.environment import Entity, ShapeKind
 from phyagentos.runtime.models.base import GROUND
 from phyagentos.runtime.motion.requests import Array, Payload, World
 from phyagentos.runtime.motion.robot_model import ROBOT_BIT, WORLD_BIT, RobotModel
-from phyagentos.runtime.motion.shapes import compute_bounds
+from phyagentos.runtime.motion.solids import Kinds, Shapes, SolidBody, add_solids, measure_solids
 from phyagentos.runtime.motion.tool_bounds import BALL_M, is_wall, iter_walls
 
 Pair = tuple[str, str]
-Shapes = tuple[Shape, ...]
-Kinds = tuple[tuple[ShapeKind, Pose], ...]
 
 PAYLOAD = "payload"
 ARM = "arm"  # any part of the robot, and what it holds, beside another robot
 FIXED_MARGIN_M = 0.004  # of walls and tables: calibration and tracking error
 MOVABLE_MARGIN_M = 0.002  # smaller, since fingers must pass beside a neighbour
 PAYLOAD_SCALE = 1.02
-ROOM_BIT = 4
+ROOM_BIT, BASE_BIT = 4, 8  # of the tool's bounds; of what the robot stands on
 PARKED_M = (0.0, 0.0, -10.0)
-SWEEP = 4  # openings that stand for a range: at most 13 mm apart, as thick as a finger; walls are inflated
+SWEEP, NEAR_M = 4, 0.013  # openings that stand for a range; fewer that are so near, as thick as a finger
 _CACHE_SIZE = 8
 _SPREADS = 64  # openings at which the places of the fingers are kept
+AROUND = "around/"  # before the name of a body around the robot
 _COPY = "/opening"  # in the name of a body that stands for a finger
-_GEOM_TYPES = {
-    ShapeKind.BOX: mujoco.mjtGeom.mjGEOM_BOX,
-    ShapeKind.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
-    ShapeKind.CAPSULE: mujoco.mjtGeom.mjGEOM_CAPSULE,
-    ShapeKind.SPHERE: mujoco.mjtGeom.mjGEOM_SPHERE,
-}
 
 
 class PlanningScene:
@@ -53,29 +46,32 @@ class PlanningScene:
 
     Attributes:
         checks: Configurations checked since `pose`.
+        finest_rad: Edges are checked in steps of at most that, since `pose`.
         obstacles: Entities of the world that are not parked.
         crowd: Groups of spheres (k, 4) of other robots, by their names.
         crowd_checks: Whether a posture (n_joints,) is clear of each.
         crowded_by: Those of which one was not, since `pose`.
     """
 
-    def __init__(self, robot: RobotModel, entities: Sequence[Entity], payload_shapes: Shapes) -> None:
+    def __init__(self, robot: RobotModel, around: Sequence[Kinds], held: Kinds) -> None:
         self.robot = robot
-        self.payload_shapes = payload_shapes
-        self.checks = 0
-        self._model = _compile(robot, entities, payload_shapes)
-        self._data = mujoco.MjData(self._model)
+        self.payload_shapes: Shapes = ()
+        self.checks, self.finest_rad = 0, np.inf
+        self._model = model = _compile(robot, around, held)
+        self._data = mujoco.MjData(model)
         self._qpos = self._data.qpos
-        self._mocap = {each.name: int(self._model.body(each.name).mocapid[0]) for each in entities}
-        self._payload_body = int(self._model.body(PAYLOAD).id) if payload_shapes else -1
-        self._owner = [self._model.body(int(body)).name.partition(_COPY)[0] for body in self._model.geom_bodyid]
-        self._is_obstacle = [name in self._mocap or is_wall(name) for name in self._owner]  # by geom
+        self._bodies = [(kinds, SolidBody(model, f"{AROUND}{index}")) for index, kinds in enumerate(around)]
+        self._held = SolidBody(model, PAYLOAD) if held else None
+        self._owner = [model.body(int(body)).name.partition(_COPY)[0] for body in range(model.nbody)]
+        self._is_obstacle = [is_wall(name) or name.startswith(AROUND) for name in self._owner]  # by body, too
         self._fingers = [  # body, which opening it stands for, its places
             (int(body.id), index, track)
             for name, track in robot.fingers.items()
-            for index in range(SWEEP if payload_shapes else 1)
+            for index in range(SWEEP if held else 1)
             for body in (self._model.body(_name_copy(name, index)),)
         ]
+        self._moved = np.array([body for body, _, _ in self._fingers], dtype=np.intp)
+        self._body_pos, self._body_quat = model.body_pos, model.body_quat  # views, which take a while to make
         self._places: dict[tuple[float, float], tuple[Array, Array]] = {}  # of all fingers, by the openings
         self._spread: tuple[float, float] | None = None  # openings at which the fingers stand
         self.obstacles: list[Entity] = []
@@ -85,30 +81,36 @@ class PlanningScene:
         self.tcp_T_payload = np.eye(4)
 
     def pose(self, world: World, payload: Payload | None, ignore: Iterable[str] = ()) -> None:
-        """Pose this scene as a world with exactly its kinds of solids; park payload and ignored entities far below."""
-        parked = {*ignore, *([payload.entity] if payload else [])}
-        self.obstacles = [entity for entity in world.entities if entity.name not in parked]
-        for entity in world.entities:
-            index = self._mocap.get(entity.name)
-            if index is not None:
-                away = entity.name in parked
-                self._data.mocap_pos[index] = PARKED_M if away else entity.pose.position_m
-                self._data.mocap_quat[index] = entity.pose.quaternion_wxyz
-                self._resize(entity.name, _inflate(entity.shapes, entity.movable))
-        if payload is not None:
+        """Pose this scene as a world with just its kinds of solids; park payload and ignored entities far below."""
+        gone = {*ignore, *([payload.entity] if payload else [])}
+        self.obstacles = [entity for entity in world.entities if entity.name not in gone]
+        free = defaultdict[Kinds, list[SolidBody]](list)
+        for kinds, body in self._bodies:
+            free[kinds].append(body)
+        self._data.mocap_pos[:] = PARKED_M
+        for each in (each for each in self.obstacles if each.shapes):
+            body, is_base = (
+                free[tuple(shape.kind for shape in each.shapes)].pop(),
+                self.robot.profile.base is None or each.kind == GROUND,
+            )
+            rows = measure_solids(each.shapes, MOVABLE_MARGIN_M if each.movable else FIXED_MARGIN_M)
+            body.fill(rows, BASE_BIT if is_base and not each.movable else WORLD_BIT)
+            self._owner[body.id], place = each.name, self._model.body_mocapid[body.id]
+            self._data.mocap_pos[place], self._data.mocap_quat[place] = each.pose.position_m, each.pose.quaternion_wxyz
+        if payload is not None and self._held is not None:
             self.payload_shapes = next(each.shapes for each in world.entities if each.name == payload.entity)
-            self._resize(PAYLOAD, _inflate(self.payload_shapes))
+            self._held.fill(measure_solids(self.payload_shapes, 0.0, PAYLOAD_SCALE), ROBOT_BIT)
             self.tcp_T_payload = compute_matrix(payload.tcp_T_entity)
             site = self._model.site(self.robot.profile.tcp)
             tool_T_tcp = np.eye(4)
             tool_T_tcp[:3, :3] = compute_rotation(site.quat)
             tool_T_tcp[:3, 3] = site.pos
             tool_T_payload = tool_T_tcp @ self.tcp_T_payload
-            self._model.body_pos[self._payload_body] = tool_T_payload[:3, 3]
-            self._model.body_quat[self._payload_body] = compute_quaternion(tool_T_payload[:3, :3])
+            self._model.body_pos[self._held.id] = tool_T_payload[:3, 3]
+            self._model.body_quat[self._held.id] = compute_quaternion(tool_T_payload[:3, :3])
         most_m = self.robot.profile.gripper.max_width_m
         self.spread_fingers(most_m if payload is None else payload.width_m, most_m)
-        self.checks = 0
+        self.checks, self.finest_rad = 0, np.inf
         self.crowd, self.crowd_checks, self.crowded_by = {}, {}, set()
 
     def sweep(self, q_rad: Array, low_m: float, high_m: float, tolerate: Collection[Pair] = frozenset()) -> list[Pair]:
@@ -117,7 +119,8 @@ class PlanningScene:
         That is at the widest opening of the fingers, from `high_m` down to `low_m` [m], at which any do.
         """
         stands_for_all = self.payload_shapes or low_m == high_m  # with a payload there are copies of the fingers
-        for opening_m in (high_m,) if stands_for_all else _list_openings(low_m, high_m):
+        count = min(SWEEP, 1 + ceil((high_m - low_m) / NEAR_M))
+        for opening_m in (high_m,) if stands_for_all else _list_openings(low_m, high_m, count):
             self.spread_fingers(low_m if stands_for_all else opening_m, opening_m)
             if pairs := [pair for pair in self.find_contacts(q_rad) if pair not in tolerate]:
                 return pairs
@@ -129,29 +132,11 @@ class PlanningScene:
             return
         self._spread = low_m, high_m
         if self._spread not in self._places:
-            openings_m = _list_openings(min(low_m, high_m), high_m)
+            openings_m = _list_openings(min(low_m, high_m), high_m, SWEEP)
             placed = [track.place(openings_m[index]) for _, index, track in self._fingers]
             places = np.array([p for p, _ in placed]).reshape(-1, 3), np.array([q for _, q in placed]).reshape(-1, 4)
             self._places = dict([*self._places.items(), (self._spread, places)][-_SPREADS:])
-        bodies = [body for body, _, _ in self._fingers]
-        self._model.body_pos[bodies], self._model.body_quat[bodies] = self._places[self._spread]
-
-    def _resize(self, name: str, shapes: Shapes) -> None:
-        """Give a body's solids the sizes of shapes, and the bounds by which MuJoCo passes over them."""
-        model = self._model
-        body = int(model.body(name).id)
-        first = int(model.body_geomadr[body])
-        geoms = slice(first, first + len(shapes))
-        sizes_m = [_pad(shape.size_m) for shape in shapes]
-        if np.array_equal(model.geom_size[geoms], sizes_m):
-            return
-        halves_m = np.array([compute_half_box(shape) for shape in shapes])
-        model.geom_size[geoms], model.geom_aabb[geoms, 3:] = sizes_m, halves_m
-        model.geom_rbound[geoms] = np.linalg.norm(halves_m, axis=1)
-        center_m, half_m = compute_bounds(shapes)
-        R = compute_rotation(model.body_iquat[body]).T
-        bounds = slice(int(model.body_bvhadr[body]), int(model.body_bvhadr[body] + model.body_bvhnum[body]))
-        model.bvh_aabb[bounds] = *(R @ (center_m - model.body_ipos[body])), *(np.abs(R) @ half_m)
+        self._body_pos[self._moved], self._body_quat[self._moved] = self._places[self._spread]
 
     def is_free(self, q_rad: Array) -> bool:
         """Whether a posture (n_joints,) touches nothing; exact."""
@@ -176,7 +161,8 @@ class PlanningScene:
             return []
         pairs = set()
         contacts = self._data.contact
-        for (first, second), away_m in zip(contacts.geom.tolist(), contacts.dist.tolist(), strict=True):
+        bodies = self._model.geom_bodyid[contacts.geom]
+        for (first, second), away_m in zip(bodies.tolist(), contacts.dist.tolist(), strict=True):
             if away_m < -depth_m:
                 a, b = self._owner[first], self._owner[second]
                 pairs.add((b, a) if self._is_obstacle[first] else (a, b))
@@ -185,12 +171,12 @@ class PlanningScene:
 
     def is_of_tool_pose(self, pair: Pair) -> bool:
         """Whether a contact follows from the tool's pose alone, whatever the arm's posture."""
-        return (pair[0] == PAYLOAD or pair[0] in self.robot.hand) and (pair[1] in self._mocap or is_wall(pair[1]))
+        return (pair[0] == PAYLOAD or pair[0] in self.robot.hand) and pair[1] not in self.robot.bodies
 
     def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = 0.03) -> bool:
         """Whether the straight joint motion after `start_rad` is free, at the given resolution; coarse to fine."""
         delta = end_rad - start_rad
-        steps = max(1, int(np.ceil(np.linalg.norm(delta) / resolution_rad)))
+        steps = max(1, int(np.ceil(np.linalg.norm(delta) / min(resolution_rad, self.finest_rad))))
         return all(self.is_free(start_rad + delta * (k / steps)) for k in _coarse_to_fine(steps))
 
     def path_is_free(self, path_rad: Array, resolution_rad: float = 0.05) -> bool:
@@ -203,19 +189,19 @@ class PlanningScene:
 
 
 class PlanningScenes:
-    """The scenes of one robot, compiled when a world with new kinds of solids is met."""
+    """The scenes of one robot, compiled when a world with other kinds of solids is met."""
 
     def __init__(self, robot: RobotModel) -> None:
         self._robot = robot
-        self._scenes: dict[tuple[tuple[tuple[str, bool, Kinds], ...], Kinds], PlanningScene] = {}
+        self._scenes: dict[tuple[tuple[Kinds, ...], Kinds], PlanningScene] = {}
 
     def get_scene(self, world: World, payload: Payload | None = None, ignore: Iterable[str] = ()) -> PlanningScene:
-        """The scene of these solids, posed as this world."""
-        held = next((e.shapes for e in world.entities if payload is not None and e.name == payload.entity), ())
-        solid = [entity for entity in world.entities if entity.shapes]
-        kinds = tuple((each.name, each.movable, _list_kinds(each.shapes)) for each in solid), _list_kinds(held)
-        scene = self._scenes.pop(kinds, None) or PlanningScene(self._robot, solid, held)
-        self._scenes[kinds] = scene
+        """The scene with such solids, posed as this world."""
+        solid = {each.name: tuple(shape.kind for shape in each.shapes) for each in world.entities if each.shapes}
+        held = () if payload is None else solid.get(payload.entity, ())
+        key = tuple(sorted(solid.values())), held
+        scene = self._scenes.pop(key, None) or PlanningScene(self._robot, *key)
+        self._scenes[key] = scene
         if len(self._scenes) > _CACHE_SIZE:
             del self._scenes[next(iter(self._scenes))]
         scene.pose(world, payload if held else None, ignore)
@@ -223,9 +209,9 @@ class PlanningScenes:
 
 
 @lru_cache(maxsize=256)
-def _list_openings(low_m: float, high_m: float) -> list[float]:
+def _list_openings(low_m: float, high_m: float, count: int) -> list[float]:
     """Those that stand for a range, the widest first [m]."""
-    return np.linspace(high_m, low_m, SWEEP).tolist()  # type: ignore[no-any-return]
+    return np.linspace(high_m, low_m, count).tolist()  # type: ignore[no-any-return]
 
 
 def name_pair(pair: Pair) -> str:
@@ -233,34 +219,18 @@ def name_pair(pair: Pair) -> str:
     return f"{pair[0]}|{pair[1]}"
 
 
-def _list_kinds(shapes: Shapes) -> Kinds:
-    return tuple((shape.kind, shape.pose) for shape in shapes)
-
-
-def _inflate(shapes: Shapes, movable: bool | None = None) -> Shapes:
-    """Solids as they are checked; those of the payload where `movable` is None."""
-    margin_m = 0.0 if movable is None else MOVABLE_MARGIN_M if movable else FIXED_MARGIN_M
-    scale = PAYLOAD_SCALE if movable is None else 1.0
-    return tuple(replace(shape, size_m=tuple(part * scale + margin_m for part in shape.size_m)) for shape in shapes)
-
-
-def _pad(size_m: tuple[float, ...]) -> list[float]:
-    """A size as MuJoCo takes it (3,) [m]."""
-    return [*size_m, 0.0, 0.0][:3]
-
-
-def _compile(robot: RobotModel, entities: Sequence[Entity], payload_shapes: Shapes) -> mujoco.MjModel:
+def _compile(robot: RobotModel, around: Sequence[Kinds], held: Kinds) -> mujoco.MjModel:
     spec = robot.spec.copy()
-    if payload_shapes:
-        body = spec.body(robot.tool).add_body(name=PAYLOAD)
-        add_geoms(body, _inflate(payload_shapes), ROBOT_BIT, ROBOT_BIT | WORLD_BIT)
+    for geom in spec.geoms:
+        if geom.parent.name not in robot.mounting:
+            geom.conaffinity |= BASE_BIT
+    for index, kinds in enumerate(around):
+        add_solids(spec.worldbody.add_body(name=f"{AROUND}{index}", mocap=True), kinds, WORLD_BIT, 0)
+    if held:
+        add_solids(spec.body(robot.tool).add_body(name=PAYLOAD), held, ROBOT_BIT, ROBOT_BIT | WORLD_BIT | BASE_BIT)
         _copy_fingers(spec, robot)
-    for entity in entities:
-        body = spec.worldbody.add_body(name=entity.name, mocap=True)
-        add_geoms(body, _inflate(entity.shapes, entity.movable), WORLD_BIT, 0)
-        if not entity.movable and (robot.profile.base is None or entity.kind == GROUND):
-            for part in sorted(robot.mounting):
-                spec.add_exclude(name=f"mount:{part}|{entity.name}", bodyname1=part, bodyname2=entity.name)
+    # a ball far below: MuJoCo sorts bodies along the axis of their greatest spread, and the vertical halves a check
+    add_solids(spec.worldbody.add_body(mocap=True, pos=PARKED_M), (ShapeKind.SPHERE,), WORLD_BIT, 0)
     _add_tool_bounds(spec, robot)
     return spec.compile()
 
@@ -272,7 +242,7 @@ def _add_tool_bounds(spec: mujoco.MjSpec, robot: RobotModel) -> None:
         wall = spec.body(name) or spec.worldbody.add_body(name=name)
         wall.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half_m, pos=center_m, **bits)
     site = spec.site(robot.profile.tcp)
-    site.parent.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=_pad((BALL_M,)), pos=site.pos, **bits)
+    site.parent.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(BALL_M, 0.0, 0.0), pos=site.pos, **bits)
 
 
 def _copy_fingers(spec: mujoco.MjSpec, robot: RobotModel) -> None:
@@ -291,21 +261,6 @@ def _copy_fingers(spec: mujoco.MjSpec, robot: RobotModel) -> None:
 
 def _name_copy(finger: str, index: int) -> str:
     return f"{finger}{_COPY}{index}" if index else finger
-
-
-def add_geoms(body: "mujoco.MjsBody", shapes: Shapes, contype: int, conaffinity: int) -> None:
-    """Add a geom for each solid to a body."""
-    for shape in shapes:
-        body.add_geom(
-            type=_GEOM_TYPES[shape.kind],
-            size=_pad(shape.size_m),
-            pos=shape.pose.position_m,
-            quat=shape.pose.quaternion_wxyz,
-            contype=contype,
-            conaffinity=conaffinity,
-            condim=1,
-            mass=0.001,
-        )
 
 
 def _coarse_to_fine(steps: int) -> Iterable[int]:

@@ -5,6 +5,8 @@ a flag that every search polls; a planner that does not react within the grace, 
 """
 
 import argparse
+import gc
+import os
 import queue
 import sys
 import threading
@@ -238,7 +240,10 @@ def serve(
 
     inbox = _Inbox(connection)
     planner = MotionPlanner.open(profile_file, bounds=bounds, neighbours=neighbours)
-    planner.warm_up()
+    if inbox.requests.empty():
+        planner.warm_up()  # else what is asked loads what it needs, and is not kept waiting for the rest
+    gc.freeze()  # modules and models stay: they are not searched for garbage in the midst of a request
+    gc.enable()
     known: dict[bytes, bytes] = {}
     while (received := inbox.requests.get()) is not None:
         message, request = received
@@ -261,6 +266,8 @@ def main() -> None:
     parser.add_argument("--neighbour", action="append", default=[], help="NAME=robots/<name>/target.yaml")
     parser.add_argument("--descriptor", type=int, required=True, help="socket to the worker, inherited")
     arguments = parser.parse_args()
+    gc.disable()  # until all is loaded
+    os.environ["MUJOCO_GL"] = "disable"  # no planner draws
     bounds = msgspec.json.decode(arguments.bounds, type=dict[str, Corners])
     neighbours = {name: Path(file) for name, _, file in (each.partition("=") for each in arguments.neighbour)}
     serve(arguments.profile, bounds, neighbours, Connection(arguments.descriptor))

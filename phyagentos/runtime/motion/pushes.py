@@ -11,7 +11,6 @@ from itertools import pairwise, product
 
 import numpy as np
 from msgspec.structs import replace
-from scipy.sparse.csgraph import dijkstra
 
 from phyagentos.geometry import compute_matrix, compute_pose, to_parent
 from phyagentos.protocol.world.environment import Entity, Pose
@@ -221,6 +220,8 @@ def _find_first_of_several(entity: Entity, goal_m: Array, floor: _Floor, strokes
 
 def _find_route(cost: Array) -> list[int]:
     """Indices of the cheapest way from the first place to the second one; empty where there is none."""
+    from scipy.sparse.csgraph import dijkstra  # scipy: only where it is used
+
     edges = np.where(np.isfinite(cost), cost, 0.0)
     lengths, before = dijkstra(edges, indices=[0], return_predecessors=True)
     route = [1] if np.isfinite(lengths[0, 1]) else []

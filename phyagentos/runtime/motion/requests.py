@@ -293,7 +293,7 @@ class Screening(msgspec.Struct, frozen=True):
 class Differential(msgspec.Struct, frozen=True):
     """Inverse kinematics that starts near; errors are the largest of all solved postures.
 
-    `iterations` counts mink's quadratic programs of a hover posture, and steps of the compiled inverse along a line; 0
+    `iterations` counts steps of the compiled inverse, or mink's quadratic programs where that stalls; 0
     where the start was within tolerance.
     """
 
@@ -303,7 +303,7 @@ class Differential(msgspec.Struct, frozen=True):
 
 
 class GoalPosture(msgspec.Struct, frozen=True, omit_defaults=True):
-    """How one approach was solved: its hover posture, polished by mink, and the postures on its line, by compiled code.
+    """How one approach was solved: its hover posture, polished, and the postures on its line.
 
     `hover` is None for a line that begins at the present posture.
     """
@@ -338,7 +338,7 @@ class TimeScaling(msgspec.Struct, frozen=True, omit_defaults=True):
     """How a path became a timed motion.
 
     Attributes:
-        solver: `toppra`, `casadi`, or `quintic` for a motion too small for toppra.
+        solver: `toppra` (the algorithm TOPP-RA), `casadi`, or `quintic` for a motion too small for either.
         status: The solver's own word.
         solver_iterations: Of casadi's solver, fatrop.
         worst_tilt_rad: Of a vessel against its apparent gravity; `unshaped_` fields give toppra's alone.
@@ -359,7 +359,7 @@ class TimeScaling(msgspec.Struct, frozen=True, omit_defaults=True):
 class Stages(msgspec.Struct, frozen=True, omit_defaults=True):
     """Which solvers made an answer; a stage that did not run is absent.
 
-    Compiled inverse kinematics screens and follows lines, mink polishes goals, compiled RRT-Connect finds the path, or
+    Compiled inverse kinematics screens, polishes and follows lines, compiled RRT-Connect finds the path, or
     OMPL where the spheres leave none, toppra or casadi the scaling.
     """
 

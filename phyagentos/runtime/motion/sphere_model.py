@@ -5,6 +5,7 @@ calibrated over free postures; so the model may be wrong in both directions, and
 """
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import mujoco
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_inverse, compute_matrix
-from phyagentos.protocol.world.environment import Shape
+from phyagentos.protocol.world.environment import Entity, Shape
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.chain import Chain, compute_links
 from phyagentos.runtime.motion.planning_scene import FIXED_MARGIN_M, MOVABLE_MARGIN_M, PAYLOAD_SCALE, PlanningScene
@@ -151,20 +152,21 @@ class SphereModel:
 
     def _calibrate(self, robot: RobotModel) -> list[float]:
         """Reduce each pair's threshold until only 1 % of the exactly free postures look closer than it."""
-        data = mujoco.MjData(robot.model)
+        data, free = mujoco.MjData(robot.model), []
         rng = np.random.default_rng(SEED)
-        centers: list[list[Array]] = [[] for _ in self._clusters]  # of each cluster, a row for each posture
-        links = np.zeros_like(self._chain.frames)
         for q in rng.uniform(robot.q_min_rad, robot.q_max_rad, size=(SAMPLES, robot.model.nq)):
             data.qpos[:] = q
             mujoco.mj_kinematics(robot.model, data)
             mujoco.mj_collision(robot.model, data)
-            if data.ncon:
-                continue
-            compute_links(q, self._chain.frames, self._chain.parents, self._chain.slides, links)
-            for rows, (link, _, cover) in zip(centers, self._clusters, strict=True):
-                rows.append(cover[:, :3] @ links[link, :, :3].T + links[link, :, 3])
-        placed = [np.array(rows) for rows in centers]
+            if not data.ncon:
+                free.append(q)
+        links = np.zeros((len(free), *self._chain.frames.shape))
+        for q, row in zip(free, links, strict=True):
+            compute_links(q, self._chain.frames, self._chain.parents, self._chain.slides, row)
+        placed = [  # (n, k, 3) centres of each cluster in every free posture
+            cover[:, :3] @ links[:, link, :, :3].transpose(0, 2, 1) + links[:, None, link, :, 3]
+            for link, _, cover in self._clusters
+        ]
         gaps = [self._compute_gaps(placed, a, b) for a, b in self._pairs]
         quantiles = np.array([np.quantile(each, QUANTILE) for each in gaps])  # empty for a rigid body
         return [float(1e-4 - gap) if gap < 0.0 else 0.0 for gap in quantiles]
@@ -272,16 +274,21 @@ def bound_spheres(spheres: Array) -> Array:
 
 
 def _box_obstacles(scene: PlanningScene) -> tuple[Array, Integers]:
-    rows, kinds = [], []
+    rows, kinds = [np.empty((0, 16))], list[int]()
     for entity in scene.obstacles:
-        margin_m, kind = (MOVABLE_MARGIN_M, MOVABLE) if entity.movable else (FIXED_MARGIN_M, _FIXED)
-        for box in compute_shape_boxes(entity):
-            rows.append(_make_row(box.pose[:3, 3], box.pose[:3, :3], box.half_m + margin_m))
-            kinds.append(kind)
+        rows.append(_enclose(entity, MOVABLE_MARGIN_M if entity.movable else FIXED_MARGIN_M))
+        kinds += [MOVABLE if entity.movable else _FIXED] * len(rows[-1])
     for _, center_m, half_m in iter_walls(scene.robot.bounds):
-        rows.append(_make_row(center_m, np.eye(3), half_m))
+        rows.append(_make_row(center_m, np.eye(3), half_m)[None])
         kinds.append(_WALL)
-    return np.array(rows).reshape(-1, 16), np.array(kinds, dtype=np.int64)
+    return np.vstack(rows), np.array(kinds, dtype=np.int64)
+
+
+@lru_cache(maxsize=256)
+def _enclose(entity: Entity, margin_m: float) -> Array:
+    """(b, 16) rows of boxes around its solids."""
+    boxes = [(each.pose, each.half_m + margin_m) for each in compute_shape_boxes(entity)]
+    return np.array([_make_row(T[:3, 3], T[:3, :3], half_m) for T, half_m in boxes]).reshape(-1, 16)
 
 
 def _make_row(center_m: Array, rotation: Array, half_m: Array) -> Array:

@@ -15,10 +15,10 @@ from phyagentos.geometry import compute_quaternion
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.job import Job
-from phyagentos.runtime.motion.planning_scene import add_geoms
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.shapes import compute_bounds, compute_shape_boxes
 from phyagentos.runtime.motion.sites import Placing, Site, Sites, Space, measure_rectangle
+from phyagentos.runtime.motion.solids import add_geoms
 
 GAPS_M = (0.006, 0.003)  # to everything beside it; the second where the first leaves no room
 OVER_FLOOR_M = 0.001  # between a payload that is checked and the floor with its gap

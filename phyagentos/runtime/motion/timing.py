@@ -40,7 +40,7 @@ VELOCITY_SCALE = 0.9  # of the datasheet's limits; the rest is for the controlle
 ACCELERATION_SCALE = 0.7  # toppra exceeds its limit by some per cent between grid points
 FINITE_DIFFERENCE_SCALE = 0.98  # the guard differentiates too, and refuses at 1
 DUPLICATE_RAD = 1e-4
-GRID_SHARE, GRID_MIN, GRID_MAX = 4, 48, 300  # points of the grid for a row, and in all
+GRID_SHARE, GRID_MIN, GRID_MAX = 3, 24, 300  # points of the grid for a row, and in all
 _FASTEST = np.array((1e-9, -1.0))
 
 logging.getLogger("toppra").setLevel(logging.ERROR)
@@ -179,16 +179,13 @@ def sample_within_limits(
 
 def compute_excess(start_rad: Array, q_rad: Array, qd_rad_s: Array, limits: JointLimits) -> float:
     """Largest ratio of a finite-difference velocity or acceleration to its limit, starting from rest."""
-    dt = limits.step_s
-    velocity = np.diff(q_rad, axis=0, prepend=start_rad[None]) / dt
-    acceleration = np.diff(velocity, axis=0, prepend=np.zeros((1, len(start_rad)))) / dt
-    commanded = np.diff(qd_rad_s, axis=0, prepend=np.zeros((1, len(start_rad)))) / dt
-    return max(
-        float((np.abs(velocity) / limits.velocity_rad_s).max()),
-        float((np.abs(qd_rad_s) / limits.velocity_rad_s).max()),
-        float((np.abs(acceleration) / limits.acceleration_rad_s2).max()),
-        float((np.abs(commanded) / limits.acceleration_rad_s2).max()),
+    dt, still = limits.step_s, np.zeros_like(start_rad)
+    moved, asked = np.diff(np.vstack((start_rad, start_rad, q_rad)), axis=0) / dt, np.vstack((still, qd_rad_s))
+    speeds = np.maximum(np.abs(moved[1:]), np.abs(qd_rad_s)) / limits.velocity_rad_s
+    changes = np.maximum(*(np.abs(np.diff(each, axis=0)) for each in (moved, asked))) / (
+        dt * limits.acceleration_rad_s2
     )
+    return float(max(speeds.max(), changes.max()))
 
 
 def _creep(start_rad: Array, end_rad: Array, limits: JointLimits) -> Trajectory:

@@ -135,7 +135,7 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.motion.planning_scene",
-                "openings_m = _list_openings(min(low_m, high_m), high_m)",
+                "openings_m = _list_openings(min(low_m, high_m), high_m, SWEEP)",
                 "openings_m = [self.robot.profile.gripper.max_width_m] * SWEEP",
             ),
         ),

@@ -17,6 +17,7 @@ from phyagentos.runtime.motion.poses import interpolate_poses, point_tool_down
 from phyagentos.runtime.motion.requests import Motion, Payload, PlanMove, World
 from phyagentos.runtime.motion.robot_model import build_robot_model
 from phyagentos.runtime.motion.shapes import compute_bounds
+from phyagentos.runtime.motion.solids import add_geoms
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
 
 pytestmark = pytest.mark.motion
@@ -38,7 +39,7 @@ def test_the_chain_agrees_with_mujoco(planner):
         assert T[:3, :3].reshape(9) == pytest.approx(data.site("tcp").xmat, abs=1e-9)
 
 
-def test_screening_and_mink_reach_a_pose_within_their_tolerances(planner, home):
+def test_screening_and_polishing_reach_a_pose_within_their_tolerances(planner, home):
     target = point_tool_down(0.4, np.array((0.5, 0.1, 0.2)))
     screened = planner._chain.solve(target, home)
     solved = planner._kinematics.solve(target, home)
@@ -50,6 +51,22 @@ def test_screening_and_mink_reach_a_pose_within_their_tolerances(planner, home):
         assert (
             np.linalg.norm(compute_rotation_vector(reached[:3, :3].T @ target[:3, :3])) < 1.1 * tolerance.rotation_rad
         )
+
+
+def test_quadratic_programs_polish_what_stalls_between_the_limits_of_joints(planner):
+    chain, rng, stalled = planner._chain, np.random.default_rng(0), 0
+    for _ in range(20):
+        q = rng.uniform(chain.q_min_rad, chain.q_max_rad)
+        q[:3] = chain.q_min_rad[:3]
+        target, start = chain.compute_tcp(q), np.maximum(q + rng.normal(0.0, 0.03, len(q)), chain.q_min_rad)
+        found = chain.follow(np.array((target, target)), start, (POLISHED.position_m, POLISHED.rotation_rad))
+        polished = planner._kinematics.solve(target, start, POLISHED)
+        is_short = found is None or found[2] >= POLISHED.position_m or found[3] >= POLISHED.rotation_rad
+        stalled += is_short and polished is not None
+        if polished is not None:
+            assert chain.compute_tcp(polished.q_rad) == pytest.approx(target, abs=2e-6)
+
+    assert stalled > 5
 
 
 def test_a_line_of_the_tool_is_straight_and_one_out_of_reach_is_none(planner, home):
@@ -116,15 +133,22 @@ def test_a_new_pose_needs_no_new_model_and_a_held_thing_is_no_obstacle(planner, 
     assert scenes.get_scene(near, Payload("cube", Pose())).find_contacts(home) == []
 
 
+def draw_place(rng, along_m):
+    quaternion = rng.normal(size=4)
+    return Pose(
+        (0.0, along_m, float(rng.uniform(-0.1, 0.1))), tuple(map(float, quaternion / np.linalg.norm(quaternion)))
+    )
+
+
 def draw_world(rng):
-    """Solids of every kind, tilted, about the arm; the same names at every call, other sizes and poses."""
+    """Solids of every kind, tilted, about the arm; the same names at every call, other sizes and places."""
     kinds = {ShapeKind.BOX: 3, ShapeKind.CYLINDER: 2, ShapeKind.CAPSULE: 2, ShapeKind.SPHERE: 1}
     entities = []
     for kind, sizes in kinds.items():
         for movable in (True, False):
             shapes = [
-                Shape(kind, tuple(map(float, rng.uniform(0.02, 0.12, sizes))), Pose((0.0, 0.15 * part, 0.0)))
-                for part in range(2)
+                Shape(kind, tuple(map(float, rng.uniform(0.02, 0.12, sizes))), draw_place(rng, 0.15 * part))
+                for part in range(3)
             ]
             x, y, z = map(float, rng.uniform((-0.7, -0.7, 0.0), (0.7, 0.7, 0.8)))
             quaternion = rng.normal(size=4)
@@ -135,8 +159,34 @@ def draw_world(rng):
     return World(tuple(entities))
 
 
+def compile_reference(planner, world):
+    """The same world in a model made for it, where what the robot stands on is excluded by name."""
+    spec, robot = planner.robot.spec.copy(), planner.robot
+    for entity in world.entities:
+        body = spec.worldbody.add_body(
+            name=entity.name, pos=entity.pose.position_m, quat=entity.pose.quaternion_wxyz, mocap=True
+        )
+        margin_m = 0.002 if entity.movable else 0.004
+        solids = [
+            msgspec.structs.replace(shape, size_m=tuple(part + margin_m for part in shape.size_m))
+            for shape in entity.shapes
+        ]
+        add_geoms(body, solids, 2, 0)
+        for part in () if entity.movable else robot.mounting:
+            spec.add_exclude(bodyname1=part, bodyname2=entity.name)
+    return spec.compile()
+
+
+def list_contacts(model, data, q):
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_collision(model, data)
+    bodies = [tuple(model.body(int(model.geom_bodyid[geom])).name for geom in pair) for pair in data.contact.geom]
+    return sorted({(b, a) if a.endswith(("_movable", "_fixed")) else (a, b) for a, b in bodies})
+
+
 @pytest.mark.parametrize("held", [None, "box_movable", "cylinder_movable"])
-def test_a_new_size_needs_no_new_model_and_collides_as_a_model_made_for_it(planner, held):
+def test_new_sizes_and_places_need_no_new_model_and_collide_as_a_model_made_for_them(planner, held):
     rng = np.random.default_rng(3)
     payload = None if held is None else Payload(held, Pose((0.0, 0.0, 0.08)))
     kept = PlanningScenes(planner.robot)
@@ -144,11 +194,15 @@ def test_a_new_size_needs_no_new_model_and_collides_as_a_model_made_for_it(plann
     met = set()
     for world in (draw_world(rng) for _ in range(4)):
         fresh = PlanningScenes(planner.robot).get_scene(world, payload)
+        reference = compile_reference(planner, world)
+        data = mujoco.MjData(reference)
         assert kept.get_scene(world, payload) is first
         assert first.payload_shapes == fresh.payload_shapes
         for q in draw_postures(planner, 80):
             touching = first.find_contacts(q)
             assert touching == fresh.find_contacts(q)
+            if held is None:
+                assert touching == list_contacts(reference, data, q)
             met |= {pair[1] for pair in touching} | {pair[0] for pair in touching}
     assert met >= {entity.name for entity in world.entities} - {held}
     assert ("payload" in met) == (held is not None)

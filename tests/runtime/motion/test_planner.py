@@ -102,7 +102,7 @@ def encode(answer):
     return answer.goal, answer.trajectory.q_rad.tobytes(), answer.trajectory.qd_rad_s.tobytes(), answer.stages
 
 
-def test_every_goal_posture_is_polished_by_mink_below_what_screening_reached(planner, build, home):
+def test_every_goal_posture_is_polished_below_what_screening_reached(planner, build, home):
     for seed in range(12):
         found = planner.answer(FindGrasps(world=build.scene(seed), object="cube0", q_rad=home, seed=seed))
         stages = found.stages
