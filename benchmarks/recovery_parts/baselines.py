@@ -62,9 +62,11 @@ class FullRestart:
 
 
 class RestartingRecovery(Recovery):
-    """Recovery of a full restart: every begun node is open again, live sessions are cancelled."""
+    """Recovery of a full restart: every begun node is open again, live sessions are cancelled; as ever for others."""
 
     def _repair(self, node: str, miss: Miss, *, restores: bool = True) -> list[Entry]:
+        if not isinstance(self.policy, FullRestart):
+            return super()._repair(node, miss, restores=restores)
         decision = self.policy.choose(self._make_case(node, miss))
         if decision.chosen.kind is AlternativeKind.GIVE_UP:
             return super()._repair(node, miss, restores=restores)
@@ -84,8 +86,7 @@ class RestartingRecovery(Recovery):
 @contextmanager
 def recovering_by(policy: RepairPolicy) -> Iterator[None]:
     """Within this block goals recover as the policy needs it; only a full restart needs a recovery of its own."""
-    kind = RestartingRecovery if isinstance(policy, FullRestart) else Recovery
-    with patch.object(goal_controller, "Recovery", kind):
+    with patch.object(goal_controller, "Recovery", RestartingRecovery if isinstance(policy, FullRestart) else Recovery):
         yield
 
 

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.recovery_parts.baselines import NoRetry
+from benchmarks.recovery_parts.baselines import NoRetry, restart
 from phyagentos.agent.judging.verifier import SessionVerifier
+from phyagentos.agent.mission import goal_controller
 from phyagentos.agent.repair.regressions import find_regressions
 from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.settings.verification_mode import VerificationMode
@@ -187,6 +188,14 @@ def test_what_the_skill_requires_and_an_earlier_node_had_achieved_is_restored_fo
     stage = make_stage({"red": slip_and_take_out("green_cube")})
     report = stage.pursue(write_graph(HEAD + by_skill))
     assert (report.verdict, get_order(stage)) == ("success", ["green", "red", "green.r1", "red.r1"])
+
+
+def test_a_full_restart_that_this_process_has_loaded_leaves_other_repairs_as_they_are(make_stage, row, monkeypatch):
+    monkeypatch.setattr(goal_controller, "Recovery", goal_controller.Recovery)  # as it was, afterwards
+    restart()
+    stage = make_stage({"red": slip_and_take_out("green_cube")})
+    stage.pursue(row)
+    assert get_order(stage) == ["green", "blue", "red", "green.r1", "red.r1"]
 
 
 def test_a_child_keeps_what_the_node_itself_requires_and_is_refused_when_nobody_can_restore_it(make_stage, write_graph):

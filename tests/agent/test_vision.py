@@ -111,7 +111,7 @@ def test_it_is_shown_what_the_cameras_saw_and_no_rendering_and_a_strict_answer_i
     assert (asked["path"], asked["model"], asked["temperature"]) == ("/v1/chat/completions", "looker-1", 0)
     text, *shown = asked["messages"][1]["content"]
     assert "Statement: inside(red_cube, red_tray)" in text["text"]
-    assert "inside(a, b) means: Let go of; centre within the sides of the interior box" in text["text"]
+    assert "inside(a, b) means: Let go of; centre and datum within the sides of the interior" in text["text"]
     sent = [each.get("text") or _decode(each["image_url"]["url"]) for each in shown]
     before, after = (["top before", "left before"], ["top after", "left after"])
     assert sent == ["Before the task:", *before, "After the task:", *after]
