@@ -12,6 +12,7 @@ DEMO_SPACE  := workspaces/demo
 
 FAST  := fast
 BOTH  := -n 2 --dist worksteal
+WAITING := -n 3 --dist worksteal  # journeys wait for limits to pass a good part of their time
 OTHERS := peers gymnasium kit openpi libero lerobot
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
 DRIVERS := build/drivers
@@ -50,7 +51,7 @@ test: setup  ## every test, journeys last
 	@$(BIN)/pytest -q -m alone
 	@echo "test: journeys"
 	@left=$$(mktemp -d)/journeys \
-	&& $(BIN)/pytest -q $(BOTH) -m "journey and not alone" --basetemp $$left \
+	&& $(BIN)/pytest -q $(WAITING) -m "journey and not alone" --basetemp $$left \
 	&& $(BIN)/pytest -q tests/journeys/test_statecharts.py --journeys $$left \
 	&& rm -rf $$left
 
