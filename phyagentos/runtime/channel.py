@@ -17,6 +17,7 @@ from typing import Any, Protocol
 
 SPIN_S = 0.0015  # about twice what a world needs for a control period
 MESSAGE_MAX_BYTES = 2**27  # some frames of several cameras, or the compiled model of a humanoid: 80 MiB
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}  # a robot's matrices are small: further threads would only spin
 _CREDENTIALS = struct.Struct("3i")  # process, user, group
 
 
@@ -93,7 +94,7 @@ class Child:
         ours, theirs = socket.socketpair()
         with theirs:
             command = [*command, "--descriptor", str(theirs.fileno())]
-            self._process = subprocess.Popen(command, pass_fds=(theirs.fileno(),))
+            self._process = subprocess.Popen(command, pass_fds=(theirs.fileno(),), env=os.environ | ONE_THREAD)
         self.channel = Link(Connection(ours.detach()), spin_s=spin_s)
 
     @property
