@@ -4,8 +4,6 @@ Upstream: `benchmarks/suites/recovery.yaml`, which measures repair against them.
 budget are the same.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from unittest.mock import patch
 
 from phyagentos.agent.goals.compiler import Revision
@@ -13,7 +11,6 @@ from phyagentos.agent.mission import goal_controller
 from phyagentos.agent.mission.recovery import Recovery
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, Decision
 from phyagentos.agent.repair.case import Case, Miss
-from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.protocol.sessions.lifecycle import find_cancel
 from phyagentos.protocol.sessions.tasks import NodeState
 from phyagentos.store.admission import Entry, GoalEvent
@@ -83,15 +80,8 @@ class RestartingRecovery(Recovery):
         return entries
 
 
-@contextmanager
-def recovering_by(policy: RepairPolicy) -> Iterator[None]:
-    """Within this block goals recover as the policy needs it; only a full restart needs a recovery of its own."""
-    with patch.object(goal_controller, "Recovery", RestartingRecovery if isinstance(policy, FullRestart) else Recovery):
-        yield
-
-
 def restart() -> FullRestart:
-    """A full restart, with the recovery that it needs, for the rest of this process."""
+    """A full restart; goals of this process recover as it needs it from now on, and as ever where it is not asked."""
     patch.object(goal_controller, "Recovery", RestartingRecovery).start()
     return FullRestart()
 

@@ -7,10 +7,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from benchmarks.recovery_parts.baselines import BlindRetry, FullRestart, NoRetry, recovering_by
+from benchmarks.recovery_parts.baselines import BlindRetry, FullRestart, NoRetry, RestartingRecovery
 from phyagentos.agent.judging.review import review_session
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.memory.advice import Advice
+from phyagentos.agent.mission import goal_controller
 from phyagentos.cli.history import read_ledger
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -378,10 +379,10 @@ def test_sessions_begin_side_by_side_only_while_each_has_its_whole_time(make_sta
         (FullRestart(), "success", ["green", "red", "green.r1", "red.r1"]),
     ],
 )
-def test_other_policies_run_in_the_same_mission_loop(make_stage, two, policy, verdict, ran):
+def test_other_policies_run_in_the_same_mission_loop(make_stage, two, policy, verdict, ran, monkeypatch):
+    monkeypatch.setattr(goal_controller, "Recovery", RestartingRecovery)
     stage = make_stage({"red": drop})
-    with recovering_by(policy):
-        report = stage.make_mission(policy=policy).run(two, seed=7)
+    report = stage.make_mission(policy=policy).run(two, seed=7)
     assert report.verdict == verdict
     assert [session.id.removeprefix("two-7.") for session in stage.runtime.ran] == ran
     assert all(session.strategy == OWN_WAY for session in stage.runtime.ran)

@@ -35,6 +35,7 @@ PING_S = 5.0
 CLOSE_S = 0.5
 LOOK_S = 1.0
 BACKLOG = 8
+READ_AHEAD = 8  # messages that may wait for their turn; a client sends one or two
 
 
 class Connection(Client):
@@ -80,7 +81,7 @@ class Connection(Client):
     def wants_end(self) -> bool:
         """A `Describe` behind the request that is carried out means: end it. Commands may wait before it."""
         try:
-            while self._take(0.0):
+            while len(self._received) < READ_AHEAD and self._take(0.0):
                 pass
         except EOFError:
             return True

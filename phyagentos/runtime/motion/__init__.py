@@ -1,1 +1,1 @@
-"""Motion as pure functions: kinematics, collision, paths, timing (TOPP-RA), shaping (casadi), grasps."""
+"""Motion as pure functions: kinematics (mink), collision, paths (OMPL), timing (toppra), shaping (casadi), grasps."""

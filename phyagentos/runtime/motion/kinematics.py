@@ -5,7 +5,6 @@ the limits of joints, mink's quadratic program in joint velocities tracks the to
 the limits. Collisions are checked afterwards: a collision limit makes the program fail more often.
 """
 
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -78,9 +77,11 @@ class Kinematics:
             off_m, off_rad = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
             if off_m < tolerance.position_m and off_rad < tolerance.rotation_rad:
                 return Solution(np.array(configuration.q), Differential(iteration, _round(off_m), _round(off_rad)))
-            with suppress(mink.NoSolutionFound):
+            try:
                 rates = mink.solve_ik(configuration, [tool, posture], _DT_S, "daqp", damping=1e-6, limits=limits)
-                configuration.integrate_inplace(rates, _DT_S)
+            except mink.NoSolutionFound:
+                return None
+            configuration.integrate_inplace(rates, _DT_S)
         return None
 
     def solve_line(self, start_rad: Array, end: Array) -> Solution | None:

@@ -89,13 +89,12 @@ class PlanningScene:
             free[kinds].append(body)
         self._data.mocap_pos[:] = PARKED_M
         for each in (each for each in self.obstacles if each.shapes):
-            body, is_base = (
-                free[tuple(shape.kind for shape in each.shapes)].pop(),
-                self.robot.profile.base is None or each.kind == GROUND,
-            )
+            body = free[tuple(shape.kind for shape in each.shapes)].pop()
+            is_base = self.robot.profile.base is None or each.kind == GROUND
             rows = measure_solids(each.shapes, MOVABLE_MARGIN_M if each.movable else FIXED_MARGIN_M)
             body.fill(rows, BASE_BIT if is_base and not each.movable else WORLD_BIT)
-            self._owner[body.id], place = each.name, self._model.body_mocapid[body.id]
+            self._owner[body.id] = each.name
+            place = self._model.body_mocapid[body.id]
             self._data.mocap_pos[place], self._data.mocap_quat[place] = each.pose.position_m, each.pose.quaternion_wxyz
         if payload is not None and self._held is not None:
             self.payload_shapes = next(each.shapes for each in world.entities if each.name == payload.entity)

@@ -338,7 +338,7 @@ class TimeScaling(msgspec.Struct, frozen=True, omit_defaults=True):
     """How a path became a timed motion.
 
     Attributes:
-        solver: `toppra` (the algorithm TOPP-RA), `casadi`, or `quintic` for a motion too small for either.
+        solver: `toppra`, `casadi`, or `quintic` for a motion too small for toppra.
         status: The solver's own word.
         solver_iterations: Of casadi's solver, fatrop.
         worst_tilt_rad: Of a vessel against its apparent gravity; `unshaped_` fields give toppra's alone.

@@ -35,7 +35,7 @@ from phyagentos.runtime.targets.wire import NPZ, Observation, RecordedFault, Ste
 from phyagentos.runtime.worker.bundle_files import BundleFiles
 
 RECORDED_PACKAGES = (
-    "phyagentos", "numpy", "scipy", "mujoco", "mink", "daqp", "ompl", "casadi", "numba", "py-trees",
+    "phyagentos", "numpy", "scipy", "mujoco", "mink", "daqp", "ompl", "toppra", "casadi", "numba", "py-trees",
 )  # fmt: skip
 
 ROBOT_CONTACT = "robot_contact"  # kind of an event: another robot of the world was touched
