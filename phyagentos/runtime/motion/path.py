@@ -7,7 +7,6 @@ give in 5.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from operator import itemgetter
 
 import numpy as np
@@ -130,8 +129,8 @@ def round_corners(rows_rad: Array, checker: Checker) -> Array:
 
 def densify(rows_rad: Array, spacing_rad: float) -> Array:
     """The same polyline with corners at most `spacing_rad` [rad] apart."""
-    rows = [rows_rad[:1]]
-    for a, b in pairwise(rows_rad):
-        k = max(1, int(np.ceil(np.linalg.norm(b - a) / spacing_rad)))
-        rows.append(a + (b - a) * (np.arange(1, k + 1) / k)[:, None])
-    return np.vstack(rows)
+    ways = np.diff(rows_rad, axis=0)
+    counts = np.maximum(1, np.ceil(np.linalg.norm(ways, axis=1) / spacing_rad)).astype(int)
+    edge = np.repeat(np.arange(len(ways)), counts)
+    step = 1 + np.arange(len(edge)) - (np.cumsum(counts) - counts)[edge]
+    return np.vstack((rows_rad[:1], rows_rad[edge] + ways[edge] * (step / counts[edge])[:, None]))

@@ -13,6 +13,7 @@ from phyagentos.runtime.motion.sphere_model import MOVABLE, SphereArrays
 LANES = 16
 _ZERO, _ONE, _TURN, _PER_TURN = np.float32(0.0), np.float32(1.0), np.float32(2.0 * np.pi), np.float32(0.5 / np.pi)
 _QUARTER, _HALF = np.float32(0.25), np.float32(0.5)
+_SLACK = np.float32(1e-5)  # [m] more than rounding
 _S3, _S5, _S7, _S9 = (np.float32(value) for value in (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880))
 _C4, _C6, _C8 = (np.float32(value) for value in (1 / 24, -1 / 720, 1 / 40320))
 
@@ -84,6 +85,20 @@ def _place_lanes(links, link, spheres, start, stop, centers):  # type: ignore[no
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _enclose_lanes(points, i, radius):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Radius of a ball around the sphere `i` in all lanes, whose centre is that of the middle lane."""
+    squares = np.empty(LANES, np.float32)
+    for k in range(LANES):
+        dx, dy = points[i, 0, k] - points[i, 0, LANES // 2], points[i, 1, k] - points[i, 1, LANES // 2]
+        dz = points[i, 2, k] - points[i, 2, LANES // 2]
+        squares[k] = dx * dx + dy * dy + dz * dz
+    for half in (LANES // 2, LANES // 4, LANES // 8, LANES // 16):
+        for k in range(half):
+            squares[k] = max(squares[k], squares[k + half])
+    return np.sqrt(squares[0]) + radius + _SLACK
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _meets_box(box, points, i, radius):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """In how many lanes the sphere `i` meets a box."""
     hits, square = 0, radius * radius
@@ -129,8 +144,14 @@ def _lanes_are_free(q, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN2
     for c in range(len(link)):
         _place_lanes(links, link[c], bounds, c, c + 1, balls)
     for c in range(len(link) - 1, -1, -1):
+        if meets[c] > 0:
+            reach = _enclose_lanes(balls, c, bounds[c, 3])
+            x, y, z = balls[c, 0, LANES // 2], balls[c, 1, LANES // 2], balls[c, 2, LANES // 2]
         for b in range(len(boxes) if meets[c] > 0 else 0):
-            if meets[c] & kinds[b] == 0 or _meets_box(boxes[b], balls, c, bounds[c, 3]) == 0:
+            dx, dy, dz, far = boxes[b, 0] - x, boxes[b, 1] - y, boxes[b, 2] - z, boxes[b, 15] + reach
+            if meets[c] & kinds[b] == 0 or dx * dx + dy * dy + dz * dz > far * far:
+                continue
+            if _meets_box(boxes[b], balls, c, bounds[c, 3]) == 0:
                 continue
             if not placed[c]:
                 placed[c] = True

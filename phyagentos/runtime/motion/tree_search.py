@@ -152,7 +152,8 @@ def cut(rows, along, low, high, weights):  # type: ignore[no-untyped-def]  # noq
             end += 1
         ends[k] = end
         fraction = min(1.0, (distance - along[end - 1]) / max(along[end] - along[end - 1], 1e-12))
-        copy_row(rows[end - 1] + fraction * (rows[end] - rows[end - 1]), points[k])
-    if measure_edge(points[0], points[1], weights) >= 0.98 * (high - low):
+        for j in range(rows.shape[1]):
+            points[k, j] = rows[end - 1, j] + fraction * (rows[end, j] - rows[end - 1, j])
+    if ends[0] == ends[1] or measure_edge(points[0], points[1], weights) >= 0.98 * (high - low):
         return ends[1], ends[1], points[0], points[1]
     return ends[0], ends[1], points[0], points[1]

@@ -159,6 +159,21 @@ def draw_world(rng):
     return World(tuple(entities))
 
 
+def test_an_edge_in_spheres_is_free_exactly_where_each_of_its_postures_is(planner):
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(8):
+        scene = PlanningScenes(planner.robot).get_scene(draw_world(rng))
+        checker = SphereChecker(planner._spheres.build_arrays(scene))
+        for start, end in draw_postures(planner, 100).reshape(50, 2, -1):
+            end = start + (end - start) * rng.random()  # from the shortest to the longest edges
+            postures = start + (end - start) * np.linspace(0.0, 1.0, 65)[1:, None]
+            found.append(checker.edge_is_free(start, end, np.linalg.norm(end - start) / 63.5))
+            assert found[-1] == all(checker.is_free(q) for q in postures)
+
+    assert 0.05 < np.mean(found) < 0.9
+
+
 def compile_reference(planner, world):
     """The same world in a model made for it, where what the robot stands on is excluded by name."""
     spec, robot = planner.robot.spec.copy(), planner.robot
