@@ -50,8 +50,8 @@ class Query:
     @property
     def order(self) -> NDArray[np.intp]:
         """(m,) goals, the nearest first."""
-        away = np.linalg.norm(self.weights * (self.goals_rad - self.start_rad), axis=1)
-        return np.argsort(away, kind="stable")
+        ways = self.weights * (self.goals_rad - self.start_rad)
+        return np.argsort(np.einsum("ij,ij->i", ways, ways), kind="stable")
 
     def find_goal(self, q_rad: Array) -> int:
         """The goal at a posture (n_joints,)."""
@@ -130,7 +130,7 @@ def round_corners(rows_rad: Array, checker: Checker) -> Array:
 def densify(rows_rad: Array, spacing_rad: float) -> Array:
     """The same polyline with corners at most `spacing_rad` [rad] apart."""
     ways = np.diff(rows_rad, axis=0)
-    counts = np.maximum(1, np.ceil(np.linalg.norm(ways, axis=1) / spacing_rad)).astype(int)
+    counts = np.maximum(1, np.ceil(np.sqrt(np.einsum("ij,ij->i", ways, ways)) / spacing_rad)).astype(int)
     edge = np.repeat(np.arange(len(ways)), counts)
     step = 1 + np.arange(len(edge)) - (np.cumsum(counts) - counts)[edge]
     return np.vstack((rows_rad[:1], rows_rad[edge] + ways[edge] * (step / counts[edge])[:, None]))

@@ -148,8 +148,9 @@ def _lanes_are_free(q, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN2
             reach = _enclose_lanes(balls, c, bounds[c, 3])
             x, y, z = balls[c, 0, LANES // 2], balls[c, 1, LANES // 2], balls[c, 2, LANES // 2]
         for b in range(len(boxes) if meets[c] > 0 else 0):
-            dx, dy, dz, far = boxes[b, 0] - x, boxes[b, 1] - y, boxes[b, 2] - z, boxes[b, 15] + reach
-            if meets[c] & kinds[b] == 0 or dx * dx + dy * dy + dz * dz > far * far:
+            if meets[c] & kinds[b] == 0 or abs(boxes[b, 0] - x) > boxes[b, 15] + reach:
+                continue
+            if abs(boxes[b, 1] - y) > boxes[b, 16] + reach or abs(boxes[b, 2] - z) > boxes[b, 17] + reach:
                 continue
             if _meets_box(boxes[b], balls, c, bounds[c, 3]) == 0:
                 continue

@@ -28,7 +28,6 @@ COVER_EXCESS_M = 0.01  # how far a cover may stand out of a capsule
 CELL_M = 0.009  # smallest half edge of the cells of a box
 QUANTILE = 0.01  # of free postures that a calibrated pair may still refuse
 SAMPLES = 1000
-BALL_MARGIN_M = 1e-9  # so that rounding never lets a ball miss what its box meets
 SEED = 0
 YIELD_M = 1e-4  # further from what was touched: rounding must not touch it again
 METRE_RAD = 2.0  # a metre of a base's way is as long as so much turning of a joint
@@ -50,7 +49,7 @@ class SphereArrays(NamedTuple):
         meets: (c,) kinds of obstacles that each cluster is tested against: sum of 1 movable, 2 immovable, 4 walls.
         pairs: (p, 2) clusters tested against each other.
         shrink: (p,) calibrated reduction of their distance threshold [m].
-        boxes: (b, 16) obstacles: centre, rotation by rows, half extents, radius of the ball around it.
+        boxes: (b, 18) obstacles: centre, rotation by rows, half extents, and half extents along the world's axes.
         kinds: (b,) of the obstacles.
         crowd: (m, 4) spheres of other robots in the world: centre, radius; in groups like the own clusters.
         crowd_first: (g + 1,) index of the first sphere of each group.
@@ -274,7 +273,7 @@ def bound_spheres(spheres: Array) -> Array:
 
 
 def _box_obstacles(scene: PlanningScene) -> tuple[Array, Integers]:
-    rows, kinds = [np.empty((0, 16))], list[int]()
+    rows, kinds = [np.empty((0, 18))], list[int]()
     for entity in scene.obstacles:
         rows.append(_enclose(entity, MOVABLE_MARGIN_M if entity.movable else FIXED_MARGIN_M))
         kinds += [MOVABLE if entity.movable else _FIXED] * len(rows[-1])
@@ -286,10 +285,10 @@ def _box_obstacles(scene: PlanningScene) -> tuple[Array, Integers]:
 
 @lru_cache(maxsize=256)
 def _enclose(entity: Entity, margin_m: float) -> Array:
-    """(b, 16) rows of boxes around its solids."""
+    """(b, 18) rows of boxes around its solids."""
     boxes = [(each.pose, each.half_m + margin_m) for each in compute_shape_boxes(entity)]
-    return np.array([_make_row(T[:3, 3], T[:3, :3], half_m) for T, half_m in boxes]).reshape(-1, 16)
+    return np.array([_make_row(T[:3, 3], T[:3, :3], half_m) for T, half_m in boxes]).reshape(-1, 18)
 
 
 def _make_row(center_m: Array, rotation: Array, half_m: Array) -> Array:
-    return np.concatenate((center_m, rotation.reshape(9), half_m, (np.linalg.norm(half_m) + BALL_MARGIN_M,)))
+    return np.concatenate((center_m, rotation.reshape(9), half_m, np.abs(rotation) @ half_m))

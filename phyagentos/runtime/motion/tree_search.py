@@ -32,6 +32,7 @@ def grow_path(
 ) -> tuple[Array, int] | None:
     """Corners (k, n_joints) from the start to a goal (m, n_joints), nearest goal first, and the iterations; or None."""
     n = len(start_rad)
+    low_rad, width_rad = bounds_rad[0], bounds_rad[1] - bounds_rad[0]
     nodes, parents = np.empty((2, NODES, n)), np.full((2, NODES), -1)
     sizes, bridge = np.ones(2, np.int64), np.zeros(2, np.int64)
     nodes[0, 0], nodes[1, 0] = start_rad, goals_rad[0]
@@ -42,7 +43,7 @@ def grow_path(
             sizes[1] += free
         if should_cancel():
             return None
-        samples = rng.uniform(*bounds_rad, (CHUNK, n))
+        samples = low_rad + width_rad * rng.random((CHUNK, n))
         done = _grow(nodes, parents, sizes, bridge, samples, RANGE_RAD, RESOLUTION_RAD, arrays)
         if done > 0:
             return np.vstack(
