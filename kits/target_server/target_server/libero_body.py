@@ -89,6 +89,7 @@ class LiberoBody(Body):
         self._scene, self._steps, self._state = "", 0, 0
         self._env: Any = None
         self._present: tuple[State, Array, Array] | None = None  # until the next step; with the pose of the tool
+        self._row: Sequence[float] | None = None  # the set-points of the latest step, and where they bring the tool
         self.tools = {"describe_scene": self._describe_scene}
         self.load(settings.scene, 0, b"")
 
@@ -117,9 +118,9 @@ class LiberoBody(Body):
 
     def measure_error(self, wanted: Sequence[float]) -> float:
         _, position_m, rotation = self._look()
-        aim_m, aim = self._compute_tool(np.asarray(wanted))
-        off_m, off_rad = aim_m - position_m, _to_vector(aim @ rotation.T)
-        return max(math.sqrt(off_m @ off_m) / LEVER_M, math.sqrt(off_rad @ off_rad))
+        aim_m, aim = self._aim if wanted is self._row else self._compute_tool(np.asarray(wanted))
+        off_m, off_rad = aim_m - position_m, _to_vector(aim.dot(rotation.T))
+        return max(math.sqrt(off_m.dot(off_m)) / LEVER_M, math.sqrt(off_rad.dot(off_rad)))
 
     def list_entities(self) -> Sequence[Entity]:
         held = self._list_held()
@@ -129,7 +130,8 @@ class LiberoBody(Body):
         return [self._place(thing, mark) for thing in self._things for mark in thing.regions]
 
     def step(self, q: Sequence[float], qd: Sequence[float], width_m: float) -> str:
-        self._wanted, self._width_m = np.array(q), width_m
+        self._wanted, self._row, self._width_m = np.array(q), q, width_m
+        self._aim = self._compute_tool(self._wanted)
         self._act(np.asarray(qd))
         return ""
 
@@ -182,13 +184,15 @@ class LiberoBody(Body):
         """The present, which stays until the next step, and where the tool is as `_read_tool` has it."""
         if self._present is None:
             position_m, rotation = self._read_tool(self._data)
-            w, x, y, z = to_quaternion(rotation)
+            x, y, z = position_m.tolist()
+            w, i, j, k = to_quaternion(rotation)
+            left_m, right_m = self._data.qpos[self._fingers_at].tolist()
             state = State(
                 q=self._data.qpos[self._q_at].tolist(),
                 qd=self._data.qvel[self._qd_at].tolist(),
-                tcp_m=tuple(position_m.tolist()),
-                tcp_wxyz=(w, x, y, z),
-                width_m=min(float(np.abs(self._data.qpos[self._fingers_at]).sum()), WIDTH_M),
+                tcp_m=(x, y, z),
+                tcp_wxyz=(w, i, j, k),
+                width_m=min(abs(left_m) + abs(right_m), WIDTH_M),
                 holding=self._list_held(),
             )
             self._present = state, position_m, rotation
@@ -198,9 +202,9 @@ class LiberoBody(Body):
         """What stays as it is while this environment is open."""
         inner, model, data = self._env.env, self._env.sim.model._model, self._env.sim.data._data
         self._model, self._scratch = model, mujoco.MjData(model)
-        self._q_at = [int(model.joint(name).qposadr[0]) for name in ARM]
-        self._qd_at = [int(model.joint(name).dofadr[0]) for name in ARM]
-        self._fingers_at = [int(model.joint(name).qposadr[0]) for name in FINGERS]
+        self._q_at = np.array([int(model.joint(name).qposadr[0]) for name in ARM])
+        self._qd_at = np.array([int(model.joint(name).dofadr[0]) for name in ARM])
+        self._fingers_at = np.array([int(model.joint(name).qposadr[0]) for name in FINGERS])
         self._base_m, self._base = data.body(BASE).xpos.copy(), data.body(BASE).xmat.reshape(3, 3).copy()
         self._grip = data.site(SITE).id
         self._tip_m = self._measure_tip()
@@ -248,9 +252,9 @@ class LiberoBody(Body):
 
     def _read_tool(self, data: Any) -> tuple[Array, Array]:
         """Tool centre point (3,), midway between the pads, and its rotation (3, 3)."""
-        rotation = self._base.T @ data.site_xmat[self._grip].reshape(3, 3)
-        position_m = self._base.T @ (data.site_xpos[self._grip] - self._base_m) + rotation @ self._tip_m
-        return position_m, rotation @ TOOL
+        rotation = self._base.T.dot(data.site_xmat[self._grip].reshape(3, 3))
+        position_m = self._base.T.dot(data.site_xpos[self._grip] - self._base_m) + rotation.dot(self._tip_m)
+        return position_m, rotation.dot(TOOL)
 
     def _compute_tool(self, q: Array) -> tuple[Array, Array]:
         """Where joint positions (7,) bring the tool."""
@@ -262,13 +266,13 @@ class LiberoBody(Body):
         """One step towards the wanted set-points, ahead by what the controller lags behind."""
         aim_m, aim = self._compute_tool(self._wanted + LAG_S * qd)
         _, position_m, rotation = self._look()
-        site_m = (aim_m - position_m) + (rotation - aim) @ self._tip_m  # the site lies on the approach axis
-        action = np.zeros(7)
-        action[:3] = self._base @ site_m / MOST_M
-        action[3:6] = self._base @ _to_vector(aim @ rotation.T) / MOST_RAD
-        action[6] = self._choose_grip()
+        site_m = (aim_m - position_m) + (rotation - aim).dot(self._tip_m)  # the site lies on the approach axis
+        moved = (self._base.dot(site_m) / MOST_M).tolist() + (
+            self._base.dot(_to_vector(aim.dot(rotation.T))) / MOST_RAD
+        ).tolist()
+        action = np.array([*(min(max(each, -1.0), 1.0) for each in moved), self._choose_grip()])
         self._present = None
-        *_, is_met, _ = self._env.step(np.clip(action, -1.0, 1.0))  # says whether the benchmark's goal is met
+        *_, is_met, _ = self._env.step(action)  # says whether the benchmark's goal is met
         self._steps += 1
         self._reached = self._reached or bool(is_met)
 
@@ -398,7 +402,8 @@ def find_ends(joint: JointOfThing, made: Any) -> dict[str, float]:
 
 def _to_vector(rotation: Array) -> Array:
     """(3,) axis times angle [rad] of a rotation (3, 3)."""
-    found, quaternion = np.empty(3), np.array(to_quaternion(rotation))
+    found, quaternion = np.empty(3), np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, rotation.ravel())
     mujoco.mju_quat2Vel(found, quaternion, 1.0)
     return found
 

@@ -79,7 +79,7 @@ def _serve_client(served: Served, client: Connection, key: bytes, ended: threadi
                 served.watch(time.monotonic() - answered_s)
                 continue
             message = client.receive()
-            if client.is_gone():  # what a client that is gone has left in the pipe must not happen
+            if not client.is_open:  # what a client that is gone has left in the pipe must not happen
                 raise EOFError
             try:
                 request = wire.decode(message)

@@ -9,12 +9,13 @@ import contextlib
 import select
 import socket
 import ssl
+import struct
 import threading
 import time
 from collections import deque
 from typing import Any
 
-from websockets.frames import CloseCode, Frame, Opcode
+from websockets.frames import CloseCode, Frame, Opcode, apply_mask
 from websockets.http11 import Request
 from websockets.protocol import State
 from websockets.server import ServerProtocol
@@ -30,6 +31,13 @@ LOOK_S = 1.0
 BACKLOG = 8  # clients that wait for their turn
 READ_AHEAD = 8  # messages that may wait for theirs; a client sends one or two
 CHUNK_BYTES = 2**16
+MESSAGE = 0x82  # first byte of a frame that is a whole binary message (RFC 6455, 5.2)
+MASKED = 0x80  # in its second byte, as in every frame of a client
+MASK_BYTES = 4
+LONG = {
+    126: 4,
+    127: 10,
+}  # lengths of its head, without the mask, where the length of a message does not fit into a byte
 _LATER = (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError)
 
 
@@ -39,6 +47,7 @@ class Connection(Client):
     def __init__(self, connection: socket.socket) -> None:
         self._socket, self._protocol = connection, ServerProtocol(origins=[None], max_size=MESSAGE_MAX_BYTES)
         self._received, self._fragments = deque[bytes](), list[Any]()
+        self._unread = bytearray()  # the beginning of a frame
         self._lock, self._is_over = threading.Lock(), False
         self._patience_s = 0.0  # for one that does not read what it is sent
         self._since_s = self._read_s = self._heard_s = self._pinged_s = time.monotonic()
@@ -82,27 +91,20 @@ class Connection(Client):
             return True
 
     def receive(self) -> bytes:
-        """The oldest message; raises EOFError where none comes."""
-        if not self.poll(LOOK_S):
-            raise EOFError("no message")
+        """The oldest message, after `poll` has said that there is one."""
         return self._received.popleft()
 
     def send(self, message: bytes) -> None:
         """Send one; a client that is gone is met at the next read."""
         with self._lock:
             if self.is_open:
-                self._protocol.send_binary(message)
-                self._flush()
-
-    def is_gone(self) -> bool:
-        """Whether the client has closed its end, as far as can be read."""
-        with self._lock:
-            self._read()
-            return not self.is_open
+                self._write(make_head(len(message)) + message)
 
     def wants_end(self) -> bool:
         """A `Describe` behind the request that is carried out means: end it. Commands may wait before it."""
-        return self.is_gone() or any(map(wire.is_describe, self._received))
+        with self._lock:
+            self._read()
+            return not self.is_open or any(map(wire.is_describe, self._received))
 
     def beat(self) -> None:
         """Send a sign of life."""
@@ -149,10 +151,39 @@ class Connection(Client):
             except OSError:
                 data = b""
             self._heard_s, self._is_over = self._read_s, not data
-            self._protocol.receive_data(data)
-            for event in self._protocol.events_received():
-                self._take(event)
-            self._flush()
+            if self.is_open:
+                self._unread += data
+                self._split()
+            else:
+                self._pass_on(data)
+
+    def _split(self) -> None:
+        """Take what is whole. A frame that is a message is unmasked here; the library gets each other, as it is."""
+        while self.is_open and len(self._unread) > 1:
+            size = self._unread[1] & ~MASKED
+            start = LONG.get(size, 2)
+            if start > 2:
+                if len(self._unread) < start:
+                    return
+                size = int.from_bytes(self._unread[2:start], "big")
+            end = start + MASK_BYTES + size
+            if size > MESSAGE_MAX_BYTES or self._unread[1] < MASKED:  # the library ends the connection
+                end = len(self._unread)
+            elif len(self._unread) < end:
+                return
+            frame = bytes(self._unread[:end])
+            del self._unread[:end]
+            if frame[0] == MESSAGE and frame[1] >= MASKED and size <= MESSAGE_MAX_BYTES and not self._fragments:
+                self._received.append(apply_mask(frame[start + MASK_BYTES :], frame[start : start + MASK_BYTES]))
+            else:
+                self._pass_on(frame)
+
+    def _pass_on(self, data: bytes) -> None:
+        """To the library."""
+        self._protocol.receive_data(data)
+        for event in self._protocol.events_received():
+            self._take(event)
+        self._flush()
 
     def _take(self, event: Any) -> None:
         """An event of the protocol."""
@@ -177,20 +208,30 @@ class Connection(Client):
             self._pinged_s = now_s
 
     def _flush(self) -> None:
-        """Write what the protocol has to say; nothing stands for the end."""
+        """Write what the library has to say; nothing stands for the end."""
         for data in self._protocol.data_to_send():
-            if not data:
+            if data:
+                self._write(data)
+            else:
                 with contextlib.suppress(OSError):
                     self._socket.shutdown(socket.SHUT_WR)
-                continue
-            left = memoryview(data)
-            while left and not self._is_over:
-                try:
-                    left = left[self._socket.send(left) :]
-                except _LATER:
-                    self._is_over = not self._writable.poll(1e3 * self._patience_s)
-                except OSError:
-                    self._is_over = True
+
+    def _write(self, data: bytes) -> None:
+        """All of it, unless the client does not read."""
+        while data and not self._is_over:
+            try:
+                data = data[self._socket.send(data) :]
+            except _LATER:
+                self._is_over = not self._writable.poll(1e3 * self._patience_s)
+            except OSError:
+                self._is_over = True
+
+
+def make_head(size: int) -> bytes:
+    """What precedes a message of so many bytes in a frame of a server."""
+    if size < min(LONG):
+        return bytes((MESSAGE, size))
+    return struct.pack("!BBH", MESSAGE, 126, size) if size < 2**16 else struct.pack("!BBQ", MESSAGE, 127, size)
 
 
 class Door:
