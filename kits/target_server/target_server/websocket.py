@@ -30,7 +30,8 @@ CLOSE_S = 0.5  # for the last words
 LOOK_S = 1.0
 BACKLOG = 8  # clients that wait for their turn
 READ_AHEAD = 8  # messages that may wait for theirs; a client sends one or two
-CHUNK_BYTES = 2**16
+CHUNK_BYTES = 2**12
+READ_S = 0.005  # of reading at a time: pings without end must not keep a body from its stops
 MESSAGE = 0x82  # first byte of a frame that is a whole binary message (RFC 6455, 5.2)
 MASKED = 0x80  # in its second byte, as in every frame of a client
 MASK_BYTES = 4
@@ -69,7 +70,8 @@ class Connection(Client):
         """Whether it may wait at the door: it is open, or may yet be, and does not say more than a greeting."""
         is_early = time.monotonic() - self._since_s < OPEN_S and self._protocol.state is State.CONNECTING
         is_coming = is_early and not self._is_over and self._protocol.handshake_exc is None
-        return is_coming or (self.is_open and len(self._received) < READ_AHEAD)
+        n_bytes = sum(map(len, (self._unread, *self._fragments, *self._received)))
+        return is_coming or (self.is_open and len(self._received) < READ_AHEAD and n_bytes <= CHUNK_BYTES)
 
     def serve(self) -> None:
         """Its turn has come."""
@@ -140,10 +142,8 @@ class Connection(Client):
 
     def _read(self) -> None:
         """Take what has come, up to a limit, and answer what the protocol itself answers."""
-        self._read_s = time.monotonic()
-        for _ in range(READ_AHEAD):
-            if self._is_over or len(self._received) >= READ_AHEAD:
-                return
+        self._read_s = now_s = time.monotonic()
+        while not self._is_over and len(self._received) < READ_AHEAD and now_s - self._read_s < READ_S:
             try:
                 data = self._socket.recv(CHUNK_BYTES)
             except _LATER:
@@ -156,6 +156,7 @@ class Connection(Client):
                 self._split()
             else:
                 self._pass_on(data)
+            now_s = time.monotonic()
 
     def _split(self) -> None:
         """Take what is whole. A frame that is a message is unmasked here; the library gets each other, as it is."""
@@ -286,15 +287,19 @@ class Door:
                 self._changed.notify()
 
     def _admit(self) -> None:
-        """Newcomers, as many as may wait."""
+        """Newcomers, as many as may wait; one takes the place of who has said nothing for longest."""
         with contextlib.suppress(OSError):  # no more, or one that is gone again
             while True:
                 connection, _ = self._listener.accept()
                 connection.setblocking(False)
                 connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 if len(self._coming) >= BACKLOG:
-                    connection.close()
-                    continue
+                    silent = next((each for each in self._coming if not each.is_open), None)
+                    if silent is None:
+                        connection.close()
+                        continue
+                    self._coming.remove(silent)
+                    silent.drop()
                 if self._tls is not None:
                     connection = self._tls.wrap_socket(connection, server_side=True, do_handshake_on_connect=False)
                 self._coming.append(Connection(connection))
