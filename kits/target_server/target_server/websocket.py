@@ -31,6 +31,7 @@ LOOK_S = 1.0
 BACKLOG = 8  # clients that wait for their turn
 READ_AHEAD = 8  # messages that may wait for theirs; a client sends one or two
 CHUNK_BYTES = 2**12
+DRAIN_BYTES = 2**18  # at a time, of what nobody reads any more: who says too much must get to read why
 READ_S = 0.005  # of reading at a time: pings without end must not keep a body from its stops
 MESSAGE = 0x82  # first byte of a frame that is a whole binary message (RFC 6455, 5.2)
 MASKED = 0x80  # in its second byte, as in every frame of a client
@@ -123,14 +124,16 @@ class Connection(Client):
                 self._lock.release()
 
     def close(self) -> None:
-        """End the connection, and wait a moment for the client to do so: what it was sent must not be lost."""
+        """End the connection, and wait a moment for the client to do so: what it was sent must not be lost.
+
+        One that still sends, as a message that is too long, gets longer to read why.
+        """
         with self._lock:
-            self._patience_s, until_s = CLOSE_S, time.monotonic() + CLOSE_S
+            self._patience_s, until_s = CLOSE_S, time.monotonic() + OPEN_S
             if self.is_open:
                 self._protocol.send_close(CloseCode.NORMAL_CLOSURE)
             self._flush()
-            while not self._is_over and (left_s := until_s - time.monotonic()) > 0.0:
-                self._readable.poll(1e3 * left_s)
+            while not self._is_over and time.monotonic() < until_s and self._readable.poll(1e3 * CLOSE_S):
                 self._received.clear()
                 self._read()
             self.drop()
@@ -145,7 +148,7 @@ class Connection(Client):
         self._read_s = now_s = time.monotonic()
         while not self._is_over and len(self._received) < READ_AHEAD and now_s - self._read_s < READ_S:
             try:
-                data = self._socket.recv(CHUNK_BYTES)
+                data = self._socket.recv(CHUNK_BYTES if self.is_open else DRAIN_BYTES)
             except _LATER:
                 return
             except OSError:
