@@ -1,7 +1,7 @@
 """What the path costs at each control step, beside a bare loop over the same environment.
 
     python -m benchmarks.overhead --environments build            # where metaworld/ and libero/ stand
-    python -m benchmarks.overhead --worlds meta_world --rounds 5
+    python -m benchmarks.overhead --worlds meta_world --rounds 20
 
 The path is that of a session in its worker: a skill that has its set-points ready, safety guard, receive log, driver,
 socket, the kit's own checks, the environment's step, the report back, and what is kept for the evidence; a command is
@@ -280,8 +280,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--environments", type=Path, default=Path("build"))
     parser.add_argument("--worlds", nargs="+", choices=list(OPENERS), default=list(OPENERS))
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--steps", type=int, default=400, help="of a round")
+    parser.add_argument("--rounds", type=int, default=10, help="in turn with the bare loop, as a machine drifts")
+    parser.add_argument("--steps", type=int, default=140, help="of a round")
     given = parser.parse_args()
     figures = {key: value for name in given.worlds for key, value in measure(name, given).items()}
     asked = {key: ask for key, ask in ASKED.items() if key in figures}
