@@ -36,10 +36,7 @@ READ_S = 0.005  # of reading at a time: pings without end must not keep a body f
 MESSAGE = 0x82  # first byte of a frame that is a whole binary message (RFC 6455, 5.2)
 MASKED = 0x80  # in its second byte, as in every frame of a client
 MASK_BYTES = 4
-LONG = {
-    126: 4,
-    127: 10,
-}  # lengths of its head, without the mask, where the length of a message does not fit into a byte
+LONG = {126: 4, 127: 10}  # bytes of its head, without the mask, by what stands for a length that needs more than one
 _LATER = (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError)
 
 
@@ -275,17 +272,18 @@ class Door:
     def _run(self) -> None:
         """Until it is closed: sleep, but for those that come and those that wait."""
         while not self._is_closed:
+            awaited = select.poll()
             with self._changed:
-                awaited = [self._listener.fileno(), *(each.fileno() for each in self._coming)]
-            with contextlib.suppress(OSError):  # one that got its turn has closed since
-                select.select(awaited, [], [], LOOK_S)
+                for each in (self._listener, *self._coming):
+                    awaited.register(each, select.POLLIN)
+            awaited.poll(1e3 * LOOK_S)
             with self._changed:
                 self._admit()
-                for each in (*self._coming, *self._served):
-                    each.tend()
-                for each in self._coming:
-                    if not each.may_stay:
-                        each.drop()
+                for client in (*self._coming, *self._served):
+                    client.tend()
+                for client in self._coming:
+                    if not client.may_stay:
+                        client.drop()
                 self._coming = [each for each in self._coming if each.may_stay]
                 self._changed.notify()
 
