@@ -2,7 +2,8 @@
 
     python bare.py < JSON      # {"world", "settings", "scene", "seed", "rows", "is_whole"}; prints a list [ms] as JSON
 
-The environment is as its owner makes it where it `is_whole`: with the observations that the kit's body leaves out. The kit's body turns each row of set-points into an action, as on the path; what that takes is not counted.
+Where LIBERO's environment `is_whole` it is as its owner makes it, with the observations that the kit's body leaves out.
+The kit's body turns each row of set-points into an action, as on the path; what that takes is not counted.
 """
 
 import json
