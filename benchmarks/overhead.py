@@ -1,13 +1,14 @@
 """What the path costs at each control step, beside a bare loop over the same environment.
 
     python -m benchmarks.overhead --environments build            # where metaworld/ and libero/ stand
-    python -m benchmarks.overhead --worlds meta_world --rounds 5
+    python -m benchmarks.overhead --worlds meta_world --rounds 20
 
 The path is that of a session in its worker: a skill that has its set-points ready, safety guard, receive log, driver,
 socket, the kit's own checks, the environment's step, the report back, and what is kept for the evidence; a command is
 one step, and is sent while the one before is carried out. It is timed from turn to turn of the session's loop. Nothing
 is planned, seen or asked of a policy meanwhile. The bare loop calls `env.step` in the environment's own Python, with
-the same actions. Both take turns, a round each.
+the same actions, and with the environment's own observations, which this path neither reads nor builds; beside it
+stands the share over a loop that leaves them out, too. All take turns, a round each.
 Where other programs want the processors, `chrt -r 5` keeps them out of it.
 """
 
@@ -196,9 +197,10 @@ def open_libero(environments: Path, folder: Path) -> Iterator[World]:
 OPENERS = {"meta_world": open_meta_world, "libero": open_libero}
 
 
-def time_bare(name: str, world: World, rows: Sequence[Row], seed: int) -> list[float]:
+def time_bare(name: str, world: World, rows: Sequence[Row], seed: int, *, is_whole: bool = True) -> list[float]:
     """How long each step took in a loop of its own, with these set-points [ms]."""
     asked = {"world": name, "settings": world.settings, "scene": world.scene, "seed": seed, "rows": rows}
+    asked["is_whole"] = is_whole
     environment = os.environ | {"PYTHONPATH": str(KIT)}
     done = subprocess.run(
         [world.python, BARE], env=environment, input=json.dumps(asked), stdout=subprocess.PIPE, text=True, check=True
@@ -256,18 +258,21 @@ def _make_session(target: str, scene: Scene, steps: int) -> Session:
 
 def measure(name: str, given: argparse.Namespace) -> dict[str, float]:
     """The figures of one world; the rounds of both take turns."""
-    bare, path = list[float](), list[float]()
+    bare, path, blind = list[float](), list[float](), list[float]()
     with tempfile.TemporaryDirectory() as folder, OPENERS[name](given.environments, Path(folder)) as world:
         for number in range(given.rounds):
             (where := Path(folder) / f"round{number}").mkdir()
             took_ms, rows = time_path(world, given.steps, number, where)
             path += took_ms
             bare += time_bare(name, world, rows, number)
+            blind += time_bare(name, world, rows, number, is_whole=False) if name == "libero" else []
     both = {"bare": bare, "path": path}
     figures = {f"{name}_{which}_{at}_ms": _quantile(each, at) for which, each in both.items() for at in ("p50", "p99")}
     added = {at: figures[f"{name}_path_{at}_ms"] - figures[f"{name}_bare_{at}_ms"] for at in ("p50", "p99")}
     figures |= {f"{name}_added_ms": added["p50"], f"{name}_added_p99_ms": added["p99"]}
     figures[f"{name}_added_share"] = added["p50"] / figures[f"{name}_bare_p50_ms"]
+    if blind:
+        figures[f"{name}_added_share_unobserved"] = _quantile(path, "p50") / _quantile(blind, "p50") - 1.0
     return figures | {f"{name}_steps": float(len(path))}
 
 
@@ -280,8 +285,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--environments", type=Path, default=Path("build"))
     parser.add_argument("--worlds", nargs="+", choices=list(OPENERS), default=list(OPENERS))
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--steps", type=int, default=400, help="of a round")
+    parser.add_argument("--rounds", type=int, default=10, help="in turn with the bare loop, as a machine drifts")
+    parser.add_argument("--steps", type=int, default=140, help="of a round")
     given = parser.parse_args()
     figures = {key: value for name in given.worlds for key, value in measure(name, given).items()}
     asked = {key: ask for key, ask in ASKED.items() if key in figures}

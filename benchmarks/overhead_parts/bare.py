@@ -1,7 +1,8 @@
 """A bare loop over an environment, in its own Python, with the actions of a session: how long each `env.step` took.
 
-    python bare.py < JSON      # {"world", "settings", "scene", "seed", "rows"}; prints a list [ms] as JSON
+    python bare.py < JSON      # {"world", "settings", "scene", "seed", "rows", "is_whole"}; prints a list [ms] as JSON
 
+Where LIBERO's environment `is_whole` it is as its owner makes it, with the observations that the kit's body leaves out.
 The kit's body turns each row of set-points into an action, as on the path; what that takes is not counted.
 """
 
@@ -27,6 +28,8 @@ def main() -> None:
     asked = json.load(sys.stdin)
     body, took_ms = open_body(asked["world"], asked["settings"]), list[float]()
     body.load(asked["scene"], asked["seed"], b"")
+    if asked["world"] == "libero":
+        body.build_observations(asked["is_whole"])
     step = body._env.step
 
     def time_step(action: Any) -> Any:

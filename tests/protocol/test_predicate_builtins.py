@@ -410,6 +410,21 @@ def test_centred_is_judged_from_above_by_datums_where_both_have_one_else_by_cent
     assert truth("centred(a, b)", world(cube("b", 0.5, 0.0, 0.02), handle)) is Truth.FALSE
 
 
+def test_what_lies_in_a_cup_that_fell_over_is_not_on_it_where_its_datum_is_the_lower_one():
+    wall = Shape(ShapeKind.BOX, (0.03, 0.002, 0.04), Pose((0.0, -0.028, 0.04)))
+    cup = cube("cup", pose=Pose((0.0, 0.0, 0.03), QUARTER_TURN_ABOUT_X), shapes=(wall,), datum_m=(0.0, 0.0, 0.0))
+    plate = (Shape(ShapeKind.BOX, (0.02, 0.02, 0.005)),)
+
+    def lies(datum_m: tuple[float, float, float] | None, **more: Any) -> Environment:
+        return world(cup, cube("a", 0.0, -0.04, 0.009, shapes=plate, datum_m=datum_m, **more))
+
+    found = value("on(a, cup)", lies((0.0, 0.0, 0.0)))
+    assert (found.truth, found.because) == (Truth.FALSE, "the datum of a is 0.021 m below that of cup")
+    assert truth("on(a, cup)", lies((0.0, 0.0, 0.022))) is truth("on(a, cup)", lies(None)) is Truth.TRUE
+    unsure = lies((0.0, 0.0, 0.0205), position_std_m=0.0005)
+    assert truth("on(a, cup)", unsure) is Truth.UNKNOWN
+
+
 @pytest.mark.parametrize(
     ("opening", "opens", "closes"),
     [(0.2, Truth.FALSE, Truth.FALSE), (0.3, Truth.TRUE, Truth.FALSE), (0.03, Truth.FALSE, Truth.TRUE)],

@@ -374,5 +374,5 @@ def _find_top(solid: Solid, point_m: Array, up: Array) -> float | None:
 def to_quaternion(rotation: Array) -> list[float]:
     """(w, x, y, z) of a rotation (3, 3)."""
     found = np.empty(4)
-    mujoco.mju_mat2Quat(found, np.ascontiguousarray(rotation, dtype=np.float64).ravel())
-    return [float(each) for each in found]
+    mujoco.mju_mat2Quat(found, rotation.ravel())
+    return found.tolist()  # type: ignore[no-any-return]

@@ -256,15 +256,15 @@ class Served:
             raise Refusal("MALFORMED", f"gripper_width_m: not {n} numbers")
         if any(not -SLACK <= each <= body.width_max_m + SLACK for each in request["gripper_width_m"]):
             raise Refusal("TARGET_LIMIT", f"gripper_width_m: outside of 0 to {body.width_max_m:g} m")
-        before = self._last
+        before, step_s = self._last, body.step_s
         for row, speed in zip(rows, speeds, strict=True):
             for joint, was, q, qd in zip(joints, before, row, speed, strict=True):
                 if not joint.low - SLACK <= q <= joint.high + SLACK:
                     raise Refusal(
                         "TARGET_LIMIT", f"{joint.name} at {q:.6g}; {joint.low:g} to {joint.high:g} is its range"
                     )
-                moved = abs(q - was) / body.step_s
-                if max(abs(qd), moved) > SPEED_SLACK * joint.velocity + SLACK / body.step_s:
+                moved = abs(q - was) / step_s
+                if max(abs(qd), moved) > SPEED_SLACK * joint.velocity + SLACK / step_s:
                     found = f"{joint.name} at {max(abs(qd), moved):.4g}/s"
                     raise Refusal("TARGET_LIMIT", f"{found}; its limit is {joint.velocity:g}/s")
             before = row

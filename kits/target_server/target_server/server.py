@@ -9,92 +9,21 @@ loses its authority: the body halts.
 """
 
 import argparse
-import contextlib
 import hmac
 import ipaddress
-import queue
 import ssl
 import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
-from typing import Any
-
-from websockets.exceptions import ConnectionClosed
-from websockets.protocol import State
-from websockets.sync.server import ServerConnection, serve
 
 from target_server import wire
 from target_server.body import Body
-from target_server.served import Client, ReceiveLog, Served
+from target_server.served import ReceiveLog, Served
+from target_server.websocket import LOOK_S, Connection, Door
 from target_server.wire import KEY_BYTES, MESSAGE_MAX_BYTES, VERSION, Refusal
 
 GREETING_S = 2.0
-PING_S = 5.0
-CLOSE_S = 0.5
-LOOK_S = 1.0
-BACKLOG = 8
-READ_AHEAD = 8  # messages that may wait for their turn; a client sends one or two
-
-
-class Connection(Client):
-    """One client."""
-
-    def __init__(self, connection: ServerConnection) -> None:
-        self._connection, self._received = connection, deque[bytes]()
-        self.is_closed = threading.Event()
-
-    def poll(self, timeout_s: float) -> bool:
-        """Whether a message is there; raises EOFError when the client is gone."""
-        return bool(self._received) or self._take(timeout_s)
-
-    def _take(self, timeout_s: float) -> bool:
-        """Whether another message came; raises EOFError as `poll`."""
-        try:
-            message = self._connection.recv(timeout_s)
-        except TimeoutError:
-            return False
-        except ConnectionClosed as error:
-            raise EOFError(str(error)) from error
-        if not isinstance(message, bytes):
-            raise EOFError("a text frame; the wire has binary ones only")
-        self._received.append(message)
-        return True
-
-    def receive(self) -> bytes:
-        """The oldest message."""
-        self.poll(LOOK_S)
-        return self._received.popleft()
-
-    def send(self, message: bytes) -> None:
-        """Send one; a client that is gone is met at the next read."""
-        try:
-            self._connection.send(message)
-        except ConnectionClosed:
-            self.is_closed.set()
-
-    def is_gone(self) -> bool:
-        """Whether the client has closed its end."""
-        return self._connection.state is not State.OPEN
-
-    def wants_end(self) -> bool:
-        """A `Describe` behind the request that is carried out means: end it. Commands may wait before it."""
-        try:
-            while len(self._received) < READ_AHEAD and self._take(0.0):
-                pass
-        except EOFError:
-            return True
-        return self.is_gone() or any(map(wire.is_describe, self._received))
-
-    def beat(self) -> None:
-        """Send a sign of life."""
-        self.send(wire.encode("Beat"))
-
-    def close(self) -> None:
-        """End the connection."""
-        self._connection.close()
-        self.is_closed.set()
 
 
 def serve_body(
@@ -125,29 +54,16 @@ def serve_body(
     if certificate is not None:
         tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         tls.load_cert_chain(certificate)
-    waiting: queue.Queue[Connection] = queue.Queue(BACKLOG)
-
-    def receive(connection: ServerConnection) -> None:
-        client = Connection(connection)
-        try:
-            waiting.put_nowait(client)
-        except queue.Full:
-            return
-        client.is_closed.wait()
-
-    options: Any = {"compression": None, "max_size": MESSAGE_MAX_BYTES, "ssl": tls, "origins": [None]}
-    options |= {"ping_interval": PING_S, "ping_timeout": PING_S, "close_timeout": CLOSE_S}
-    server = serve(receive, host, port, **options)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    on_open(f"{'wss' if tls else 'ws'}://{host}:{server.socket.getsockname()[1]}")
+    door = Door(host, port, tls)
+    on_open(f"{'wss' if tls else 'ws'}://{host}:{door.port}")
     served = Served(body, key, ReceiveLog(log), stop_file)
     ended = ended or threading.Event()
     try:
         while not ended.is_set():
-            with contextlib.suppress(queue.Empty):
-                _serve_client(served, waiting.get(timeout=LOOK_S), key, ended)
+            if (client := door.wait(LOOK_S)) is not None:
+                _serve_client(served, client, key, ended)
     finally:
-        server.shutdown()
+        door.close()
         body.close()
 
 
@@ -163,7 +79,7 @@ def _serve_client(served: Served, client: Connection, key: bytes, ended: threadi
                 served.watch(time.monotonic() - answered_s)
                 continue
             message = client.receive()
-            if client.is_gone():  # what a client that is gone has left in the pipe must not happen
+            if not client.is_open:  # what a client that is gone has left in the pipe must not happen
                 raise EOFError
             try:
                 request = wire.decode(message)

@@ -6,6 +6,7 @@ What comes in is checked against `FIELDS` before anything acts on it. No message
 import hmac
 import math
 import struct
+from collections.abc import Callable
 from typing import Any
 
 try:
@@ -38,6 +39,11 @@ _DEFAULTS: dict[str, Any] = {
     "every": 1, "arguments": {}, "session": "", "epoch": 0, "beside": "",
 }  # fmt: skip
 _SNAPSHOT = {"Observe": False, "LoadScene": b""}
+_PLANS = {
+    kind: [(name, of, _SNAPSHOT[kind] if name == "snapshot" else _DEFAULTS.get(name)) for name, of in fields.items()]
+    for kind, fields in FIELDS.items()
+}
+"""Name, type and default of each field."""
 
 
 class Refusal(Exception):
@@ -70,7 +76,7 @@ def decode_greeting(message: bytes) -> tuple[int, bytes]:
 def is_describe(message: bytes) -> bool:
     """Whether a message is a `Describe`; what is longer than one is not decoded."""
     try:
-        return len(message) <= len(encode("Describe")) and _unpack(message).get("type") == "Describe"
+        return len(message) <= _DESCRIBE_BYTES and _unpack(message).get("type") == "Describe"
     except Refusal:
         return False
 
@@ -82,9 +88,9 @@ def decode(message: bytes) -> dict[str, Any]:
     if not isinstance(kind, str) or kind not in FIELDS:
         raise Refusal("MALFORMED", f"{kind!r} is no request")
     found: dict[str, Any] = {"type": kind}
-    for name, expected in FIELDS[kind].items():
-        value = request.get(name, _SNAPSHOT[kind] if name == "snapshot" else _DEFAULTS.get(name))
-        if name in ARRAYS:
+    for name, expected, default in _PLANS[kind]:
+        value = request.get(name, default)
+        if expected is list and name in ARRAYS:
             value = _decode_array(name, value)
         elif expected is float and type(value) is int:
             value = float(value)
@@ -94,13 +100,15 @@ def decode(message: bytes) -> dict[str, Any]:
     return found
 
 
-def _pack(message: Any) -> bytes:
-    return bytes(msgpack.packb(message) if hasattr(msgpack, "packb") else msgpack.encode(message))
+# A packer is kept, for a new one begins with a megabyte of its own.
+_pack: Callable[[Any], bytes] = msgpack.Packer().pack if hasattr(msgpack, "Packer") else msgpack.encode
+_read: Callable[[bytes], Any] = msgpack.unpackb if hasattr(msgpack, "unpackb") else msgpack.decode
+_DESCRIBE_BYTES = len(encode("Describe"))
 
 
 def _unpack(message: bytes) -> dict[str, Any]:
     try:
-        found = msgpack.unpackb(message) if hasattr(msgpack, "unpackb") else msgpack.decode(message)
+        found = _read(message)
     except Exception as error:  # both libraries have several, some without a common base
         raise Refusal("MALFORMED", f"{len(message)} bytes that are no message: {error}") from error
     if not isinstance(found, dict):
@@ -121,4 +129,5 @@ def _decode_array(name: str, value: Any) -> Any:
         raise Refusal("MALFORMED", f"{name}: a set-point is not finite")
     if len(shape) == 1:
         return numbers
-    return [numbers[row * shape[1] : (row + 1) * shape[1]] for row in range(shape[0])]
+    rows, columns = shape
+    return [numbers] if rows == 1 else [numbers[row * columns : (row + 1) * columns] for row in range(rows)]

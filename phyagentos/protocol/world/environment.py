@@ -123,7 +123,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         shapes: Its solids, in the entity frame.
         interior: Where things can be put into it; absent when nothing can.
         datum_m: (3,) the point in its frame at which its world locates it [m]: it is inside by its centre and by this
-            point, and centred by this point; absent where the centre alone counts.
+            point, centred by this point, and on no thing whose own is higher; absent where the centre alone counts.
         color: Colour word, empty when unknown; of an unnamed thing as it is seen, `red or orange` where two may hold.
         rgb: (3,) that colour as it is seen, 0..1; absent for things of the inventory.
         form: `box`, `can`, `ball` as it is seen, `box or can` where two may hold; empty for another, and for things of

@@ -125,16 +125,20 @@ def measure_centred(view: View, a: Entity, b: Entity, tol_m: float) -> Reading:
 
 
 def measure_on(view: View, a: Entity, b: str) -> Reading:
-    """Let go of; middle over b's top, lowest point on its surface, and no other thing between them."""
+    """Let go of; middle over b's top, lowest point on its surface, nothing between them, and no datum below b's."""
     if (held := _find_hold(view, a)) is not None:
         return held
-    doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
+    of = view.now.entities.get(b)
+    doubt_m = _find_position_doubt(view, a, of)
     allowed_m = CONTACT_M + doubt_m
     top = _find_sure_top(view, a, b, doubt_m, allowed_m + doubt_m)
     if top is None:
         return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
     gap_m = top.measure_gap(a)
     measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
+    if (below_m := _measure_below(a, of)) > 0.0:  # b fell over, or a leans on it from beside
+        because = f"the datum of {a.name} is {below_m:.3f} m below that of {b}"
+        return Reading(-below_m / allowed_m, measured, because, doubt_m / allowed_m)
     is_near = abs(gap_m) <= allowed_m + doubt_m
     between = _find_between(view, a, b, top.point_m[2], gap_m + allowed_m) if is_near else None
     if between is not None:
@@ -186,6 +190,12 @@ def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) ->
         if other.status is not Status.GONE and any(top_m + CONTACT_M < top.point_m[2] <= highest_m for top in tops):
             return other
     return None
+
+
+def _measure_below(a: Entity, of: Entity | None) -> float:
+    """How far the datum of a is below that of another thing [m]; 0 where it is not, or one of them has none."""
+    datums = [to_parent(each.pose, each.datum_m) for each in (a, of) if each is not None and each.datum_m is not None]
+    return max(0.0, datums[1][2] - datums[0][2]) if len(datums) == 2 else 0.0
 
 
 def _measure_sunk(view: View, a: Entity, b: str) -> float:
@@ -513,6 +523,7 @@ _IN = Argument("b", ArgumentKind.CONTAINER)
 _ON = Argument("b", ArgumentKind.ENTITY)
 _B = Argument("b", ArgumentKind.PLACE)
 _PLACE = Argument("place", ArgumentKind.PLACE)
+_TARGET = Argument("target", ArgumentKind.TARGET)
 
 
 def _define(name: str, measure: Callable[..., Reading], *arguments: Argument, **more: Any) -> PredicateDefinition:
@@ -538,37 +549,17 @@ BUILTINS: tuple[PredicateDefinition, ...] = (
     _define("moved", measure_moved, _A, lasting=False),
     _define("visible", measure_visible, _A, lasting=False, by_name=True),
     _define("exists", measure_exists, _A, by_name=True),
-    _define(
-        "holding",
-        measure_holding,
-        Argument("target", ArgumentKind.TARGET),
-        _A,
-        max_age_s=0.5,
-        lasting=False,
-        by_name=True,
-    ),
+    _define("holding", measure_holding, _TARGET, _A, max_age_s=0.5, lasting=False, by_name=True),
     _define(
         "in_posture",
         measure_in_posture,
-        Argument("target", ArgumentKind.TARGET),
+        _TARGET,
         Argument("posture", ArgumentKind.POSTURE),
         Argument("tol_rad", ArgumentKind.NUMBER, POSTURE_RAD),
         lasting=False,
     ),
-    _define(
-        "standing",
-        measure_standing,
-        Argument("target", ArgumentKind.TARGET),
-        Argument("least_m", ArgumentKind.NUMBER),
-        lasting=False,
-    ),
-    _define(
-        "docked",
-        measure_docked,
-        Argument("target", ArgumentKind.TARGET),
-        _PLACE,
-        Argument("standoff_m", ArgumentKind.NUMBER, 0.4),
-    ),
+    _define("standing", measure_standing, _TARGET, Argument("least_m", ArgumentKind.NUMBER), lasting=False),
+    _define("docked", measure_docked, _TARGET, _PLACE, Argument("standoff_m", ArgumentKind.NUMBER, 0.4)),
     _number("metric", measure_metric, Argument("name", ArgumentKind.METRIC)),
     _define("unstated", measure_unstated, lasting=False),
     _number("tilt", measure_tilt, _A),
