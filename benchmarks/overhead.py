@@ -62,6 +62,7 @@ from phyagentos.runtime.worker.runner import SessionRunner
 ASKED = {
     "meta_world_added_ms": Ask(1.0, at_least=False),
     "libero_added_share": Ask(0.05, at_least=False),
+    "libero_added_share_unobserved": Ask(0.05, at_least=False),
 }
 META_WORLD = find_shipped_root() / "examples" / "08_meta_world"
 SCENES = {"meta_world": "reach-v3", "libero": "libero_object/0"}
