@@ -33,10 +33,12 @@ class PlacePolicy:
         self.start(Start("", "", {}, 0))
 
     def start(self, request: Start) -> None:
+        """Forget the episode before."""
         self._tracker = Tracker(PERIOD_S, PERIOD_S, VELOCITY_RAD_S, ACCELERATION_RAD_S2, STIFFNESS_RAD_S)
         self._poses, self._has_closed = np.zeros(0), False
 
     def infer(self, request: Infer) -> tuple[np.ndarray, bool]:
+        """(25, 8) rows of joints [rad] and opening [m], and whether that is all."""
         shown = request.observations
         if not self._poses.size:
             self._poses = shown["environment_state"][None].astype(np.float32)

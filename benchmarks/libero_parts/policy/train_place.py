@@ -2,8 +2,8 @@
 
     python -m benchmarks.libero_parts.policy.train_place DATASET… --to place.onnx [--steps 8000] [--seed 0]
 
-Needs the extra `train`. Data sets: `paos export lerobot WORKSPACE… --entities object,destination`. The network and how it
-is fitted are those of examples/10_train_policy.
+Needs the extra `train`. Data sets: `paos export lerobot WORKSPACE… --entities object,destination --skill pick_and_place`,
+and the same with `object,support` of `stack`. The network and how it is fitted are those of examples/10_train_policy.
 """
 
 import argparse
@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "examples" / "10_tr
 from train import BATCH, WORTH, Arm, Frames, fit
 
 NOISE = torch.tensor((*(0.02,) * 7, 0.001, *(*(0.002,) * 3, *(0.02,) * 6) * 2))  # joints, opening, each pose
-DONE = ("joint_state", "gripper_width", "poses")
+INPUTS = ("joint_state", "gripper_width", "poses")
 
 
 class PlacePolicy(nn.Module):
@@ -30,6 +30,7 @@ class PlacePolicy(nn.Module):
         self.arm = arm
 
     def forward(self, joint_state: torch.Tensor, gripper_width: torch.Tensor, poses: torch.Tensor) -> torch.Tensor:
+        """(n, CHUNK, 8) rows of joints [rad] and opening [m]."""
         return self.arm(torch.cat((joint_state, gripper_width, describe_poses(poses)), -1))
 
 
@@ -55,6 +56,7 @@ def train_arm(frames: Frames, steps: int) -> tuple[Arm, float]:
 
 
 def main() -> None:
+    """Train, write, and say what was made of what."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("datasets", type=Path, nargs="+")
     parser.add_argument("--to", type=Path, required=True)
@@ -67,7 +69,9 @@ def main() -> None:
     frames = Frames(given.datasets, 10**9)
     arm, loss = train_arm(frames, given.steps)
     shown = (frames.state[:1, :7], frames.state[:1, 7:], frames.pose[:1].unflatten(-1, (2, 7)))
-    torch.onnx.export(PlacePolicy(arm), shown, given.to, input_names=list(DONE), output_names=["actions"], dynamo=False)
+    torch.onnx.export(
+        PlacePolicy(arm), shown, given.to, input_names=list(INPUTS), output_names=["actions"], dynamo=False
+    )
     made = {"episodes": frames.episodes, "frames": len(frames.state), "seed": given.seed, "steps": given.steps}
     made |= {"loss": loss, "seconds": round(time.perf_counter() - began_s), "bytes": given.to.stat().st_size}
     print(json.dumps(made))
