@@ -2,8 +2,9 @@
 
     python -m benchmarks.libero_parts.policy.train_place DATASET… --to place.onnx [--steps 8000] [--seed 0]
 
-Needs the extra `train`. Data sets: `paos export lerobot WORKSPACE… --entities object,destination --skill pick_and_place`,
-and the same with `object,support` of `stack`. The network and how it is fitted are those of examples/10_train_policy.
+Needs the extra `train`. Data sets are those of `paos export lerobot WORKSPACE… --skill pick_and_place --entities
+object,destination`, and of `stack` with `object,support`. The network and how it is fitted are those of
+examples/10_train_policy.
 """
 
 import argparse
