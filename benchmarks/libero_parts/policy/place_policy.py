@@ -22,7 +22,7 @@ ACCELERATION_RAD_S2 = 0.6 * np.array([2.0, 2.0, 2.0, 2.0, 4.0, 4.0, 4.0])
 
 
 class PlacePolicy:
-    """Asks the model once a chunk. Poses are those of before the first command."""
+    """Asks the model once a chunk. Poses are those of before the first command; time tells where demonstrations dwell."""
 
     def __init__(self) -> None:
         import onnxruntime
@@ -43,7 +43,8 @@ class PlacePolicy:
         if not self._poses.size:
             self._poses = shown["environment_state"][None].astype(np.float32)
         joints, opening = shown["joint_state"], shown["gripper_width"].reshape(1)
-        fed = {"joint_state": joints[None], "gripper_width": opening[None], "poses": self._poses}
+        now_s = np.array([[request.rows_done * PERIOD_S]])
+        fed = {"joint_state": joints[None], "gripper_width": opening[None], "time_s": now_s, "poses": self._poses}
         answer = self._model.run(None, {name: each.astype(np.float32) for name, each in fed.items()})[0][0]
         wanted = answer.astype(np.float64)
         rows = self._tracker.follow(wanted[:, :-1], request.rows_done, joints)

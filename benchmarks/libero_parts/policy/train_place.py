@@ -14,28 +14,32 @@ import time
 from pathlib import Path
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "examples" / "10_train_policy"))
 from train import BATCH, WORTH, Arm, Frames, fit
 
-NOISE = torch.tensor((*(0.02,) * 7, 0.001, *(*(0.002,) * 3, *(0.02,) * 6) * 2))  # joints, opening, each pose
-INPUTS = ("joint_state", "gripper_width", "poses")
+RATE_HZ = 20.0
+NOISE = torch.tensor((*(0.02,) * 7, 0.001, 0.3, *(*(0.002,) * 3, *(0.02,) * 6) * 2))  # joints, opening, time, each pose
+INPUTS = ("joint_state", "gripper_width", "time_s", "poses")
 
 
 class PlacePolicy(nn.Module):
-    """Chunks from joints (n, 7) [rad], opening (n, 1) [m] and poses (n, 2, 7) [m, quaternion w, x, y, z]."""
+    """Chunks from joints (n, 7) [rad], opening (n, 1) [m], time since the first command (n, 1) [s] and poses (n, 2, 7).
+
+    Of a pose: m, quaternion w, x, y, z.
+    """
 
     def __init__(self, arm: Arm) -> None:
         super().__init__()
         self.arm = arm
 
-    def forward(self, joint_state: torch.Tensor, gripper_width: torch.Tensor, poses: torch.Tensor) -> torch.Tensor:
+    def forward(self, joint_state: Tensor, gripper_width: Tensor, time_s: Tensor, poses: Tensor) -> Tensor:
         """(n, CHUNK, 8) rows of joints [rad] and opening [m]."""
-        return self.arm(torch.cat((joint_state, gripper_width, describe_poses(poses)), -1))
+        return self.arm(torch.cat((joint_state, gripper_width, time_s, describe_poses(poses)), -1))
 
 
-def describe_poses(poses: torch.Tensor) -> torch.Tensor:
+def describe_poses(poses: Tensor) -> Tensor:
     """(n, 18) of each of both its place [m] and two columns of its rotation."""
     w, x, y, z = poses[..., 3:].unbind(-1)
     turned = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
@@ -45,10 +49,11 @@ def describe_poses(poses: torch.Tensor) -> torch.Tensor:
 
 def train_arm(frames: Frames, steps: int) -> tuple[Arm, float]:
     """The arm, and its last loss."""
-    seen = torch.cat((frames.state, describe_poses(frames.pose.unflatten(-1, (2, 7)))), -1)
+    time_s = torch.tensor(frames.number, dtype=torch.float32)[:, None] / RATE_HZ
+    seen = torch.cat((frames.state, time_s, describe_poses(frames.pose.unflatten(-1, (2, 7)))), -1)
     arm, worth = Arm(seen, frames.action), torch.tensor(WORTH)
 
-    def compute_loss() -> torch.Tensor:
+    def compute_loss() -> Tensor:
         batch = torch.randint(len(seen), (BATCH,))
         noisy = seen[batch] + NOISE * torch.randn(BATCH, seen.shape[1])
         return ((arm(noisy) - frames.action[frames.rows[batch]]).abs() * worth).mean()
@@ -69,7 +74,7 @@ def main() -> None:
     began_s = time.perf_counter()
     frames = Frames(given.datasets, 10**9)
     arm, loss = train_arm(frames, given.steps)
-    shown = (frames.state[:1, :7], frames.state[:1, 7:], frames.pose[:1].unflatten(-1, (2, 7)))
+    shown = (frames.state[:1, :7], frames.state[:1, 7:], torch.zeros(1, 1), frames.pose[:1].unflatten(-1, (2, 7)))
     torch.onnx.export(
         PlacePolicy(arm), shown, given.to, input_names=list(INPUTS), output_names=["actions"], dynamo=False
     )
