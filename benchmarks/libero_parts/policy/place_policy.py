@@ -22,7 +22,7 @@ ACCELERATION_RAD_S2 = 0.6 * np.array([2.0, 2.0, 2.0, 2.0, 4.0, 4.0, 4.0])
 
 
 class PlacePolicy:
-    """Asks the model once a chunk. Poses are those of before the first command; time tells where demonstrations dwell."""
+    """Asks the model once a chunk. Poses are of before the first command; time tells where demonstrations dwell."""
 
     def __init__(self) -> None:
         import onnxruntime
