@@ -37,6 +37,9 @@ from rich.table import Table
 from benchmarks.libero_parts.served import Server, serve
 from benchmarks.libero_parts.tasks import open_workspace, read_profile, write_project
 from phyagentos.agent.mission.report import MissionReport
+from phyagentos.agent.repair.looking import propose_looking
+from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
+from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.assembly.agent_plane import Agent, MemoryUse
 from phyagentos.bench.report import Ask, Rate, format_outcome
 from phyagentos.bench.suite import open_bench
@@ -57,6 +60,7 @@ ASKED = {
     "false_success_rate": Ask(0.01, at_least=False),
 }
 
+SAME_SKILL = GraphRepair((propose_looking, propose_retry))  # a learned one is not rescued by others
 Record = dict[str, Any]
 Key = tuple[str, int, int]
 
@@ -96,6 +100,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument(
         "--results", type=Path, required=True, help="one JSON line an episode; what stands there is kept"
     )
+    parser.add_argument("--policy", default="", help="endpoint of a policy that puts what is put: openpi://host:port")
     parser.add_argument("--keep", type=Path, help="folder for projects and workspaces, kept afterwards")
     given = parser.parse_args()
     if given.suites == ["pro"]:
@@ -124,12 +129,12 @@ def run_task(given: argparse.Namespace, suite: str, task: int, states: Sequence[
         with serve(given.python.absolute(), read_profile(), scene, folder / "outcomes.jsonl") as server:
             told = server.describe(read_profile(), scene)
             try:
-                graph = write_project(folder / "project", scene, told, server)
+                graph = write_project(folder / "project", scene, told, server, given.policy)
             except DefinitionError as error:
                 for state in states:
                     yield _begin_record(suite, task, state) | {"verdict": "untranslated", "reason": str(error)}
                 return
-            with open_agent(folder, server) as agent:
+            with open_agent(folder, server, SAME_SKILL if given.policy else None) as agent:
                 for state in states:
                     began_s = time.perf_counter()
                     report = agent.mission.run(graph, seed=state, goal=GoalId(f"{graph.stem}-{state}"))
@@ -141,11 +146,11 @@ def run_task(given: argparse.Namespace, suite: str, task: int, states: Sequence[
 
 
 @contextmanager
-def open_agent(folder: Path, server: Server) -> Iterator[Agent]:
+def open_agent(folder: Path, server: Server, repair: RepairPolicy | None = None) -> Iterator[Agent]:
     """Both planes in a fresh workspace; what one episode teaches does not help the next."""
     number = sum(1 for _ in folder.glob("w*"))
     workspace = open_workspace(folder / f"w{number}", folder / "project", server)
-    with open_bench(workspace, SystemClock(), sense=Sensing.TRUTH, memory_use=MemoryUse.NONE) as agent:
+    with open_bench(workspace, SystemClock(), sense=Sensing.TRUTH, memory_use=MemoryUse.NONE, policy=repair) as agent:
         yield agent
 
 

@@ -1,5 +1,6 @@
 """A task as a project of this framework: scene file, goal graph, profile and limits, from what its environment says."""
 
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ from phyagentos.protocol.world.environment import Entity, Region
 LIBRARY = Path(__file__).parent / "library"
 ROBOT = "libero"
 PROFILE = LIBRARY / "robots" / ROBOT / "target.yaml"
+LEARNED = Path(__file__).parent / "policy" / "skills" / "place_learned"
+_PUT = re.compile(r"(?:inside|on)\((\w+), (\w+)\)")
 
 
 def read_profile() -> TargetProfile:
@@ -28,8 +31,8 @@ def read_profile() -> TargetProfile:
     return read_target(PROFILE)
 
 
-def write_project(folder: Path, scene: str, told: dict[str, Any], server: Server) -> Path:
-    """The project of one task; its goal graph."""
+def write_project(folder: Path, scene: str, told: dict[str, Any], server: Server, policy: str = "") -> Path:
+    """The project of one task; its goal graph. What is put somewhere is put by the policy at an endpoint, if given."""
     shutil.copytree(LIBRARY, folder, dirs_exist_ok=True)
     entities = [msgspec.convert(each, Entity) for each in told["entities"]]
     regions = [msgspec.convert(each, Region) for each in told["regions"]]
@@ -46,11 +49,23 @@ def write_project(folder: Path, scene: str, told: dict[str, Any], server: Server
     effects = translate(told["goal"], inventory)
     graph = folder / "goal_graphs" / f"{name}.yaml"
     graph.parent.mkdir(exist_ok=True)
-    graph.write_text(format_graph(generate_graph(name, told["language"], scene, effects, inventory, ROBOT)))
+    generated = generate_graph(name, told["language"], scene, effects, inventory, ROBOT)
+    if policy:
+        use_policy(folder, generated, policy)
+    graph.write_text(format_graph(generated))
     profile = folder / "robots" / ROBOT / "target.yaml"
     profile.write_text(PROFILE.read_text().replace("ws://127.0.0.1:7000", server.endpoint))
     write_model(profile.with_name("panda.xml"), told["tool"])
     return graph
+
+
+def use_policy(folder: Path, graph: dict[str, Any], endpoint: str) -> None:
+    """Let the learned skill, served at an endpoint, put whatever the graph wants put; other nodes stay as they are."""
+    skill = shutil.copytree(LEARNED, folder / "skills" / LEARNED.name, dirs_exist_ok=True) / "SKILL.md"
+    skill.write_text(re.sub("endpoint: .*", f"endpoint: {endpoint}", skill.read_text()))
+    for node in graph["sessions"].values():
+        if put := _PUT.fullmatch(node["skill"]["guarantees"]):
+            node |= {"skill": LEARNED.name, "with": {"object": put[1], "destination": put[2]}}
 
 
 def write_model(path: Path, tool: dict[str, float]) -> None:

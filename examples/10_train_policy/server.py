@@ -8,6 +8,7 @@ answered here goes on from the set-point in force, with its velocity, towards th
 """
 
 import argparse
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,32 +22,47 @@ from phyagentos.runtime.policies.wire import Infer, Start
 MODEL_S, PERIOD_S = 0.04, 0.02  # between rows of the model, and between those of an answer
 VELOCITY_RAD_S = 0.8 * np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])  # of the robot's limits
 ACCELERATION_RAD_S2 = 0.6 * np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
-STIFFNESS_RAD_S = 12.0  # natural frequency of the tracker [rad/s]
+STIFFNESS_RAD_S = 12.0
 OPEN_M, HALF_OPEN_M = 0.08, 0.04
 STILL_RAD = 0.02  # rows that lead nowhere are the last ones; so are those that follow when the hand has let go
 PICTURE = (64, 48)  # width, height
 
 
+@dataclass(slots=True)
 class Tracker:
-    """Follows rows of joint positions from the set-point in force: critically damped, within limits."""
+    """Follows rows of joint positions from the set-point in force: critically damped, within limits.
 
-    def __init__(self) -> None:
-        self._sent = np.zeros((0, 2, 7))  # position and velocity after each row of the latest chunk
-        self._began = 0  # rows that had been carried out before it
+    Attributes:
+        model_s: Between rows of the model; `period_s` between those of an answer.
+        velocity_rad_s: (7,) limits, as `acceleration_rad_s2`.
+        stiffness_rad_s: Natural frequency of the tracker [rad/s].
+    """
+
+    model_s: float = MODEL_S
+    period_s: float = PERIOD_S
+    velocity_rad_s: np.ndarray = field(default_factory=lambda: VELOCITY_RAD_S)
+    acceleration_rad_s2: np.ndarray = field(default_factory=lambda: ACCELERATION_RAD_S2)
+    stiffness_rad_s: float = STIFFNESS_RAD_S
+    _sent: np.ndarray = field(
+        default_factory=lambda: np.zeros((0, 2, 7))
+    )  # (n, 2, 7) after each row of the latest chunk
+    _began: int = 0  # rows that had been carried out before it
 
     def follow(self, wanted_rad: np.ndarray, rows_done: int, measured_rad: np.ndarray) -> np.ndarray:
-        """(2 k, 7) rows at PERIOD_S towards (k, 7) rows at MODEL_S."""
+        """(n, 7) rows of an answer towards (k, 7) rows of the model, of as much time."""
         rest = np.stack((measured_rad, np.zeros(7)))
         q, qd = self._sent[min(rows_done - self._began, len(self._sent) - 1)] if len(self._sent) else rest
-        knots_s, times_s = MODEL_S * np.arange(1, len(wanted_rad) + 1), PERIOD_S * np.arange(1, 2 * len(wanted_rad) + 1)
+        count, step_s, stiffness = len(wanted_rad), self.period_s, self.stiffness_rad_s
+        knots_s = self.model_s * np.arange(1, count + 1)
+        times_s = step_s * np.arange(1, round(count * self.model_s / step_s) + 1)
         wanted = np.column_stack([np.interp(times_s, knots_s, joint) for joint in smooth(wanted_rad).T])
-        speed = np.gradient(wanted, PERIOD_S, axis=0)
+        speed = np.gradient(wanted, step_s, axis=0)
         sent = [(q, qd)]
         for goal, ahead in zip(wanted, speed, strict=True):
-            back = STIFFNESS_RAD_S**2 * (goal - q - PERIOD_S * qd) + 2.0 * STIFFNESS_RAD_S * (ahead - qd)
-            qdd = np.clip(back, -ACCELERATION_RAD_S2, ACCELERATION_RAD_S2)
-            qdd = np.clip(qdd, (-VELOCITY_RAD_S - qd) / PERIOD_S, (VELOCITY_RAD_S - qd) / PERIOD_S)
-            q, qd = q + PERIOD_S * qd + PERIOD_S**2 / 2.0 * qdd, qd + PERIOD_S * qdd
+            back = stiffness**2 * (goal - q - step_s * qd) + 2.0 * stiffness * (ahead - qd)
+            qdd = np.clip(back, -self.acceleration_rad_s2, self.acceleration_rad_s2)
+            qdd = np.clip(qdd, (-self.velocity_rad_s - qd) / step_s, (self.velocity_rad_s - qd) / step_s)
+            q, qd = q + step_s * qd + step_s**2 / 2.0 * qdd, qd + step_s * qdd
             sent.append((q, qd))
         self._sent, self._began = np.array(sent), rows_done
         return self._sent[1:, 0]

@@ -37,7 +37,7 @@ pytestmark = [pytest.mark.extras, pytest.mark.journey]
 
 def test_a_task_is_done_and_its_own_scorer_agrees(tmp_path, pytestconfig):
     python = Path(pytestconfig.option.libero_python)
-    given = argparse.Namespace(python=python, results=tmp_path / "results.jsonl", keep=tmp_path / "keep")
+    given = argparse.Namespace(python=python, results=tmp_path / "results.jsonl", keep=tmp_path / "keep", policy="")
 
     (record,) = run_task(given, "libero_object", 0, [0])
 

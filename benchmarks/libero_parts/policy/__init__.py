@@ -1,0 +1,1 @@
+"""A policy trained on verified sessions on LIBERO: its skill, its training, its server."""
