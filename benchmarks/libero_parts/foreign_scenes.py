@@ -1,11 +1,11 @@
 """A scene file for a world that another program simulates, from the things that it describes.
 
-The scene file names things, kinds and geometry for whoever writes or checks goals; where things really are, the target
-observes.
+The scene file names things, kinds and geometry for who writes or checks goals, and for perception. Where things really
+are, the target observes: of what moves freely, and of how far a joint is open, it says nothing.
 """
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -13,20 +13,41 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from phyagentos.protocol.world.environment import Entity, Pose, Region
+from phyagentos.protocol.world.environment import Entity, Pose
 
 LEAST_M = 1e-4  # of a half size
 DIGITS = 6
+Span = tuple[float, float]
+ANYWHERE_M: Sequence[Span] = ((-0.6, 1.1), (-0.95, 0.95))  # of x and y, in the frame of the robot's base
 
 
-def write_scene(name: str, description: str, entities: Iterable[Entity], regions: Iterable[Region]) -> str:
-    """The text of `scenes/NAME.yaml`."""
+def write_scene(
+    name: str,
+    description: str,
+    entities: Iterable[Entity],
+    regions: Mapping[str, Mapping[str, Any]],
+    areas: Mapping[str, Sequence[Span]] = {},
+) -> str:
+    """The text of `scenes/NAME.yaml`.
+
+    Args:
+        name: Of the scene.
+        description: In words.
+        entities: With their shapes; of what stands fixed, and of mechanisms, poses are written down, of what moves
+            freely none is.
+        regions: By name: `entity`, in whose frame are `center_m` and `half_m`.
+        areas: Spans of x and y in which a thing begins, where these are known beforehand.
+    """
+    things = sorted(entities, key=lambda each: bool(each.part_of))
+    spans = {each.name: areas.get(each.name, ANYWHERE_M) for each in things if _is_free(each)}
     spec = {
         "scene": name,
         "description": description,
-        "bodies": {each.name: _describe_body(each) for each in sorted(entities, key=lambda each: bool(each.part_of))},
+        "areas": {key: {"x_m": list(x_m), "y_m": list(y_m)} for key, (x_m, y_m) in spans.items()},
+        "bodies": {each.name: _describe_body(each) for each in things},
         "regions": {
-            each.name: {"center_m": _round(each.pose.position_m), "half_m": _round(each.half_m)} for each in regions
+            key: {"center_m": _round(mark["center_m"]), "half_m": _round(mark["half_m"]), "body": mark["entity"]}
+            for key, mark in regions.items()
         },
         "cameras": {},
         "settle_s": 0.0,
@@ -34,8 +55,13 @@ def write_scene(name: str, description: str, entities: Iterable[Entity], regions
     return yaml.safe_dump(spec, sort_keys=False, width=120)
 
 
+def _is_free(entity: Entity) -> bool:
+    """Whether it may be anywhere."""
+    return entity.movable and not entity.part_of and entity.mechanism is None
+
+
 def _describe_body(entity: Entity) -> dict[str, Any]:
-    pose = entity.mechanism.closed if entity.mechanism is not None else entity.pose
+    middle_m = np.mean([shape.pose.position_m for shape in entity.shapes], axis=0) if entity.part_of else np.zeros(3)
     body: dict[str, Any] = {
         "kind": entity.kind,
         "fixed": not entity.movable,
@@ -43,17 +69,22 @@ def _describe_body(entity: Entity) -> dict[str, Any]:
             {
                 "kind": str(shape.kind),
                 "size_m": _round([max(LEAST_M, size) for size in shape.size_m]),
-                "position_m": _round(shape.pose.position_m),
+                "position_m": _round(shape.pose.position_m - middle_m),
                 "euler_rad": _find_euler(shape.pose),
             }
             for shape in entity.shapes
         ],
     }
+    if entity.datum_m is not None:
+        body["datum_m"] = list(entity.datum_m)
     if entity.part_of:
-        return body | {"part_of": entity.part_of}  # its solids stand in the frame of its whole
-    body["place"] = {"position_m": _round(pose.position_m), "euler_rad": _find_euler(pose)}
+        return body | {"part_of": entity.part_of, "place": {"position_m": _round(middle_m.tolist())}}
     if entity.interior is not None:
         body["interior"] = msgspec.to_builtins(entity.interior)
+    if _is_free(entity):
+        return body | {"place": {"area": entity.name}}
+    pose = entity.mechanism.closed if entity.mechanism is not None else entity.pose
+    body["place"] = {"position_m": _round(pose.position_m), "euler_rad": _find_euler(pose)}
     if (how := entity.mechanism) is not None:
         axis = np.array(how.axis) / np.linalg.norm(how.axis)
         body["joint"] = {
@@ -61,7 +92,9 @@ def _describe_body(entity: Entity) -> dict[str, Any]:
             "axis": axis.tolist(),
             "anchor_m": _round(how.anchor_m),
             "travel": how.travel,
-            "opening": [entity.joint or 0.0] * 2,
+            "opening": [0.0, 1.0],
+            "opens_at": how.opens_at,
+            "closes_at": how.closes_at,
         }
     return body
 

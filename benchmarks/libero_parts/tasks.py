@@ -35,7 +35,8 @@ def write_project(folder: Path, scene: str, told: dict[str, Any], server: Server
     regions = [msgspec.convert(each, Region) for each in told["regions"]]
     path = folder / "scenes" / f"{scene}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(write_scene(scene, told["language"], entities, regions))
+    placed = {each.name: told["marks"][each.name] for each in regions}
+    path.write_text(write_scene(scene, told["language"], entities, placed))
     inventory = Inventory(
         entities={each.name: each for each in entities},
         owners=told["owners"],

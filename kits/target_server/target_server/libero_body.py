@@ -24,7 +24,8 @@ from libero.libero import benchmark
 from libero.libero.envs.env_wrapper import ControlEnv
 from numpy.typing import NDArray
 
-from target_server.body import Body, Entity, Joint, State
+from target_server.body import Body, Entity, Joint, Picture, State, Window
+from target_server.mujoco_cameras import Cameras, Sensor
 from target_server.mujoco_things import Joint as JointOfThing
 from target_server.mujoco_things import Mark, Thing, list_things, narrow_turned, to_quaternion
 from target_server.server import main
@@ -53,6 +54,11 @@ FINGERS = ("gripper0_finger_joint1", "gripper0_finger_joint2")
 JAWS = (("gripper0_leftfinger", "gripper0_finger_joint1_tip"), ("gripper0_rightfinger", "gripper0_finger_joint2_tip"))
 SITE, PADS, FLANGE = "gripper0_grip_site", "gripper0_finger1_pad_collision", "robot0_link7"
 BASE = "robot0_link0"
+CAMERAS = {
+    "agentview": Sensor("agentview", 384, 384, (0.3, 2.2)),
+    "eye_in_hand": Sensor("robot0_eye_in_hand", 384, 384, (0.06, 1.5)),
+}
+"""Its own cameras, where they are and as wide as they look; pixels and ranges of depth are chosen here."""
 TOOL = np.array(((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))  # in the site's frame: z approaches, y closes
 
 
@@ -79,6 +85,7 @@ class LiberoBody(Body):
     driver = "libero"
     step_s = STEP_S
     has_truth = True
+    cameras = tuple(CAMERAS)
     observations = ("joint_state", "gripper_width", "entity_poses")
     actions = ("joint_position", "gripper_width")
     end_effector = "opening"
@@ -128,6 +135,9 @@ class LiberoBody(Body):
     def list_regions(self) -> Sequence[Mapping[str, Any]]:
         return [self._place(thing, mark) for thing in self._things for mark in thing.regions]
 
+    def capture(self, cameras: Sequence[str], windows: Mapping[str, Window], every: int) -> Sequence[Picture]:
+        return self._cameras.capture(self._data, self.time_s, cameras, windows, every)
+
     def step(self, q: Sequence[float], qd: Sequence[float], width_m: float) -> str:
         self._wanted, self._width_m = np.array(q), width_m
         self._act(np.asarray(qd))
@@ -153,6 +163,7 @@ class LiberoBody(Body):
 
     def close(self) -> None:
         if self._env is not None:
+            self._cameras.close()
             self._env.close()
 
     def _open(self, scene: str) -> None:
@@ -166,8 +177,7 @@ class LiberoBody(Body):
         tasks = suites[suite]()
         if int(number) >= tasks.n_tasks:
             raise Refusal("MALFORMED", f"no scene {scene!r}; {suite} has the tasks 0 to {tasks.n_tasks - 1}")
-        if self._env is not None:
-            self._env.close()
+        self.close()
         self._bddl = Path(tasks.get_task_bddl_file_path(int(number)))
         self._env = ControlEnv(
             bddl_file_name=str(self._bddl), use_camera_obs=False, has_renderer=False, has_offscreen_renderer=False,
@@ -190,6 +200,7 @@ class LiberoBody(Body):
                 tcp_wxyz=(w, x, y, z),
                 width_m=min(float(np.abs(self._data.qpos[self._fingers_at]).sum()), WIDTH_M),
                 holding=self._list_held(),
+                grip_force_n=float((self._data.qfrc_actuator[self._fingers_qd_at] * self._closing).min()),
             )
             self._present = state, position_m, rotation
         return self._present
@@ -201,7 +212,11 @@ class LiberoBody(Body):
         self._q_at = [int(model.joint(name).qposadr[0]) for name in ARM]
         self._qd_at = [int(model.joint(name).dofadr[0]) for name in ARM]
         self._fingers_at = [int(model.joint(name).qposadr[0]) for name in FINGERS]
+        fingers = [model.joint(name) for name in FINGERS]
+        self._fingers_qd_at = [int(each.dofadr[0]) for each in fingers]
+        self._closing = -np.sign([each.range.sum() for each in fingers])  # a finger closes towards zero
         self._base_m, self._base = data.body(BASE).xpos.copy(), data.body(BASE).xmat.reshape(3, 3).copy()
+        self._cameras = Cameras(model, CAMERAS, self._base_m, self._base)
         self._grip = data.site(SITE).id
         self._tip_m = self._measure_tip()
         jaws = {data.body(name).id: side for side, names in enumerate(JAWS) for name in names}
@@ -356,7 +371,7 @@ class LiberoBody(Body):
         """The task in its own words, and every thing with its geometry."""
         self._open(str(arguments.get("scene") or self._scene))
         self.load(self._scene, int(arguments.get("seed", 0)), b"")
-        marks = [(thing.name, mark) for thing in self._things for mark in thing.marks]
+        marks = [(thing, mark) for thing in self._things for mark in thing.marks]
         told = {
             "language": self._task,
             "goal": self._bddl.read_text(encoding="utf-8"),
@@ -364,10 +379,17 @@ class LiberoBody(Body):
             "entities": [each.encode() for each in self.list_entities()],
             "regions": self.list_regions(),
             "owners": {each.name: each.owner for each in self._things},
-            "marks": {mark.name: {"entity": name, "is_surface": mark.is_surface} for name, mark in marks},
+            "marks": {mark.name: self._describe_mark(thing, mark) for thing, mark in marks},
             "tool": self._describe_tool(),
         }
         return {"scene.json": ("application/json", json.dumps(told).encode())}
+
+    def _describe_mark(self, thing: Thing, mark: Mark) -> dict[str, Any]:
+        """Where it is in the frame of its thing."""
+        turned = self._locate(thing)[1] @ mark.rotation
+        half_m = np.abs(mark.rotation) @ narrow_turned(mark.half_m, turned)
+        place = {"center_m": mark.center_m.tolist(), "half_m": half_m.tolist()}
+        return {"entity": thing.name, "is_surface": mark.is_surface, **place}
 
     def _describe_tool(self) -> dict[str, float]:
         """How far the tool centre point and the tips of the pads are from the flange [m]."""

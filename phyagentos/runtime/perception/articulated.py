@@ -54,8 +54,7 @@ def find_articulated(name: str, body: Body, template: Entity, spec: SceneSpec) -
     unsure = any(place.jitter_m) or place.area or place.frame or place.yaw_rad[0] != place.yaw_rad[1]
     if body.joint is None or part is None or unsure:
         return None
-    joint = body.joint
-    mechanism = Mechanism(joint.kind, joint.axis, joint.travel, template.pose, joint.anchor_m)
+    mechanism = body.joint.place(template.pose)
     part_m = np.array(spec.bodies[part].place.position_m)
     return Articulated(template=template, mechanism=mechanism, part=part, part_m=part_m)
 

@@ -247,6 +247,7 @@ def _make_template(name: str, body: Body, source: str) -> Entity:
         movable=not body.fixed,
         shapes=tuple(_make_shape(solid) for solid in body.shapes if not solid.decor),
         interior=Interior(inside.center_m, inside.half_m) if inside else None,
+        datum_m=body.datum_m,
         color=body.color,
         part_of=body.part_of or "",
         source=source,

@@ -1,0 +1,110 @@
+"""RGB-D cameras of a compiled MuJoCo model, drawn when they are asked for: colours, and depth along the axis in metres.
+
+`MUJOCO_GL` selects the graphics when MuJoCo is imported; `egl` needs no screen. Nothing of what is drawn says to which
+body a pixel belongs. Poses are in the frame of a root that stands still.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from target_server.body import Picture, Window
+from target_server.mujoco_things import Array, to_quaternion
+from target_server.wire import Refusal
+
+OPENCV = np.diag((1.0, -1.0, -1.0))  # MuJoCo's cameras look along -z with y up
+VISIBLE_GROUPS = (1,)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One camera of the model.
+
+    Attributes:
+        camera: Its name in the model.
+        range_m: Least and greatest depth that is measured; outside of it there is none.
+    """
+
+    camera: str
+    width: int
+    height: int
+    range_m: tuple[float, float]
+
+
+@dataclass
+class Cameras:
+    """The cameras of one model.
+
+    Attributes:
+        model: Compiled.
+        sensors: By the names by which they are asked for.
+        root_m: (3,) where the root is in the model's world; `root` (3, 3) is how it is turned.
+    """
+
+    model: Any
+    sensors: Mapping[str, Sensor]
+    root_m: Array
+    root: Array
+    _renderers: dict[tuple[int, int], Any] = field(default_factory=dict)
+
+    def capture(
+        self, data: Any, time_s: float, names: Sequence[str], windows: Mapping[str, Window], every: int
+    ) -> list[Picture]:
+        """The pictures of a state with computed poses; raises `Refusal` `UNKNOWN_CAMERA` or `INVALID_CROP`."""
+        unknown = [name for name in (*names, *windows) if name not in self.sensors]
+        if unknown:
+            raise Refusal("UNKNOWN_CAMERA", f"no camera {unknown[0]!r}; there are {', '.join(self.sensors)}")
+        return [self._take(data, time_s, name, windows.get(name), every) for name in names or self.sensors]
+
+    def close(self) -> None:
+        """Release the graphics."""
+        while self._renderers:
+            self._renderers.popitem()[1].close()
+
+    def _take(self, data: Any, time_s: float, name: str, window: Window | None, every: int) -> Picture:
+        sensor = self.sensors[name]
+        left, top, width, height = window or (0, 0, sensor.width, sensor.height)
+        rows, columns = height // max(every, 1), width // max(every, 1)
+        is_inside = min(left, top) >= 0 and left + width <= sensor.width and top + height <= sensor.height
+        if not is_inside or every < 1 or every % 2 == 0 or min(rows, columns) < 1:
+            size = f"{sensor.width} x {sensor.height} pixels"
+            raise Refusal("INVALID_CROP", f"every {every} of a window {window} of a picture of {size}")
+        rgb, depth_m = self._draw(data, sensor)
+        some = np.ix_(top + every // 2 + every * np.arange(rows), left + every // 2 + every * np.arange(columns))
+        near_m, far_m = sensor.range_m
+        depth_m = np.where((near_m <= depth_m) & (depth_m <= far_m), depth_m, np.float32(np.nan))
+        number = self.model.camera(sensor.camera).id
+        focal = sensor.height / 2.0 / np.tan(np.radians(float(self.model.cam_fovy[number])) / 2.0)
+        x, y, z = (self.root.T @ (data.cam_xpos[number] - self.root_m)).tolist()
+        a, b, c, d = to_quaternion(self.root.T @ data.cam_xmat[number].reshape(3, 3) @ OPENCV)
+        return Picture(
+            camera=name,
+            time_s=time_s,
+            width=columns,
+            height=rows,
+            focal_px=(focal / every, focal / every),
+            center_px=((sensor.width / 2.0 - left) / every, (sensor.height / 2.0 - top) / every),
+            position_m=(x, y, z),
+            quaternion_wxyz=(a, b, c, d),
+            rgb=np.ascontiguousarray(rgb[some]).tobytes(),
+            depth_m=np.ascontiguousarray(depth_m[some], dtype="<f4").tobytes(),
+        )
+
+    def _draw(self, data: Any, sensor: Sensor) -> tuple[Any, Any]:
+        """Colours (h, w, 3) and depths (h, w) [m] of a whole picture."""
+        size = (sensor.height, sensor.width)
+        if size not in self._renderers:
+            buffer = self.model.vis.global_
+            buffer.offheight, buffer.offwidth = max(buffer.offheight, size[0]), max(buffer.offwidth, size[1])
+            self._renderers[size] = mujoco.Renderer(self.model, *size)
+        renderer, options = self._renderers[size], mujoco.MjvOption()
+        options.geomgroup[:] = [group in VISIBLE_GROUPS for group in range(len(options.geomgroup))]
+        options.sitegroup[:] = 0
+        renderer.update_scene(data, sensor.camera, options)
+        renderer.disable_depth_rendering()
+        rgb = renderer.render().copy()
+        renderer.enable_depth_rendering()
+        return rgb, renderer.render().copy()
