@@ -6,6 +6,7 @@ are, the target observes: of what moves freely, and of how far a joint is open, 
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
@@ -13,12 +14,28 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from phyagentos.protocol.world.environment import Entity, Pose
+from phyagentos.protocol.world.environment import Entity, Pose, Shape
 
 LEAST_M = 1e-4  # of a half size
 DIGITS = 6
+AWAY_M = 100.0  # a height for what may be anywhere: it is in the way of nothing where it is not
 Span = tuple[float, float]
 ANYWHERE_M: Sequence[Span] = ((-0.6, 1.1), (-0.95, 0.95))  # of x and y, in the frame of the robot's base
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """What is known of a scene beforehand for the sake of cameras.
+
+    Attributes:
+        looks: Colours of each thing, with their shares: rows of red, green, blue and share.
+        areas: Spans of x and y in which a thing begins.
+        stand: Solids of what the robot stands on, which is seen and touched by nothing.
+    """
+
+    looks: Mapping[str, Sequence[Sequence[float]]] = field(default_factory=dict)
+    areas: Mapping[str, Sequence[Span]] = field(default_factory=dict)
+    stand: Sequence[Mapping[str, Any]] = ()
 
 
 def write_scene(
@@ -26,7 +43,7 @@ def write_scene(
     description: str,
     entities: Iterable[Entity],
     regions: Mapping[str, Mapping[str, Any]],
-    areas: Mapping[str, Sequence[Span]] = {},
+    seen: "Seen",
 ) -> str:
     """The text of `scenes/NAME.yaml`.
 
@@ -36,15 +53,24 @@ def write_scene(
         entities: With their shapes; of what stands fixed, and of mechanisms, poses are written down, of what moves
             freely none is.
         regions: By name: `entity`, in whose frame are `center_m` and `half_m`.
-        areas: Spans of x and y in which a thing begins, where these are known beforehand.
+        seen: What cameras are told beforehand.
     """
     things = sorted(entities, key=lambda each: bool(each.part_of))
-    spans = {each.name: areas.get(each.name, ANYWHERE_M) for each in things if _is_free(each)}
+    spans = {each.name: seen.areas.get(each.name, ANYWHERE_M) for each in things if _is_free(each)}
+    bodies = {each.name: _describe_body(each, seen.looks.get(each.part_of or each.name, ())) for each in things}
+    for each in things if seen.looks else ():
+        if each.part_of:  # all that moves with it shows how far it has moved
+            whole = next(other for other in things if other.name == each.part_of)
+            middle_m = np.array(bodies[each.name]["place"]["position_m"])
+            bodies[each.name]["shapes"] += [_describe_solid(s, middle_m) | {"decor": True} for s in whole.shapes]
+    if seen.stand:
+        solids = [_describe_solid(msgspec.convert(each, Shape), np.zeros(3)) | {"decor": True} for each in seen.stand]
+        bodies["stand"] = {"kind": "stand", "fixed": True, "shapes": solids}
     spec = {
         "scene": name,
         "description": description,
         "areas": {key: {"x_m": list(x_m), "y_m": list(y_m)} for key, (x_m, y_m) in spans.items()},
-        "bodies": {each.name: _describe_body(each) for each in things},
+        "bodies": bodies,
         "regions": {
             key: {"center_m": _round(mark["center_m"]), "half_m": _round(mark["half_m"]), "body": mark["entity"]}
             for key, mark in regions.items()
@@ -60,21 +86,24 @@ def _is_free(entity: Entity) -> bool:
     return entity.movable and not entity.part_of and entity.mechanism is None
 
 
-def _describe_body(entity: Entity) -> dict[str, Any]:
+def _describe_solid(shape: Shape, middle_m: Any) -> dict[str, Any]:
+    return {
+        "kind": str(shape.kind),
+        "size_m": _round([max(LEAST_M, size) for size in shape.size_m]),
+        "position_m": _round(shape.pose.position_m - middle_m),
+        "euler_rad": _find_euler(shape.pose),
+    }
+
+
+def _describe_body(entity: Entity, look: Sequence[Sequence[float]]) -> dict[str, Any]:
     middle_m = np.mean([shape.pose.position_m for shape in entity.shapes], axis=0) if entity.part_of else np.zeros(3)
     body: dict[str, Any] = {
         "kind": entity.kind,
         "fixed": not entity.movable,
-        "shapes": [
-            {
-                "kind": str(shape.kind),
-                "size_m": _round([max(LEAST_M, size) for size in shape.size_m]),
-                "position_m": _round(shape.pose.position_m - middle_m),
-                "euler_rad": _find_euler(shape.pose),
-            }
-            for shape in entity.shapes
-        ],
+        "shapes": [_describe_solid(shape, middle_m) for shape in entity.shapes],
     }
+    if look:
+        body["look"] = [list(color) for color in look]
     if entity.datum_m is not None:
         body["datum_m"] = list(entity.datum_m)
     if entity.part_of:
@@ -82,7 +111,7 @@ def _describe_body(entity: Entity) -> dict[str, Any]:
     if entity.interior is not None:
         body["interior"] = msgspec.to_builtins(entity.interior)
     if _is_free(entity):
-        return body | {"place": {"area": entity.name}}
+        return body | {"place": {"area": entity.name, "position_m": [0.0, 0.0, AWAY_M]}}
     pose = entity.mechanism.closed if entity.mechanism is not None else entity.pose
     body["place"] = {"position_m": _round(pose.position_m), "euler_rad": _find_euler(pose)}
     if (how := entity.mechanism) is not None:

@@ -33,13 +33,13 @@ class Server:
     key: bytes
     outcomes: Path
 
-    def describe(self, profile: TargetProfile, scene: str) -> dict[str, Any]:
-        """The task of a scene as its environment describes it."""
+    def describe(self, profile: TargetProfile, scene: str, *, looks: bool = False) -> dict[str, Any]:
+        """The task of a scene as its environment describes it, with the looks of its things where they are asked for."""
         channel = connect_websocket(self.endpoint)
         greet(channel, mint(self.key))
         driver = RemoteDriver(profile, channel, self.key)
         try:
-            result = driver.invoke_tool("describe_scene", {"scene": scene})
+            result = driver.invoke_tool("describe_scene", {"scene": scene, "looks": looks})
         finally:
             driver.close()
         found: dict[str, Any] = json.loads(result.artefacts["scene.json"].data)
@@ -66,7 +66,7 @@ def serve(
     with outcomes.with_suffix(".log").open("ab") as log:
         process = subprocess.Popen(
             [python, "-m", module],
-            env=os.environ | {"PYTHONPATH": f"{KIT}{os.pathsep}{ROOT}"},
+            env={"MUJOCO_GL": "egl"} | os.environ | {"PYTHONPATH": f"{KIT}{os.pathsep}{ROOT}"},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,

@@ -1,6 +1,8 @@
 """A task as a project of this framework: scene file, goal graph, profile and limits, from what its environment says."""
 
 import shutil
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,18 +10,20 @@ import msgspec
 import mujoco
 import numpy as np
 
-from benchmarks.libero_parts.bddl import Inventory, format_graph, generate_graph, translate
-from benchmarks.libero_parts.foreign_scenes import write_scene
+from benchmarks.libero_parts.bddl import Inventory, format_graph, generate_graph, read_places, translate
+from benchmarks.libero_parts.foreign_scenes import Seen, Span, write_scene
 from benchmarks.libero_parts.served import Server
+from phyagentos.geometry import compute_rotation
 from phyagentos.assembly.paths import TOKENS, open_project
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.protocol.world.environment import Entity, Region
+from phyagentos.protocol.world.environment import Entity, Region, Shape
 
 LIBRARY = Path(__file__).parent / "library"
 ROBOT = "libero"
+FINGERS, OPEN_M = ("left_finger_joint", "right_finger_joint"), 0.08
 PROFILE = LIBRARY / "robots" / ROBOT / "target.yaml"
 
 
@@ -36,7 +40,8 @@ def write_project(folder: Path, scene: str, told: dict[str, Any], server: Server
     path = folder / "scenes" / f"{scene}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
     placed = {each.name: told["marks"][each.name] for each in regions}
-    path.write_text(write_scene(scene, told["language"], entities, placed))
+    seen = Seen(looks=told.get("looks", {}), areas=find_areas(told), stand=told.get("stand", ()))
+    path.write_text(write_scene(scene, told["language"], entities, placed, seen))
     inventory = Inventory(
         entities={each.name: each for each in entities},
         owners=told["owners"],
@@ -50,12 +55,31 @@ def write_project(folder: Path, scene: str, told: dict[str, Any], server: Server
     graph.write_text(format_graph(generate_graph(name, told["language"], scene, effects, inventory, ROBOT)))
     profile = folder / "robots" / ROBOT / "target.yaml"
     profile.write_text(PROFILE.read_text().replace("ws://127.0.0.1:7000", server.endpoint))
-    write_model(profile.with_name("panda.xml"), told["tool"])
+    hand = [msgspec.convert(each, Shape) for each in told.get("hand", ())]
+    write_model(profile.with_name("panda.xml"), told["tool"], hand)
     return graph
 
 
-def write_model(path: Path, tool: dict[str, float]) -> None:
-    """This project's Panda with fingers as long as the environment's, and the tool between their pads."""
+def find_areas(told: dict[str, Any]) -> dict[str, list[Span]]:
+    """Spans of x and y in which each of several equal things begins, as its task says: no picture tells them apart."""
+    places, regions = read_places(told["goal"]), {each["name"]: each for each in told["regions"]}
+    kinds = Counter(each["kind"] for each in told["entities"])
+    areas = {}
+    for each in told["entities"]:
+        place = places.get(each["name"], "")
+        while place not in regions and place in places:  # what it stands on has a place itself
+            place = places[place]
+        if kinds[each["kind"]] > 1 and place in regions:
+            middle, half = regions[place]["pose"]["position_m"], regions[place]["half_m"]
+            areas[each["name"]] = [(middle[axis] - half[axis], middle[axis] + half[axis]) for axis in range(2)]
+    return areas
+
+
+def write_model(path: Path, tool: dict[str, float], hand: Sequence[Shape]) -> None:
+    """This project's Panda with fingers as long as the environment's, and the tool between their pads.
+
+    The boxes of a `hand`, as it stands with all joints at zero and the fingers apart, are seen and touch nothing.
+    """
     spec = mujoco.MjSpec.from_file(str(find_shipped_root() / "robots" / "panda" / "panda.xml"))
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -65,7 +89,31 @@ def write_model(path: Path, tool: dict[str, float]) -> None:
     for name in ("left_finger", "right_finger"):
         spec.body(name).pos[2] -= shorter_m
     spec.site("tcp").pos[2] -= shorter_m
+    _add_hand(spec, hand)
     path.write_text(spec.to_xml())
+
+
+def _add_hand(spec: mujoco.MjSpec, hand: Sequence[Shape]) -> None:
+    """Give each finger what is on its side of the tool, and lower than where it begins; the rest to the palm."""
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[[model.joint(name).qposadr[0] for name in FINGERS]] = OPEN_M / 2.0
+    mujoco.mj_kinematics(model, data)
+    tool, turn = data.site("tcp").xpos, data.site("tcp").xmat.reshape(3, 3)
+    bodies = [int(model.joint(name).bodyid[0]) for name in FINGERS]
+    for shape in hand:
+        at_m = turn.T @ (np.array(shape.pose.position_m) - tool)
+        sides = [float((turn.T @ (data.xpos[body] - tool))[1]) for body in bodies]
+        is_finger = at_m[2] > max(float((turn.T @ (data.xpos[body] - tool))[2]) for body in bodies)
+        side = bodies[int(np.argmin(np.abs(np.sign(sides) - np.sign(at_m[1]))))]
+        body = side if is_finger else int(model.body_parentid[bodies[0]])
+        place = data.xmat[body].reshape(3, 3)
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, np.ravel(place.T @ compute_rotation(shape.pose.quaternion_wxyz)))
+        spec.body(model.body(body).name).add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX, size=shape.size_m, pos=place.T @ (shape.pose.position_m - data.xpos[body]),
+            quat=quaternion, contype=0, conaffinity=0, group=2, mass=0.0,
+        )  # fmt: skip
 
 
 def open_workspace(root: Path, project: Path, server: Server) -> Workspace:

@@ -42,7 +42,7 @@ class State:
         tcp_m: (3,) where the tool is, in the world [m]; `tcp_wxyz` how it is turned.
         width_m: Opening of its gripper [m].
         holding: Names of the things that its gripper holds, where it can tell.
-        grip_force_n: What presses its fingers together, by their motors [N]; None where it is not measured.
+        fingers_touching: How many of its fingers touch something that is none of them, where it has sensors of touch.
     """
 
     q: Sequence[float]
@@ -51,7 +51,7 @@ class State:
     tcp_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     width_m: float = 0.0
     holding: Sequence[str] = ()
-    grip_force_n: float | None = None
+    fingers_touching: int = 0
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from target_server.body import Body, Entity, Joint, Picture, State, Window
 from target_server.mujoco_cameras import Cameras, Sensor
 from target_server.mujoco_things import Joint as JointOfThing
-from target_server.mujoco_things import Mark, Thing, list_things, narrow_turned, to_quaternion
+from target_server.mujoco_things import Mark, Solid, Thing, list_things, narrow_turned, to_quaternion
 from target_server.server import main
 from target_server.wire import Refusal
 
@@ -48,7 +48,9 @@ MOST_M, MOST_RAD = 0.05, 0.5  # an action of 1
 LEVER_M = 0.5  # a tool that is so far off is off as by one radian of an arm
 STILL_RAD_S = 0.02
 HALT_STEPS = 60
-ROBOT = ("robot0", "gripper0", "mount0")
+STAND = "mount0"
+HAND = "gripper0"
+ROBOT = ("robot0", HAND, STAND)
 ARM = tuple(f"robot0_joint{number}" for number in range(1, 8))
 FINGERS = ("gripper0_finger_joint1", "gripper0_finger_joint2")
 JAWS = (("gripper0_leftfinger", "gripper0_finger_joint1_tip"), ("gripper0_rightfinger", "gripper0_finger_joint2_tip"))
@@ -200,7 +202,7 @@ class LiberoBody(Body):
                 tcp_wxyz=(w, x, y, z),
                 width_m=min(float(np.abs(self._data.qpos[self._fingers_at]).sum()), WIDTH_M),
                 holding=self._list_held(),
-                grip_force_n=float((self._data.qfrc_actuator[self._fingers_qd_at] * self._closing).min()),
+                fingers_touching=sum(map(bool, self._list_touched())),
             )
             self._present = state, position_m, rotation
         return self._present
@@ -212,9 +214,7 @@ class LiberoBody(Body):
         self._q_at = [int(model.joint(name).qposadr[0]) for name in ARM]
         self._qd_at = [int(model.joint(name).dofadr[0]) for name in ARM]
         self._fingers_at = [int(model.joint(name).qposadr[0]) for name in FINGERS]
-        fingers = [model.joint(name) for name in FINGERS]
-        self._fingers_qd_at = [int(each.dofadr[0]) for each in fingers]
-        self._closing = -np.sign([each.range.sum() for each in fingers])  # a finger closes towards zero
+        self._opening = np.sign([model.joint(name).range.sum() for name in FINGERS])  # a finger closes towards zero
         self._base_m, self._base = data.body(BASE).xpos.copy(), data.body(BASE).xmat.reshape(3, 3).copy()
         self._cameras = Cameras(model, CAMERAS, self._base_m, self._base)
         self._grip = data.site(SITE).id
@@ -303,18 +303,23 @@ class LiberoBody(Body):
 
     def _list_held(self) -> tuple[str, ...]:
         """What moves and is touched by both jaws."""
-        pairs = self._data.contact.geom
-        sides = self._side[pairs]
-        if not {0, 1} <= set(sides.ravel().tolist()):
+        touched = self._list_touched()
+        if not all(touched):
             return ()
-        touched: tuple[set[int], ...] = tuple(set() for _ in JAWS)
-        for at, column in zip(*np.nonzero(sides >= 0), strict=True):
-            touched[sides[at, column]].add(int(pairs[at, 1 - column]))
         return tuple(
             each.name
             for each in self._things
             if each.movable and all(not geoms.isdisjoint(each.geoms) for geoms in touched)
         )
+
+    def _list_touched(self) -> tuple[set[int], ...]:
+        """The geoms that each jaw touches, but for the other jaw's."""
+        pairs = self._data.contact.geom
+        sides = self._side[pairs]
+        touched: tuple[set[int], ...] = tuple(set() for _ in JAWS)
+        for at, column in zip(*np.nonzero((sides >= 0) & (sides[:, ::-1] < 0)), strict=True):
+            touched[sides[at, column]].add(int(pairs[at, 1 - column]))
+        return touched
 
     def _locate(self, thing: Thing) -> tuple[Array, Array]:
         """Position (3,) and rotation (3, 3) of a thing."""
@@ -382,6 +387,9 @@ class LiberoBody(Body):
             "marks": {mark.name: self._describe_mark(thing, mark) for thing, mark in marks},
             "tool": self._describe_tool(),
         }
+        if arguments.get("looks"):
+            told["looks"] = {each.name: self._photograph(each) for each in self._things if each.movable and each.bodies}
+            told["stand"], told["hand"] = self._describe_body(STAND), self._describe_body(HAND)
         return {"scene.json": ("application/json", json.dumps(told).encode())}
 
     def _describe_mark(self, thing: Thing, mark: Mark) -> dict[str, Any]:
@@ -390,6 +398,32 @@ class LiberoBody(Body):
         half_m = np.abs(mark.rotation) @ narrow_turned(mark.half_m, turned)
         place = {"center_m": mark.center_m.tolist(), "half_m": half_m.tolist()}
         return {"entity": thing.name, "is_surface": mark.is_surface, **place}
+
+    def _photograph(self, thing: Thing) -> list[list[float]]:
+        """The colours of a thing, of pictures that are taken of it beforehand."""
+        geoms = [geom for body in thing.bodies for geom in self._list_geoms(body)]
+        corners_m = np.concatenate([solid.corners_m for solid in thing.solids])
+        low_m, high_m = corners_m.min(axis=0), corners_m.max(axis=0)
+        turn = self._data.xmat[thing.body].reshape(3, 3)
+        center_m = self._data.xpos[thing.body] + turn @ ((low_m + high_m) / 2.0)
+        return self._cameras.photograph(self._data, geoms, center_m, float(np.linalg.norm(high_m - low_m)) / 2.0)
+
+    def _describe_body(self, prefix: str) -> list[dict[str, Any]]:
+        """Boxes around each part of the robot whose name begins so, with all joints at zero and the fingers apart."""
+        self._scratch.qpos[self._fingers_at] = self._opening * WIDTH_M / 2.0
+        self._compute_tool(np.zeros(len(ARM)))
+        bodies = [number for number in range(self._model.nbody) if self._model.body(number).name.startswith(prefix)]
+        shapes = []
+        for geom in (geom for body in bodies for geom in self._list_geoms(body)):
+            turn = self._base.T @ self._scratch.geom_xmat[geom].reshape(3, 3)
+            middle_m = self._base.T @ (self._scratch.geom_xpos[geom] - self._base_m)
+            half_m = self._model.geom_aabb[geom][3:]
+            shapes.append(Solid("box", half_m, middle_m + turn @ self._model.geom_aabb[geom][:3], turn, half_m).encode())
+        return shapes
+
+    def _list_geoms(self, body: int) -> range:
+        first = int(self._model.body_geomadr[body])
+        return range(first, first + int(self._model.body_geomnum[body]))
 
     def _describe_tool(self) -> dict[str, float]:
         """How far the tool centre point and the tips of the pads are from the flange [m]."""

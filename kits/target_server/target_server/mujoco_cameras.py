@@ -17,6 +17,11 @@ from target_server.wire import Refusal
 
 OPENCV = np.diag((1.0, -1.0, -1.0))  # MuJoCo's cameras look along -z with y up
 VISIBLE_GROUPS = (1,)
+HIDDEN_GROUP = 5
+LOOK_YAWS = 8
+LOOK_PITCHES = (-40.0, -80.0)  # [deg], as cameras look at a table
+LOOK_PX = 96
+LEVELS, LEAST_SHARE = 6, 0.01  # of each channel; of a colour that is kept
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,33 @@ class Cameras:
             raise Refusal("UNKNOWN_CAMERA", f"no camera {unknown[0]!r}; there are {', '.join(self.sensors)}")
         return [self._take(data, time_s, name, windows.get(name), every) for name in names or self.sensors]
 
+    def photograph(self, data: Any, geoms: Sequence[int], center_m: Array, radius_m: float) -> list[list[float]]:
+        """The colours of these geoms, seen alone from around and above in the light of the scene, with their shares.
+
+        A row a colour: red, green, blue and share, of 0 to 1.
+        """
+        groups = self.model.geom_group.copy()
+        others = np.setdiff1d(np.arange(self.model.ngeom), geoms)
+        self.model.geom_group[others] = HIDDEN_GROUP
+        camera = mujoco.MjvCamera()
+        camera.lookat[:], camera.distance = center_m, 4.0 * radius_m
+        pixels = []
+        try:
+            for camera.elevation in LOOK_PITCHES:
+                for camera.azimuth in np.arange(LOOK_YAWS) * 360.0 / LOOK_YAWS:
+                    rgb, depth_m = self._draw(data, camera, (LOOK_PX, LOOK_PX))
+                    pixels.append(rgb[depth_m < 8.0 * radius_m])
+        finally:
+            self.model.geom_group[:] = groups
+        seen = np.concatenate(pixels) / 255.0
+        if not len(seen):
+            return []
+        _, which, counts = np.unique((seen * (LEVELS - 1e-6)).astype(int), axis=0, return_inverse=True, return_counts=True)
+        kept = [number for number in range(len(counts)) if counts[number] > LEAST_SHARE * len(seen)]
+        means = [seen[which.ravel() == number].mean(axis=0) for number in kept]
+        shares = [counts[number] / len(seen) for number in kept]
+        return [[*mean.round(3).tolist(), round(share, 3)] for mean, share in zip(means, shares, strict=True)]
+
     def close(self) -> None:
         """Release the graphics."""
         while self._renderers:
@@ -72,7 +104,7 @@ class Cameras:
         if not is_inside or every < 1 or every % 2 == 0 or min(rows, columns) < 1:
             size = f"{sensor.width} x {sensor.height} pixels"
             raise Refusal("INVALID_CROP", f"every {every} of a window {window} of a picture of {size}")
-        rgb, depth_m = self._draw(data, sensor)
+        rgb, depth_m = self._draw(data, sensor.camera, (sensor.height, sensor.width))
         some = np.ix_(top + every // 2 + every * np.arange(rows), left + every // 2 + every * np.arange(columns))
         near_m, far_m = sensor.range_m
         depth_m = np.where((near_m <= depth_m) & (depth_m <= far_m), depth_m, np.float32(np.nan))
@@ -93,9 +125,8 @@ class Cameras:
             depth_m=np.ascontiguousarray(depth_m[some], dtype="<f4").tobytes(),
         )
 
-    def _draw(self, data: Any, sensor: Sensor) -> tuple[Any, Any]:
-        """Colours (h, w, 3) and depths (h, w) [m] of a whole picture."""
-        size = (sensor.height, sensor.width)
+    def _draw(self, data: Any, camera: Any, size: tuple[int, int]) -> tuple[Any, Any]:
+        """Colours (h, w, 3) and depths (h, w) [m] of a picture of this height and width."""
         if size not in self._renderers:
             buffer = self.model.vis.global_
             buffer.offheight, buffer.offwidth = max(buffer.offheight, size[0]), max(buffer.offwidth, size[1])
@@ -103,7 +134,7 @@ class Cameras:
         renderer, options = self._renderers[size], mujoco.MjvOption()
         options.geomgroup[:] = [group in VISIBLE_GROUPS for group in range(len(options.geomgroup))]
         options.sitegroup[:] = 0
-        renderer.update_scene(data, sensor.camera, options)
+        renderer.update_scene(data, camera, options)
         renderer.disable_depth_rendering()
         rgb = renderer.render().copy()
         renderer.enable_depth_rendering()

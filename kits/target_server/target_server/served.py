@@ -364,7 +364,7 @@ def _encode(state: State) -> dict[str, Any]:
     return {
         "q_rad": list(map(float, state.q)), "qd_rad_s": list(map(float, state.qd)), "gripper_width_m": state.width_m,
         "tcp": {"position_m": list(map(float, state.tcp_m)), "quaternion_wxyz": list(state.tcp_wxyz)},
-        "holding": list(state.holding), "grip_force_n": state.grip_force_n,
+        "holding": list(state.holding), "fingers_touching": state.fingers_touching,
     }  # fmt: skip
 
 
