@@ -131,8 +131,9 @@ def run_task(given: argparse.Namespace, suite: str, task: int, states: Sequence[
     folder.mkdir(parents=True, exist_ok=True)
     scene = f"{suite}/{task}"
     try:
-        with serve(given.python.absolute(), read_profile(), scene, folder / "outcomes.jsonl") as server:
-            told = server.describe(read_profile(), scene, looks=given.sensing == "perceived")
+        outcomes, draws = folder / "outcomes.jsonl", given.sensing == "perceived"
+        with serve(given.python.absolute(), read_profile(), scene, outcomes, draws=draws) as server:
+            told = server.describe(read_profile(), scene, looks=draws)
             try:
                 graph = write_project(folder / "project", scene, told, server)
             except DefinitionError as error:

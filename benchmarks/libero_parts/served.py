@@ -53,15 +53,26 @@ class Server:
 
 @contextmanager
 def serve(
-    python: Path, profile: TargetProfile, scene: str, outcomes: Path, module: str = "target_server.libero_body"
+    python: Path,
+    profile: TargetProfile,
+    scene: str,
+    outcomes: Path,
+    module: str = "target_server.libero_body",
+    *,
+    draws: bool = False,
 ) -> Iterator[Server]:
-    """A process that has a scene loaded; it ends with the block. Raises RuntimeError with its words when it fails."""
+    """A process that has a scene loaded, and its graphics open where it `draws`; it ends with the block.
+
+    Raises:
+        RuntimeError: With its words, when it fails.
+    """
     key = make_key()
     settings = {
         "target": profile.target,
         "scene": scene,
         "velocity_rad_s": profile.arm.velocity_rad_s,
         "outcomes": str(outcomes),
+        "draws": draws,
     }
     with outcomes.with_suffix(".log").open("ab") as log:
         process = subprocess.Popen(

@@ -73,12 +73,14 @@ class Settings:
         scene: The one that is loaded first: `SUITE/NUMBER`.
         velocity_rad_s: (7,) greatest speeds of set-points.
         outcomes: File to which the success of each session is appended.
+        draws: Whether its cameras will be asked for pictures: the graphics are opened with each scene then.
     """
 
     target: str
     scene: str
     velocity_rad_s: Sequence[float]
     outcomes: str = ""
+    draws: bool = False
 
 
 class LiberoBody(Body):
@@ -120,6 +122,8 @@ class LiberoBody(Body):
             self._env.step([0.0] * 6 + [-1.0])
         self._width_m = WIDTH_M
         self._rest()
+        if self._settings.draws:
+            self.capture((), {}, 1)
 
     def read(self) -> State:
         return self._look()[0]

@@ -5,7 +5,7 @@ body a pixel belongs. Poses are in the frame of a root that stands still.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -18,6 +18,7 @@ from target_server.wire import Refusal
 OPENCV = np.diag((1.0, -1.0, -1.0))  # MuJoCo's cameras look along -z with y up
 VISIBLE_GROUPS = (1,)
 HIDDEN_GROUP = 5
+GEOMS_MAX = 4000
 LOOK_YAWS = 8
 LOOK_PITCHES = (-40.0, -80.0)  # [deg], as cameras look at a table
 LOOK_PX = 96
@@ -53,7 +54,7 @@ class Cameras:
     sensors: Mapping[str, Sensor]
     root_m: Array
     root: Array
-    _renderers: dict[tuple[int, int], Any] = field(default_factory=dict)
+    _graphics: "_Graphics | None" = None
 
     def capture(
         self, data: Any, time_s: float, names: Sequence[str], windows: Mapping[str, Window], every: int
@@ -93,8 +94,9 @@ class Cameras:
 
     def close(self) -> None:
         """Release the graphics."""
-        while self._renderers:
-            self._renderers.popitem()[1].close()
+        if self._graphics is not None:
+            self._graphics.close()
+        self._graphics = None
 
     def _take(self, data: Any, time_s: float, name: str, window: Window | None, every: int) -> Picture:
         sensor = self.sensors[name]
@@ -127,15 +129,47 @@ class Cameras:
 
     def _draw(self, data: Any, camera: Any, size: tuple[int, int]) -> tuple[Any, Any]:
         """Colours (h, w, 3) and depths (h, w) [m] of a picture of this height and width."""
-        if size not in self._renderers:
-            buffer = self.model.vis.global_
-            buffer.offheight, buffer.offwidth = max(buffer.offheight, size[0]), max(buffer.offwidth, size[1])
-            self._renderers[size] = mujoco.Renderer(self.model, *size)
-        renderer, options = self._renderers[size], mujoco.MjvOption()
-        options.geomgroup[:] = [group in VISIBLE_GROUPS for group in range(len(options.geomgroup))]
-        options.sitegroup[:] = 0
-        renderer.update_scene(data, camera, options)
-        renderer.disable_depth_rendering()
-        rgb = renderer.render().copy()
-        renderer.enable_depth_rendering()
-        return rgb, renderer.render().copy()
+        if self._graphics is None:
+            most = max(max(sensor.width, sensor.height) for sensor in self.sensors.values())
+            self._graphics = _Graphics(self.model, max(most, LOOK_PX))
+        return self._graphics.draw(data, camera, size)
+
+
+class _Graphics:
+    """Draws one model into a square buffer of `most` pixels a side; colours and depth of a picture come together."""
+
+    def __init__(self, model: Any, most: int) -> None:
+        self._model = model
+        model.vis.global_.offheight = model.vis.global_.offwidth = most
+        model.vis.quality.offsamples = 0  # a pixel shows one surface: a mean of two depths would be that of none
+        self._context = mujoco.GLContext(most, most)
+        self._context.make_current()
+        self._drawing = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        self._drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._drawing)
+        self._scene, self._options = mujoco.MjvScene(model, GEOMS_MAX), mujoco.MjvOption()
+        self._options.geomgroup[:] = [group in VISIBLE_GROUPS for group in range(len(self._options.geomgroup))]
+        self._options.sitegroup[:] = 0
+
+    def draw(self, data: Any, camera: Any, size: tuple[int, int]) -> tuple[Any, Any]:
+        """Colours (h, w, 3) and depths along the axis (h, w) [m] by a free camera, or by one of the model's names."""
+        model, (height, width) = self._model, size
+        if isinstance(camera, str):
+            camera, name = mujoco.MjvCamera(), camera
+            camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(name).id
+        self._context.make_current()
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(model, data, self._options, None, camera, everything, self._scene)
+        rect = mujoco.MjrRect(0, 0, width, height)
+        mujoco.mjr_render(rect, self._scene, self._drawing)
+        rgb, depth = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
+        mujoco.mjr_readPixels(rgb, depth, rect, self._drawing)
+        near_m, far_m = (float(each) * float(model.stat.extent) for each in (model.vis.map.znear, model.vis.map.zfar))
+        nearness = 1.0 / far_m + depth.astype(np.float64) * (1.0 / near_m - 1.0 / far_m)  # 1 is near, 0 far
+        return rgb[::-1], (1.0 / nearness).astype(np.float32)[::-1]
+
+    def close(self) -> None:
+        """Release the graphics."""
+        self._context.make_current()
+        self._drawing.free()
+        self._context.free()
