@@ -33,6 +33,7 @@ TRAVEL_COST = 0.02  # per metre from where it was, up to `TRAVEL_MAX_M`
 TRAVEL_MAX_M = 0.20
 FEW, FEW_COST = 60, 0.003  # a handful of points fits anything, unless it is asked that the thing is not in the table
 COLOR_COST = 0.006  # of a cluster without a pixel of the thing's own colour
+LINK_PX = 3.0  # points of one surface are this near in a picture
 LOOK_COST = 0.02  # of one whose colours are altogether others
 OWN_MIN = 0.1  # of the pixels of a cluster; with less of its own colour it is another thing
 SPILL = 4  # a cluster this many times smaller than one of its colour that fits nothing is a part of that
@@ -90,7 +91,7 @@ def associate(
         group = [thing for thing in things.values() if chains[thing.colors[0]] == chain]
         pieces = [
             piece
-            for piece in find_pieces(group, believed, cloud, near)
+            for piece in find_pieces(group, believed, cloud, near, _find_link(group, views))
             if not _is_behind_map(cloud.take(piece), views, map_solids)
         ]
         tracked = _track(group, look, pieces)
@@ -111,6 +112,14 @@ def associate(
     apart = separate_overlaps(things, fits, seen, views, map_solids, priors)
     possible = {name: found for name, found in apart.items() if found.cost_m < GATE_M}  # not deep in another solid
     return {name: replace(matches[name], fit=found) for name, found in possible.items()}
+
+
+def _find_link(group: Sequence[ObjectModel], views: Views) -> float:
+    """How near points of one surface are [m]: by the pixels, where colours do not part things that nearly touch."""
+    if any(thing.look is None for thing in group):
+        return LINK_M
+    pitches_m = [float(np.median(view.nearest_m[np.isfinite(view.nearest_m)])) / view.focal[0] for view in views]
+    return min(LINK_M, LINK_PX * max(pitches_m, default=LINK_M))
 
 
 def exchange_doubts(entities: Mapping[str, Entity], seen: Collection[str]) -> dict[str, Entity]:

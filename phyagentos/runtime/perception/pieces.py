@@ -29,29 +29,36 @@ Piece = NDArray[np.intp]
 
 
 def find_pieces(
-    group: Sequence[ObjectModel], believed: Mapping[str, Entity], cloud: Cloud, near: NDArray[np.bool_]
+    group: Sequence[ObjectModel],
+    believed: Mapping[str, Entity],
+    cloud: Cloud,
+    near: NDArray[np.bool_],
+    link_m: float = LINK_M,
 ) -> list[Piece]:
-    """Clusters of the points in a group's colours; `near` (256, 256) says which labels are taken for each other."""
+    """Clusters of the points in a group's colours, those of one surface within `link_m` of each other.
+
+    `near` (256, 256) says which labels are taken for each other.
+    """
     pure: list[Piece] = []
     stray: list[Piece] = []
     colors = list(dict.fromkeys(thing.colors[0] for thing in group))
     alike: NDArray[np.bool_] = near[colors].max(axis=0)
     within = np.flatnonzero(alike[cloud.colors])
-    explained = [within[part] for part in _explain(group, believed, cloud.points_m[within])] if len(group) > 1 else []
+    explained = [within[part] for part in _explain(group, believed, cloud.points_m[within], link_m)] if len(group) > 1 else []
     if explained:
         within = np.setdiff1d(within, np.concatenate(explained))
     tree = cKDTree(cloud.points_m[within]) if len(colors) > 1 and len(within) else None
     for color in colors:
         own = [thing for thing in group if thing.colors[0] == color]
         indices = within[cloud.colors[within] == color]
-        for part in _cut(own, believed, cloud.points_m[indices]):
+        for part in _cut(own, believed, cloud.points_m[indices], link_m):
             piece = indices[part]
             is_pure = tree is None or _measure_purity(cloud, piece, color, within, tree, near) >= PURE
             (pure if is_pure else stray).append(piece)
     if not stray:
         return explained + pure
     pure, loose = _join(pure, np.concatenate(stray), cloud.points_m)
-    return explained + pure + [loose[part] for part in _cut(group, believed, cloud.points_m[loose])]
+    return explained + pure + [loose[part] for part in _cut(group, believed, cloud.points_m[loose], link_m)]
 
 
 def _measure_purity(
@@ -75,11 +82,11 @@ def _join(pure: list[Piece], loose: Piece, points_m: Array) -> tuple[list[Piece]
     return joined, loose[~joins]
 
 
-def _cut(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array) -> list[Piece]:
+def _cut(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array, link_m: float) -> list[Piece]:
     """Clusters of points (n, 3), each at most as large as the largest thing of the group."""
     pieces: list[Piece] = []
     largest = max(thing.diameter_m for thing in group)
-    for cluster in find_clusters(points, LINK_M):
+    for cluster in find_clusters(points, link_m):
         own = points[cluster]
         seeds = [np.array(entity.pose.position_m) for _, entity in _find_near(group, believed, own)]
         pieces += [cluster[part] for part in split(own, largest, len(group), seeds)]
@@ -102,14 +109,16 @@ def _find_near(
     return found
 
 
-def _explain(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array) -> list[Piece]:
+def _explain(
+    group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array, link_m: float
+) -> list[Piece]:
     """The parts of points (n, 3) of alike colours that lie on things which stay, and what came to touch these.
 
     Things that touch are one cluster. What was seen before explains the points on its surface; the rest of the cluster
     is what came to it. Where these are more than the other things near, something has moved, and nothing is explained.
     """
     parts: list[Piece] = []
-    for cluster in find_clusters(points, LINK_M):
+    for cluster in find_clusters(points, link_m):
         own = points[cluster]
         near = _find_near(group, believed, own, may_fall=True)
         stay = [Solids.place(entity, thing.solids) for thing, entity in near if entity.status is Status.SEEN]
@@ -118,7 +127,7 @@ def _explain(group: Sequence[ObjectModel], believed: Mapping[str, Entity], point
         away_m = np.abs([solids.measure(own) for solids in stay])
         owner = np.where(away_m.min(axis=0) < EXPLAINED_M, away_m.argmin(axis=0), len(stay))
         rest = np.flatnonzero(owner == len(stay))
-        came = [rest[part] for part in find_clusters(own[rest], LINK_M) if len(part) >= REST_SHARE * len(own)]
+        came = [rest[part] for part in find_clusters(own[rest], link_m) if len(part) >= REST_SHARE * len(own)]
         if len(came) <= len(near) - len(stay):
             parts += [cluster[part] for part in (*(np.flatnonzero(owner == k) for k in range(len(stay))), *came)]
     return [part for part in parts if len(part)]
