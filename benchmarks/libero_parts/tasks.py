@@ -24,6 +24,7 @@ from phyagentos.protocol.world.environment import Entity, Region, Shape
 LIBRARY = Path(__file__).parent / "library"
 ROBOT = "libero"
 FINGERS, OPEN_M = ("left_finger_joint", "right_finger_joint"), 0.08
+WRIST, WRIST_BODY = "wrist", "link6"
 PROFILE = LIBRARY / "robots" / ROBOT / "target.yaml"
 
 
@@ -55,8 +56,8 @@ def write_project(folder: Path, scene: str, told: dict[str, Any], server: Server
     graph.write_text(format_graph(generate_graph(name, told["language"], scene, effects, inventory, ROBOT)))
     profile = folder / "robots" / ROBOT / "target.yaml"
     profile.write_text(PROFILE.read_text().replace("ws://127.0.0.1:7000", server.endpoint))
-    hand = [msgspec.convert(each, Shape) for each in told.get("hand", ())]
-    write_model(profile.with_name("panda.xml"), told["tool"], hand)
+    seen = {part: [msgspec.convert(each, Shape) for each in told.get(part, ())] for part in ("hand", WRIST)}
+    write_model(profile.with_name("panda.xml"), told["tool"], seen["hand"], seen[WRIST])
     return graph
 
 
@@ -75,10 +76,10 @@ def find_areas(told: dict[str, Any]) -> dict[str, list[Span]]:
     return areas
 
 
-def write_model(path: Path, tool: dict[str, float], hand: Sequence[Shape]) -> None:
+def write_model(path: Path, tool: dict[str, float], hand: Sequence[Shape], wrist: Sequence[Shape]) -> None:
     """This project's Panda with fingers as long as the environment's, and the tool between their pads.
 
-    The boxes of a `hand`, as it stands with all joints at zero and the fingers apart, are seen and touch nothing.
+    The boxes of `hand` and `wrist`, as they are with all joints at zero and the fingers apart, only mask pictures.
     """
     spec = mujoco.MjSpec.from_file(str(find_shipped_root() / "robots" / "panda" / "panda.xml"))
     model = spec.compile()
@@ -89,31 +90,34 @@ def write_model(path: Path, tool: dict[str, float], hand: Sequence[Shape]) -> No
     for name in ("left_finger", "right_finger"):
         spec.body(name).pos[2] -= shorter_m
     spec.site("tcp").pos[2] -= shorter_m
-    _add_hand(spec, hand)
+    _add_seen(spec, hand, wrist)
     path.write_text(spec.to_xml())
 
 
-def _add_hand(spec: mujoco.MjSpec, hand: Sequence[Shape]) -> None:
-    """Give each finger what is on its side of the tool, and lower than where it begins; the rest to the palm."""
+def _add_seen(spec: mujoco.MjSpec, hand: Sequence[Shape], wrist: Sequence[Shape]) -> None:
+    """Boxes that touch nothing: each finger has what is beyond where it begins, on its side; the palm has the rest."""
     model = spec.compile()
     data = mujoco.MjData(model)
     data.qpos[[model.joint(name).qposadr[0] for name in FINGERS]] = OPEN_M / 2.0
     mujoco.mj_kinematics(model, data)
-    tool, turn = data.site("tcp").xpos, data.site("tcp").xmat.reshape(3, 3)
-    bodies = [int(model.joint(name).bodyid[0]) for name in FINGERS]
+    fingers = [int(model.joint(name).bodyid[0]) for name in FINGERS]
+    palm, into_tool = int(model.body_parentid[fingers[0]]), data.site("tcp").xmat.reshape(3, 3).T
+    begin_m = (into_tool @ (data.xpos[fingers] - data.site("tcp").xpos).T).T  # z points away from the palm
+    for shape in wrist:
+        _add_box(spec, model, data, model.body(WRIST_BODY).id, shape)
     for shape in hand:
-        at_m = turn.T @ (np.array(shape.pose.position_m) - tool)
-        sides = [float((turn.T @ (data.xpos[body] - tool))[1]) for body in bodies]
-        is_finger = at_m[2] > max(float((turn.T @ (data.xpos[body] - tool))[2]) for body in bodies)
-        side = bodies[int(np.argmin(np.abs(np.sign(sides) - np.sign(at_m[1]))))]
-        body = side if is_finger else int(model.body_parentid[bodies[0]])
-        place = data.xmat[body].reshape(3, 3)
-        quaternion = np.empty(4)
-        mujoco.mju_mat2Quat(quaternion, np.ravel(place.T @ compute_rotation(shape.pose.quaternion_wxyz)))
-        spec.body(model.body(body).name).add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX, size=shape.size_m, pos=place.T @ (shape.pose.position_m - data.xpos[body]),
-            quat=quaternion, contype=0, conaffinity=0, group=2, mass=0.0,
-        )  # fmt: skip
+        at_m = into_tool @ (np.array(shape.pose.position_m) - data.site("tcp").xpos)
+        side = int(np.argmax(begin_m[:, 1] * at_m[1]))
+        _add_box(spec, model, data, fingers[side] if at_m[2] > begin_m[side, 2] else palm, shape)
+
+
+def _add_box(spec: mujoco.MjSpec, model: Any, data: Any, body: int, shape: Shape) -> None:
+    place, quaternion = data.xmat[body].reshape(3, 3), np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ravel(place.T @ compute_rotation(shape.pose.quaternion_wxyz)))
+    spec.body(model.body(body).name).add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX, size=shape.size_m, pos=place.T @ (shape.pose.position_m - data.xpos[body]),
+        quat=quaternion, contype=0, conaffinity=0, group=2, mass=0.0,
+    )  # fmt: skip
 
 
 def open_workspace(root: Path, project: Path, server: Server) -> Workspace:

@@ -49,7 +49,7 @@ LEVER_M = 0.5  # a tool that is so far off is off as by one radian of an arm
 STILL_RAD_S = 0.02
 HALT_STEPS = 60
 STAND = "mount0"
-HAND = "gripper0"
+WRIST, HAND = "robot0_link6", "gripper0"
 ROBOT = ("robot0", HAND, STAND)
 ARM = tuple(f"robot0_joint{number}" for number in range(1, 8))
 FINGERS = ("gripper0_finger_joint1", "gripper0_finger_joint2")
@@ -393,7 +393,8 @@ class LiberoBody(Body):
         }
         if arguments.get("looks"):
             told["looks"] = {each.name: self._photograph(each) for each in self._things if each.movable and each.bodies}
-            told["stand"], told["hand"] = self._describe_body(STAND), self._describe_body(HAND)
+            told["stand"], told["wrist"] = self._describe_body(STAND), self._describe_body(WRIST)
+            told["hand"] = self._describe_body(HAND)
         return {"scene.json": ("application/json", json.dumps(told).encode())}
 
     def _describe_mark(self, thing: Thing, mark: Mark) -> dict[str, Any]:
