@@ -20,6 +20,7 @@ LEAST_M = 1e-4  # of a half size
 DIGITS = 6
 AWAY_M = 100.0  # a height for what may be anywhere: it is in the way of nothing where it is not
 Span = tuple[float, float]
+Look = Sequence[Sequence[Sequence[float]]]
 ANYWHERE_M: Sequence[Span] = ((-0.6, 1.1), (-0.95, 0.95))  # of x and y, in the frame of the robot's base
 
 
@@ -28,14 +29,16 @@ class Seen:
     """What is known of a scene beforehand for the sake of cameras.
 
     Attributes:
-        looks: Colours of each thing, with their shares: rows of red, green, blue and share.
+        looks: Colours of each side of each thing: rows of red, green, blue and share.
+        covers: What is seen of each thing beside its solids, in its frame.
         areas: Spans of x and y in which a thing begins.
         stand: Solids of what the robot stands on, which is seen and touched by nothing.
     """
 
-    looks: Mapping[str, Sequence[Sequence[float]]] = field(default_factory=dict)
+    looks: Mapping[str, Look] = field(default_factory=dict)
+    covers: Mapping[str, Sequence[Shape]] = field(default_factory=dict)
     areas: Mapping[str, Sequence[Span]] = field(default_factory=dict)
-    stand: Sequence[Mapping[str, Any]] = ()
+    stand: Sequence[Shape] = ()
 
 
 def write_scene(
@@ -59,12 +62,14 @@ def write_scene(
     spans = {each.name: seen.areas.get(each.name, ANYWHERE_M) for each in things if _is_free(each)}
     bodies = {each.name: _describe_body(each, seen.looks.get(each.part_of or each.name, ())) for each in things}
     for each in things if seen.looks else ():
+        shown = list(seen.covers.get(each.name, ()))
         if each.part_of:  # all that moves with it shows how far it has moved
             whole = next(other for other in things if other.name == each.part_of)
-            middle_m = np.array(bodies[each.name]["place"]["position_m"])
-            bodies[each.name]["shapes"] += [_describe_solid(s, middle_m) | {"decor": True} for s in whole.shapes]
+            shown = [*whole.shapes, *seen.covers.get(whole.name, ())]
+        middle_m = np.array(bodies[each.name]["place"]["position_m"] if each.part_of else np.zeros(3))
+        bodies[each.name]["shapes"] += [_describe_solid(shape, middle_m) | {"decor": True} for shape in shown]
     if seen.stand:
-        solids = [_describe_solid(msgspec.convert(each, Shape), np.zeros(3)) | {"decor": True} for each in seen.stand]
+        solids = [_describe_solid(each, np.zeros(3)) | {"decor": True} for each in seen.stand]
         bodies["stand"] = {"kind": "stand", "fixed": True, "shapes": solids}
     spec = {
         "scene": name,
@@ -95,7 +100,7 @@ def _describe_solid(shape: Shape, middle_m: Any) -> dict[str, Any]:
     }
 
 
-def _describe_body(entity: Entity, look: Sequence[Sequence[float]]) -> dict[str, Any]:
+def _describe_body(entity: Entity, look: Look) -> dict[str, Any]:
     middle_m = np.mean([shape.pose.position_m for shape in entity.shapes], axis=0) if entity.part_of else np.zeros(3)
     body: dict[str, Any] = {
         "kind": entity.kind,
@@ -103,7 +108,7 @@ def _describe_body(entity: Entity, look: Sequence[Sequence[float]]) -> dict[str,
         "shapes": [_describe_solid(shape, middle_m) for shape in entity.shapes],
     }
     if look:
-        body["look"] = [list(color) for color in look]
+        body["look"] = list(look)
     if entity.datum_m is not None:
         body["datum_m"] = list(entity.datum_m)
     if entity.part_of:

@@ -41,7 +41,9 @@ def write_project(folder: Path, scene: str, told: dict[str, Any], server: Server
     path = folder / "scenes" / f"{scene}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
     placed = {each.name: told["marks"][each.name] for each in regions}
-    seen = Seen(looks=told.get("looks", {}), areas=find_areas(told), stand=told.get("stand", ()))
+    covers = {key: [msgspec.convert(each, Shape) for each in found] for key, found in told.get("covers", {}).items()}
+    stand = [msgspec.convert(each, Shape) for each in told.get("stand", ())]
+    seen = Seen(looks=told.get("looks", {}), covers=covers, areas=find_areas(told), stand=stand)
     path.write_text(write_scene(scene, told["language"], entities, placed, seen))
     inventory = Inventory(
         entities={each.name: each for each in entities},

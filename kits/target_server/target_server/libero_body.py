@@ -25,9 +25,9 @@ from libero.libero.envs.env_wrapper import ControlEnv
 from numpy.typing import NDArray
 
 from target_server.body import Body, Entity, Joint, Picture, State, Window
-from target_server.mujoco_cameras import Cameras, Sensor
+from target_server.mujoco_cameras import VISIBLE_GROUPS, Cameras, Sensor
 from target_server.mujoco_things import Joint as JointOfThing
-from target_server.mujoco_things import Mark, Solid, Thing, list_things, narrow_turned, to_quaternion
+from target_server.mujoco_things import Mark, Solid, Thing, cover_seen, list_things, narrow_turned, to_quaternion
 from target_server.server import main
 from target_server.wire import Refusal
 
@@ -392,7 +392,12 @@ class LiberoBody(Body):
             "tool": self._describe_tool(),
         }
         if arguments.get("looks"):
-            told["looks"] = {each.name: self._photograph(each) for each in self._things if each.movable and each.bodies}
+            shown = [each for each in self._things if each.bodies]
+            told["looks"] = {each.name: self._photograph(each) for each in shown if each.movable}
+            told["covers"] = {
+                each.name: [solid.encode() for solid in cover_seen(self._model, self._data, each, VISIBLE_GROUPS[0])]
+                for each in shown
+            }
             told["stand"], told["wrist"] = self._describe_body(STAND), self._describe_body(WRIST)
             told["hand"] = self._describe_body(HAND)
         return {"scene.json": ("application/json", json.dumps(told).encode())}
@@ -404,7 +409,7 @@ class LiberoBody(Body):
         place = {"center_m": mark.center_m.tolist(), "half_m": half_m.tolist()}
         return {"entity": thing.name, "is_surface": mark.is_surface, **place}
 
-    def _photograph(self, thing: Thing) -> list[list[float]]:
+    def _photograph(self, thing: Thing) -> list[list[list[float]]]:
         """The colours of a thing, of pictures that are taken of it beforehand."""
         geoms = [geom for body in thing.bodies for geom in self._list_geoms(body)]
         corners_m = np.concatenate([solid.corners_m for solid in thing.solids])

@@ -65,32 +65,24 @@ class Cameras:
             raise Refusal("UNKNOWN_CAMERA", f"no camera {unknown[0]!r}; there are {', '.join(self.sensors)}")
         return [self._take(data, time_s, name, windows.get(name), every) for name in names or self.sensors]
 
-    def photograph(self, data: Any, geoms: Sequence[int], center_m: Array, radius_m: float) -> list[list[float]]:
-        """The colours of these geoms, seen alone from around and above in the light of the scene, with their shares.
+    def photograph(self, data: Any, geoms: Sequence[int], center_m: Array, radius_m: float) -> list[list[list[float]]]:
+        """The colours of these geoms, seen alone from each side in the light of the scene.
 
-        A row a colour: red, green, blue and share, of 0 to 1.
+        A list a side, with a row a colour: red, green, blue and share, of 0 to 1.
         """
         groups = self.model.geom_group.copy()
-        others = np.setdiff1d(np.arange(self.model.ngeom), geoms)
-        self.model.geom_group[others] = HIDDEN_GROUP
+        self.model.geom_group[np.setdiff1d(np.arange(self.model.ngeom), geoms)] = HIDDEN_GROUP
         camera = mujoco.MjvCamera()
         camera.lookat[:], camera.distance = center_m, 4.0 * radius_m
-        pixels = []
+        sides = []
         try:
             for camera.elevation in LOOK_PITCHES:
                 for camera.azimuth in np.arange(LOOK_YAWS) * 360.0 / LOOK_YAWS:
                     rgb, depth_m = self._draw(data, camera, (LOOK_PX, LOOK_PX))
-                    pixels.append(rgb[depth_m < 8.0 * radius_m])
+                    sides.append(_count_colors(rgb[depth_m < 8.0 * radius_m] / 255.0))
         finally:
             self.model.geom_group[:] = groups
-        seen = np.concatenate(pixels) / 255.0
-        if not len(seen):
-            return []
-        _, which, counts = np.unique((seen * (LEVELS - 1e-6)).astype(int), axis=0, return_inverse=True, return_counts=True)
-        kept = [number for number in range(len(counts)) if counts[number] > LEAST_SHARE * len(seen)]
-        means = [seen[which.ravel() == number].mean(axis=0) for number in kept]
-        shares = [counts[number] / len(seen) for number in kept]
-        return [[*mean.round(3).tolist(), round(share, 3)] for mean, share in zip(means, shares, strict=True)]
+        return [side for side in sides if side]
 
     def close(self) -> None:
         """Release the graphics."""
@@ -133,6 +125,15 @@ class Cameras:
             most = max(max(sensor.width, sensor.height) for sensor in self.sensors.values())
             self._graphics = _Graphics(self.model, max(most, LOOK_PX))
         return self._graphics.draw(data, camera, size)
+
+
+def _count_colors(seen: Array) -> list[list[float]]:
+    """The most frequent ones of colours (n, 3), each with its share."""
+    cells = (seen * (LEVELS - 1e-6)).astype(int)
+    _, which, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    kept = np.flatnonzero(counts > LEAST_SHARE * len(seen))
+    means = [seen[which.ravel() == number].mean(axis=0).round(3).tolist() for number in kept]
+    return [[*mean, round(float(counts[number] / len(seen)), 3)] for number, mean in zip(kept, means, strict=True)]
 
 
 class _Graphics:

@@ -34,7 +34,7 @@ TRAVEL_MAX_M = 0.20
 FEW, FEW_COST = 60, 0.003  # a handful of points fits anything, unless it is asked that the thing is not in the table
 COLOR_COST = 0.006  # of a cluster without a pixel of the thing's own colour
 LINK_PX, FINE_POINTS = 3.0, 40  # points of one surface are this near in a picture; fewer are its edges then
-LOOK_COST = 0.02  # of one whose colours are altogether others
+LOOK_COST = 0.06  # of one whose colours are altogether others
 OWN_MIN = 0.1  # of the pixels of a cluster; with less of its own colour it is another thing
 SPILL = 4  # a cluster this many times smaller than one of its colour that fits nothing is a part of that
 ROOM = 1.6  # a cluster may be this much larger than a thing that it is
@@ -118,7 +118,7 @@ def associate(
 
 def _find_link(group: Sequence[ObjectModel], views: Views) -> float:
     """How near points of one surface are [m]: by the pixels, where colours do not part things that nearly touch."""
-    if any(thing.look is None for thing in group):
+    if not all(thing.look for thing in group):
         return LINK_M
     pitches_m = [float(np.median(view.nearest_m[np.isfinite(view.nearest_m)])) / view.focal[0] for view in views]
     return min(LINK_M, LINK_PX * max(pitches_m, default=LINK_M))
@@ -270,14 +270,15 @@ def _weigh_pairs(
             if share < OWN_MIN or _measure_size(look.cloud.points_m[piece]) > ROOM * thing.diameter_m + LINK_M:
                 continue
             obstacle = look.map_solids if len(piece) < FEW or thing.lookalikes else None
-            found = fit(thing, look.cloud.take(piece), look.views, prior, obstacle)
+            seen = look.cloud.take(piece)
+            found = fit(thing, seen, look.views, prior, obstacle)
             if found is None or found.cost_m > GATE_M:
                 continue
             fits[row, column] = found
             few = 1 - min(len(piece), FEW) / FEW
             shown[row, column] = found.cost_m + FEW_COST * few + COLOR_COST * (1 - share)
-            if thing.look is not None:
-                shown[row, column] += LOOK_COST * measure_look(thing.look, look.cloud.rgb[piece])
+            if thing.look:
+                shown[row, column] += LOOK_COST * measure_look(thing.look, seen)
             if entity is None and thing.area_m is not None:
                 at_m = found.position_m[:2]
                 outside_m = math.dist(at_m, np.clip(at_m, *thing.area_m))

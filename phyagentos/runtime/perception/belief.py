@@ -70,7 +70,7 @@ def update_belief(
     held = [name for name, entity in entities.items() if entity.status is Status.HELD]
     rest = _leave_out(cloud, inventory, entities, held)
     loose = {name: thing for name, thing in wanted.items() if thing.template.movable and name not in held}
-    parts = [name for name, thing in inventory.things.items() if thing.path is not None and thing.look is not None]
+    parts = [name for name, thing in inventory.things.items() if thing.path is not None and thing.look]
     for name in [name for name in parts if name in loose]:
         thing, entity = loose.pop(name), entities.get(name)
         if (part := find_part(thing, rest, views)) is not None:

@@ -50,7 +50,7 @@ class ObjectModel:
         lookalikes: Rotations (3, 3) with shifts (3,), in its own frame, that nearly repeat its form.
         path: Where it can be at all, as a part of a mechanism; None for others.
         alike: Names of other things that no picture tells from it.
-        look: (k, 4) colours of its surface with their shares; None where one describes it, or none is known.
+        look: Of each side, (k, 4) colours with their shares; empty where one describes it, or none is known.
         area_m: (2, 2) least and greatest x and y of where it may be at first; None where that is not known.
     """
 
@@ -72,7 +72,7 @@ class ObjectModel:
     lookalikes: tuple[tuple[Array, Array], ...]
     path: Path | None = None
     alike: frozenset[str] = frozenset()
-    look: Array | None = None
+    look: tuple[Array, ...] = ()
     area_m: Array | None = None
 
     @property
@@ -191,7 +191,7 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
             whole = articulated.get(body.part_of or "")
             path = None if whole is None else Path(whole.mechanism, compute_matrix(thing.template.pose))
             measured = {key: getattr(given[name], key) for key in MEASURED} if name in given else {}
-            look = thing.look if prior is Prior.FULL else None
+            look = thing.look if prior is Prior.FULL else ()
             template = msgspec.structs.replace(thing.template, **measured)
             things[name] = replace(thing, path=path, template=template, look=look)
     balls: dict[int, tuple[float, int]] = {}
@@ -301,7 +301,7 @@ def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec)
         turns=forms.find_turns(samples, normals, form),
         lookalikes=() if body.fixed else tuple(forms.iter_lookalikes(solids, samples, symmetries, form)),
         alike=find_alike(spec, name),
-        look=np.array(body.look) if body.look else None,
+        look=tuple(map(np.array, body.look)),
         area_m=None if area is None else np.array((area.x_m, area.y_m)).T,
     )
 

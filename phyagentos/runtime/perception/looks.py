@@ -4,23 +4,32 @@
 in CIE Lab, where lightness counts less: it is the light's as well.
 """
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from phyagentos.runtime.perception.solids import Array
+from phyagentos.runtime.perception.views import Cloud
 
 PIXELS = 250  # more do not make a share surer
 SCALE = np.array((0.4, 1.0, 1.0)) / 100.0  # of lightness and the two axes of colour
 
 
-def measure_look(look: Array, rgb: NDArray[np.uint8]) -> float:
-    """Distance between colours with their shares (k, 4) and pixels (n, 3): 0 where equal, 1 for blue and yellow."""
-    known, shares = _to_lab(look[:, :3]), look[:, 3] / look[:, 3].sum()
-    seen = _to_lab(rgb[:: max(1, len(rgb) // PIXELS)] / 255.0)
-    across = float((cdist(seen, known) @ shares).mean())
-    return 2.0 * across - float(cdist(seen, seen).mean()) - float(shares @ cdist(known, known) @ shares)
+def measure_look(look: Sequence[Array], seen: Cloud) -> float:
+    """Mean over the pixels that cameras see of a thing: 0 for the colours of one of its sides, 1 for blue and yellow.
+
+    Of each side a `look` has (k, 4) colours with their shares.
+    """
+    sides = [(_to_lab(side[:, :3]), side[:, 3] / side[:, 3].sum()) for side in look]
+    total = 0.0
+    for view in np.unique(seen.view_index):
+        rgb = seen.rgb[seen.view_index == view]
+        colors = _to_lab(rgb[:: max(1, len(rgb) // PIXELS)] / 255.0)
+        away = min(2.0 * float((cdist(colors, known) @ w).mean()) - float(w @ cdist(known, known) @ w) for known, w in sides)
+        total += len(rgb) * (away - float(cdist(colors, colors).mean()))
+    return total / len(seen.rgb)
 
 
 def _to_lab(rgb: Array) -> Array:

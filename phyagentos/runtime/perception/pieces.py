@@ -118,16 +118,22 @@ def _explain(
     is what came to it. Where these are more than the other things near, something has moved, and nothing is explained.
     """
     parts: list[Piece] = []
+    lost = 0 if link_m == LINK_M else sum(_is_lost(believed.get(thing.name)) for thing in group)
     for cluster in find_clusters(points, link_m):
         own = points[cluster]
         near = _find_near(group, believed, own, may_fall=True)
         stay = [Solids.place(entity, thing.solids) for thing, entity in near if entity.status is Status.SEEN]
-        if not stay or len(near) == 1:
+        if not stay or len(near) + lost == 1:
             continue
         away_m = np.abs([solids.measure(own) for solids in stay])
         owner = np.where(away_m.min(axis=0) < EXPLAINED_M, away_m.argmin(axis=0), len(stay))
         rest = np.flatnonzero(owner == len(stay))
         came = [rest[part] for part in find_clusters(own[rest], link_m) if len(part) >= REST_SHARE * len(own)]
-        if len(came) <= len(near) - len(stay):
+        if len(came) <= len(near) + lost - len(stay):
             parts += [cluster[part] for part in (*(np.flatnonzero(owner == k) for k in range(len(stay))), *came)]
     return [part for part in parts if len(part)]
+
+
+def _is_lost(entity: Entity | None) -> bool:
+    """Whether a thing was seen, and may be anywhere now."""
+    return entity is not None and entity.status is Status.GONE
