@@ -22,7 +22,8 @@ FLAT_M = 0.012  # half the height up to which a marked box is a surface to put t
 SURFACE_M = 0.1  # room above such a surface
 FLOOR_M = (-0.03, 0.05)  # where the solid that carries what stands on a mark is looked for, beside its middle
 COVERED_M = 0.002  # what is seen nearer to a solid is of it
-SAMPLE_M, CELL_M, CELL_POINTS = 0.002, 0.016, 8  # apart; a side of what one flat box covers; fewer points are none
+SAMPLE_M, SAMPLES = 0.002, 12000  # distance of points of a surface, and how many a mesh has at most
+CELL_M, CELLS, CELL_POINTS = 0.016, 20, 8  # side of what one flat box covers, and how many of a row; fewer points are none
 THIN_M = 0.001  # half of the thickness of such a box
 _KINDS = {mujoco.mjtGeom.mjGEOM_BOX: "box", mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
           mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule", mujoco.mjtGeom.mjGEOM_SPHERE: "sphere"}  # fmt: skip
@@ -181,8 +182,11 @@ def cover_seen(model: Any, data: Any, thing: Thing, group: int) -> list[Solid]:
         if int(model.geom_group[geom]) == group and int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_MESH)
     ]
     seen = np.concatenate([np.zeros((0, 3)), *points])
+    if not len(seen):
+        return []
     left = seen[np.min([np.abs(_measure_box(solid, seen)) for solid in thing.solids], axis=0) > COVERED_M]
-    _, cell = np.unique(np.floor(left / CELL_M).astype(int), axis=0, return_inverse=True)
+    side_m = max(CELL_M, float(np.ptp(seen, axis=0).max()) / CELLS)
+    _, cell = np.unique(np.floor(left / side_m).astype(int), axis=0, return_inverse=True)
     parts = [left[cell.ravel() == number] for number in range(int(cell.max()) + 1)] if len(left) else []
     return [_flatten(part) for part in parts if len(part) >= CELL_POINTS]
 
@@ -196,7 +200,7 @@ def _sample_mesh(model: Any, geom: int) -> Array:
     edges = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas = np.linalg.norm(np.cross(*edges), axis=1) / 2.0
     rng = np.random.default_rng(0)
-    chosen = rng.choice(len(corners), int(areas.sum() / SAMPLE_M**2) + 1, p=areas / areas.sum())
+    chosen = rng.choice(len(corners), min(int(areas.sum() / SAMPLE_M**2) + 1, SAMPLES), p=areas / areas.sum())
     u, v = np.sort(rng.random((2, len(chosen), 1)), axis=0)  # evenly over the triangle with u and v - u
     found: Array = corners[chosen, 0] + u * edges[0][chosen] + (v - u) * edges[1][chosen]
     return found
