@@ -13,12 +13,13 @@ model. No code and no setting is of a task.
 What is known, by the sensing:
 - *state* (the default): the poses and shapes of all things are the simulator's own.
 - *perceived* (`--sensing perceived`): the poses of what moves, and how far joints are open, are found by the
-  framework's own perception in colour and depth of LIBERO's two cameras, drawn on demand when it looks. Known beforehand
-  are names, shapes and colours of things, taken of pictures of each alone; the map: where fixtures stand; and which of
-  several equal things begins where, as the task's own text says. Depth is exact, and nothing says which pixel is whose.
+  framework's own perception in colour and depth of LIBERO's two cameras, drawn on demand when it looks. Known
+  beforehand are names and shapes of things, and colours, of pictures of each alone; the map: where fixtures stand; and
+  which of several equal things begins where, as the task's own text says. Depth is exact, joints are measured exactly,
+  two fingers feel touch; nothing says which pixel is whose.
 
-The scorer is LIBERO's predicate. Its process computes it after each session and never sends it; a line a session is read from its
-file afterwards. An episode has no limit of steps, as published evaluations have (220 to 520): its simulated time is
+The scorer is LIBERO's predicate. Its process computes it after each session and never sends it; a line a session is
+read from its file afterwards. An episode has no limit of steps, as published evaluations have (220 to 520): its simulated time is
 printed instead.
 
 Final: at the end of the goal the scorer agrees, and so does the verdict. First: the same without a second session of

@@ -1,8 +1,9 @@
 """A goal in BDDL becomes a goal graph of this project: wanted effects, and what has to be so before them.
 
-BDDL is the language of BEHAVIOR, in which LIBERO states its tasks. Of a problem only `:goal` is read, and not the objects
-of interest. Of `:init` is read which of several equal things a name stands for, where cameras have to find that out: by
-the place at which the problem says that it begins. No skill is named here; the selector finds one for each wanted effect.
+BDDL is the language of BEHAVIOR, in which LIBERO states its tasks. Of a problem only `:goal` is read, and not the
+objects of interest. Where cameras have to find out which of several equal things a name stands for, `:init` is read as
+well: the place at which the problem says that it begins. No skill is named here; the selector finds one for each wanted
+effect.
 """
 
 import re

@@ -13,8 +13,8 @@ import numpy as np
 from benchmarks.libero_parts.bddl import Inventory, format_graph, generate_graph, read_places, translate
 from benchmarks.libero_parts.foreign_scenes import Seen, Span, write_scene
 from benchmarks.libero_parts.served import Server
-from phyagentos.geometry import compute_rotation
 from phyagentos.assembly.paths import TOKENS, open_project
+from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.targets import TargetProfile

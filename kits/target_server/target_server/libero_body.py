@@ -428,7 +428,9 @@ class LiberoBody(Body):
             turn = self._base.T @ self._scratch.geom_xmat[geom].reshape(3, 3)
             middle_m = self._base.T @ (self._scratch.geom_xpos[geom] - self._base_m)
             half_m = self._model.geom_aabb[geom][3:]
-            shapes.append(Solid("box", half_m, middle_m + turn @ self._model.geom_aabb[geom][:3], turn, half_m).encode())
+            shapes.append(
+                Solid("box", half_m, middle_m + turn @ self._model.geom_aabb[geom][:3], turn, half_m).encode()
+            )
         return shapes
 
     def _list_geoms(self, body: int) -> range:

@@ -160,8 +160,8 @@ class Body(Authored):
         grip_span: Least and greatest coefficient of friction against the finger pads, where it is not that of the pair
             of surfaces; each seed draws the true one. Without a surface it holds against everything.
         joint: How it moves against the world; absent for what stands fixed or moves freely.
-        look: Of what no one colour describes, what each side of it shows: colours, 0..1, with their shares. Where a body
-            has a look, pixels are told apart by their places alone, and things by form and look.
+        look: What each side of it shows, where no one colour does: colours, 0..1, with their shares. Where a body has a
+            look, pixels are told apart by their places alone, and things by form and look.
         datum_m: (3,) the point in its frame at which its world locates it, where its middle alone is not asked.
         contents: What its interior is filled with, from its floor up, when the scene begins.
         part_of: Name of an earlier body that it is fixed to, such as a handle to its drawer. It is a thing of its own:

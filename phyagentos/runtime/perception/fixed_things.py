@@ -1,4 +1,4 @@
-"""Measures what is nowhere but in known places: fixed bodies and parts of mechanisms. A fixed body is searched where the scene file lets it stand, then measured near its believed pose.
+"""Measures fixed bodies: each is searched where the scene file lets it stand, then measured near its believed pose.
 
 Where the span of its place is narrow, one fit from the nominal pose finds it. In an area, every cluster of its colour
 is a start, with turns all over the span of its yaw; the fit of least cost wins, as for movable things (`fitting`).
@@ -25,9 +25,10 @@ SEARCH_M, SEARCH_RAD = 0.04, 0.6  # wider spans than these are searched
 LINK_M = 0.03  # between the visible parts of one body
 CLUSTERS, TURN_STEP_RAD = 4, np.pi / 4  # starts of a search
 GATE_M = 0.0065  # a search that leaves more than this has not found it
-
-OPENINGS = 24  # at which a part of a mechanism is looked for
-OWN_M = 0.02  # from its surface there: points may be of the part
+OPENINGS, OWN_M = (
+    24,
+    0.02,
+)  # at which a part of a mechanism is looked for; from its surface there a point may be its own
 
 Start = tuple[Array, Array]
 

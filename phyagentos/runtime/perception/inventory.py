@@ -191,9 +191,8 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
             whole = articulated.get(body.part_of or "")
             path = None if whole is None else Path(whole.mechanism, compute_matrix(thing.template.pose))
             measured = {key: getattr(given[name], key) for key in MEASURED} if name in given else {}
-            look = thing.look if prior is Prior.FULL else ()
             template = msgspec.structs.replace(thing.template, **measured)
-            things[name] = replace(thing, path=path, template=template, look=look)
+            things[name] = replace(thing, path=path, template=template, look=thing.look if prior is Prior.FULL else ())
     balls: dict[int, tuple[float, int]] = {}
     for ball in spec.list_balls().values() if prior is Prior.FULL else ():
         radius_m, count = balls.get(color := register(ball.shapes[0], ball), (0.0, 0))

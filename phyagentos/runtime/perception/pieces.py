@@ -29,22 +29,16 @@ Piece = NDArray[np.intp]
 
 
 def find_pieces(
-    group: Sequence[ObjectModel],
-    believed: Mapping[str, Entity],
-    cloud: Cloud,
-    near: NDArray[np.bool_],
-    link_m: float = LINK_M,
+    group: Sequence[ObjectModel], believed: Mapping[str, Entity], cloud: Cloud, near: NDArray[np.bool_], link_m: float
 ) -> list[Piece]:
-    """Clusters of the points in a group's colours, those of one surface within `link_m` of each other.
-
-    `near` (256, 256) says which labels are taken for each other.
-    """
+    """Linked points in a group's colours; `near` (256, 256) says which labels are taken for each other."""
     pure: list[Piece] = []
     stray: list[Piece] = []
     colors = list(dict.fromkeys(thing.colors[0] for thing in group))
     alike: NDArray[np.bool_] = near[colors].max(axis=0)
     within = np.flatnonzero(alike[cloud.colors])
-    explained = [within[part] for part in _explain(group, believed, cloud.points_m[within], link_m)] if len(group) > 1 else []
+    parts = _explain(group, believed, cloud.points_m[within], link_m) if len(group) > 1 else []
+    explained = [within[part] for part in parts]
     if explained:
         within = np.setdiff1d(within, np.concatenate(explained))
     tree = cKDTree(cloud.points_m[within]) if len(colors) > 1 and len(within) else None
@@ -109,16 +103,15 @@ def _find_near(
     return found
 
 
-def _explain(
-    group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array, link_m: float
-) -> list[Piece]:
+def _explain(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array, link_m: float) -> list[Piece]:
     """The parts of points (n, 3) of alike colours that lie on things which stay, and what came to touch these.
 
     Things that touch are one cluster. What was seen before explains the points on its surface; the rest of the cluster
     is what came to it. Where these are more than the other things near, something has moved, and nothing is explained.
     """
     parts: list[Piece] = []
-    lost = 0 if link_m == LINK_M else sum(_is_lost(believed.get(thing.name)) for thing in group)
+    gone = [thing for thing in group if (each := believed.get(thing.name)) and each.status is Status.GONE]
+    lost = len(gone) if link_m < LINK_M else 0  # each may have come anywhere
     for cluster in find_clusters(points, link_m):
         own = points[cluster]
         near = _find_near(group, believed, own, may_fall=True)
@@ -132,8 +125,3 @@ def _explain(
         if len(came) <= len(near) + lost - len(stay):
             parts += [cluster[part] for part in (*(np.flatnonzero(owner == k) for k in range(len(stay))), *came)]
     return [part for part in parts if len(part)]
-
-
-def _is_lost(entity: Entity | None) -> bool:
-    """Whether a thing was seen, and may be anywhere now."""
-    return entity is not None and entity.status is Status.GONE

@@ -68,13 +68,7 @@ class Cloud:
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "Cloud":
         """Some of the points."""
-        return Cloud(
-            points_m=self.points_m[which],
-            colors=self.colors[which],
-            view_index=self.view_index[which],
-            pixels=self.pixels[which],
-            rgb=self.rgb[which],
-        )
+        return Cloud(**{name: getattr(self, name)[which] for name in self.__slots__})
 
 
 def find_cloud(
@@ -97,14 +91,8 @@ def find_cloud(
         pixels=np.zeros((0, 2), np.intp),
         rgb=np.zeros((0, 3), np.uint8),
     )
-    parts = parts or [empty]
-    return Cloud(
-        points_m=np.concatenate([part.points_m for part in parts]),
-        colors=np.concatenate([part.colors for part in parts]),
-        view_index=np.concatenate([part.view_index for part in parts]),
-        pixels=np.concatenate([part.pixels for part in parts]),
-        rgb=np.concatenate([part.rgb for part in parts]),
-    )
+    names = Cloud.__slots__
+    return Cloud(**{name: np.concatenate([getattr(part, name) for part in parts or [empty]]) for name in names})
 
 
 def drop_stray(frame: Frame) -> Frame:

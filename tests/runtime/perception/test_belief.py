@@ -211,9 +211,7 @@ def test_a_thing_that_stands_beside_the_hand_is_not_in_it(twins, beside_m, held)
     points_m = np.array(at) + np.linspace((0.024, 0.0, -0.01), (0.024, 0.0, 0.02), 12)  # on the near side of the can
     pixels, color = np.zeros((12, 2), dtype=int), inventory.things["can"].colors[0]
     rgb = np.zeros((12, 3), np.uint8)
-    cloud = Cloud(
-        points_m=points_m, colors=np.full(12, color), view_index=pixels[:, 0], pixels=pixels, rgb=rgb
-    )
+    cloud = Cloud(points_m=points_m, colors=np.full(12, color), view_index=pixels[:, 0], pixels=pixels, rgb=rgb)
 
     believed = check_hand(inventory, entities, cloud, grip, hand)
 
