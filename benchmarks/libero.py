@@ -19,8 +19,8 @@ What is known, by the sensing:
   two fingers feel touch; nothing says which pixel is whose.
 
 The scorer is LIBERO's predicate. Its process computes it after each session and never sends it; a line a session is
-read from its file afterwards. An episode has no limit of steps, as published evaluations have (220 to 520): its simulated time is
-printed instead.
+read from its file afterwards. An episode has no limit of steps, as published evaluations have (220 to 520): its
+simulated time is printed instead.
 
 Final: at the end of the goal the scorer agrees, and so does the verdict. First: the same without a second session of
 any node. False success: a verdict `success` where the scorer disagrees at the end. Each episode is one line of the

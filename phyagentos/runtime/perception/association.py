@@ -120,7 +120,8 @@ def _find_link(group: Sequence[ObjectModel], views: Views) -> float:
     """How near points of one surface are [m]: by the pixels, where colours do not part things that nearly touch."""
     if not all(thing.look for thing in group):
         return LINK_M
-    pitches_m = [float(np.median(view.nearest_m[np.isfinite(view.nearest_m)])) / view.focal[0] for view in views]
+    depths_m = ((view.nearest_m[np.isfinite(view.nearest_m)], view.focal[0]) for view in views)
+    pitches_m = [float(np.median(depth_m)) / focal for depth_m, focal in depths_m if len(depth_m)]
     return min(LINK_M, LINK_PX * max(pitches_m, default=LINK_M))
 
 
