@@ -105,7 +105,7 @@ def test_a_part_that_looks_like_its_whole_is_found_at_its_opening_among_points_o
     knob = build_inventory(SceneSpec.model_validate(scene)).things["knob"]
     u, v = (each.ravel() for each in np.meshgrid(np.linspace(0.0, 0.02, 15), np.linspace(-0.03, 0.03, 25)))
     own = np.column_stack((0.41 + opening_m + u, v, np.full(u.size, 0.11)))
-    other = own + (0.0, 0.3, 0.02)
+    other = own + np.array((0.0, 0.3, 0.02))
     points = np.concatenate((own, other))
     nothing = np.zeros((len(points), 2), np.intp)
     white = np.full((len(points), 3), 230, np.uint8)
