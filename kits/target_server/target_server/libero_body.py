@@ -57,7 +57,7 @@ JAWS = (("gripper0_leftfinger", "gripper0_finger_joint1_tip"), ("gripper0_rightf
 SITE, PADS, FLANGE = "gripper0_grip_site", "gripper0_finger1_pad_collision", "robot0_link7"
 BASE = "robot0_link0"
 CAMERAS = {
-    "agentview": Sensor("agentview", 384, 384, (0.3, 2.2)),
+    "agentview": Sensor("agentview", 384, 384, (0.3, 1.7)),
     "eye_in_hand": Sensor("robot0_eye_in_hand", 384, 384, (0.06, 1.5)),
 }
 """Its own cameras, where they are and as wide as they look; pixels and ranges of depth are chosen here."""
@@ -392,8 +392,8 @@ class LiberoBody(Body):
             "tool": self._describe_tool(),
         }
         if arguments.get("looks"):
-            shown = [each for each in self._things if each.bodies]
-            told["looks"] = {each.name: self._photograph(each) for each in shown if each.movable}
+            shown = [each for each in self._things if each.bodies and each.movable]
+            told["looks"] = {each.name: self._photograph(each) for each in shown}
             told["covers"] = {
                 each.name: [solid.encode() for solid in cover_seen(self._model, self._data, each, VISIBLE_GROUPS[0])]
                 for each in shown

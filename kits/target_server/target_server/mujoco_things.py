@@ -28,7 +28,7 @@ CELL_M, CELLS, CELL_POINTS = (
     20,
     8,
 )  # side of what one flat box covers, and how many of a row; fewer points are none
-THIN_M = 0.001  # half of the thickness of such a box
+THIN_M, FLAT_BY_M = 0.0005, 0.0025  # half of the least thickness of such a box, and the greatest
 _KINDS = {mujoco.mjtGeom.mjGEOM_BOX: "box", mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
           mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule", mujoco.mjtGeom.mjGEOM_SPHERE: "sphere"}  # fmt: skip
 _KINDS_BY_NUMBER = {int(geom): kind for geom, kind in _KINDS.items()}
@@ -192,7 +192,7 @@ def cover_seen(model: Any, data: Any, thing: Thing, group: int) -> list[Solid]:
     side_m = max(CELL_M, float(np.ptp(seen, axis=0).max()) / CELLS)
     _, cell = np.unique(np.floor(left / side_m).astype(int), axis=0, return_inverse=True)
     parts = [left[cell.ravel() == number] for number in range(int(cell.max()) + 1)] if len(left) else []
-    return [_flatten(part) for part in parts if len(part) >= CELL_POINTS]
+    return [solid for part in parts for solid in _flatten(part)]
 
 
 def _sample_mesh(model: Any, geom: int) -> Array:
@@ -217,14 +217,21 @@ def _measure_box(solid: Solid, points: Array) -> Array:
     return found
 
 
-def _flatten(points: Array) -> Solid:
-    """The box of points (n, 3) along their principal axes, about as thin as they lie."""
+def _flatten(points: Array) -> Iterator[Solid]:
+    """Boxes of points (n, 3) along their principal axes; points that do not lie in a plane are halved."""
+    if len(points) < CELL_POINTS:
+        return
     _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     axes *= np.linalg.det(axes)
     local = points @ axes.T
     low, high = np.percentile(local, (5, 95), axis=0)
+    if high[2] - low[2] > FLAT_BY_M:
+        upper = local[:, 0] > np.median(local[:, 0])
+        yield from _flatten(points[upper])
+        yield from _flatten(points[~upper])
+        return
     half_m = np.maximum((high - low) / 2.0, THIN_M)
-    return Solid("box", half_m, (low + high) / 2.0 @ axes, axes.T, half_m)
+    yield Solid("box", half_m, (low + high) / 2.0 @ axes, axes.T, half_m)
 
 
 def _find_owner(model: Any, body: int, owners: Mapping[int, str]) -> str:

@@ -272,14 +272,13 @@ def _weigh_pairs(
                 continue
             obstacle = look.map_solids if len(piece) < FEW or thing.lookalikes else None
             seen = look.cloud.take(piece)
-            found = fit(thing, seen, look.views, prior, obstacle)
+            unlike_m = LOOK_COST * measure_look(thing.look, seen) if thing.look else 0.0
+            found = fit(thing, seen, look.views, prior, obstacle) if unlike_m < UNSEEN_COST else None
             if found is None or found.cost_m > GATE_M:
                 continue
             fits[row, column] = found
             few = 1 - min(len(piece), FEW) / FEW
-            shown[row, column] = found.cost_m + FEW_COST * few + COLOR_COST * (1 - share)
-            if thing.look:
-                shown[row, column] += LOOK_COST * measure_look(thing.look, seen)
+            shown[row, column] = found.cost_m + FEW_COST * few + COLOR_COST * (1 - share) + unlike_m
             if entity is None and thing.area_m is not None:
                 at_m = found.position_m[:2]
                 outside_m = math.dist(at_m, np.clip(at_m, *thing.area_m))
