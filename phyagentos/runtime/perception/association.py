@@ -33,7 +33,6 @@ TRAVEL_COST = 0.02  # per metre from where it was, up to `TRAVEL_MAX_M`
 TRAVEL_MAX_M = 0.20
 FEW, FEW_COST = 60, 0.003  # a handful of points fits anything, unless it is asked that the thing is not in the table
 COLOR_COST = 0.006  # of a cluster without a pixel of the thing's own colour
-LINK_PX, FINE_POINTS = 3.0, 40  # points of one surface are this near in a picture; fewer are its edges then
 LOOK_COST = 0.06  # of one whose colours are altogether others
 OWN_MIN = 0.1  # of the pixels of a cluster; with less of its own colour it is another thing
 SPILL = 4  # a cluster this many times smaller than one of its colour that fits nothing is a part of that
@@ -89,12 +88,10 @@ def associate(
     matches: dict[str, Match] = {}
     for chain in dict.fromkeys(int(chains[thing.colors[0]]) for thing in things.values()):  # of near colours
         group = [thing for thing in things.values() if chains[thing.colors[0]] == chain]
-        link_m = _find_link(group, views)
         pieces = [
             piece
-            for piece in find_pieces(group, believed, cloud, near, link_m)
-            if len(piece) >= (FINE_POINTS if link_m < LINK_M else 0)
-            and not _is_behind_map(cloud.take(piece), views, map_solids)
+            for piece in find_pieces(group, believed, cloud, near)
+            if not _is_behind_map(cloud.take(piece), views, map_solids)
         ]
         tracked = _track(group, look, pieces)
         matches |= tracked
@@ -114,15 +111,6 @@ def associate(
     apart = separate_overlaps(things, fits, seen, views, map_solids, priors)
     possible = {name: found for name, found in apart.items() if found.cost_m < GATE_M}  # not deep in another solid
     return {name: replace(matches[name], fit=found) for name, found in possible.items()}
-
-
-def _find_link(group: Sequence[ObjectModel], views: Views) -> float:
-    """How near points of one surface are [m]: by the pixels, where colours do not part things that nearly touch."""
-    if not all(thing.look for thing in group):
-        return LINK_M
-    depths_m = ((view.nearest_m[np.isfinite(view.nearest_m)], view.focal[0]) for view in views)
-    pitches_m = [float(np.median(depth_m)) / focal for depth_m, focal in depths_m if len(depth_m)]
-    return min(LINK_M, LINK_PX * max(pitches_m, default=LINK_M))
 
 
 def exchange_doubts(entities: Mapping[str, Entity], seen: Collection[str]) -> dict[str, Entity]:

@@ -17,6 +17,7 @@ from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import Cloud
 
 LINK_M = 0.016  # points of one surface are this near: two pixels of a camera a metre away
+FINE_M, FINE_POINTS = 0.007, 40  # the same of things with looks, which fine pictures part; fewer points are their edges
 PURE = 0.6  # of the near colours around a cluster: its own
 AROUND_M = 0.008  # of a cluster's points
 AROUND_POINTS = 60  # at which the surroundings are looked up
@@ -29,30 +30,29 @@ Piece = NDArray[np.intp]
 
 
 def find_pieces(
-    group: Sequence[ObjectModel], believed: Mapping[str, Entity], cloud: Cloud, near: NDArray[np.bool_], link_m: float
+    group: Sequence[ObjectModel], believed: Mapping[str, Entity], cloud: Cloud, near: NDArray[np.bool_]
 ) -> list[Piece]:
-    """Linked points in a group's colours; `near` (256, 256) says which labels are taken for each other."""
+    """Clusters of the points in a group's colours; `near` (256, 256) says which labels are taken for each other."""
     pure: list[Piece] = []
     stray: list[Piece] = []
     colors = list(dict.fromkeys(thing.colors[0] for thing in group))
     alike: NDArray[np.bool_] = near[colors].max(axis=0)
     within = np.flatnonzero(alike[cloud.colors])
-    parts = _explain(group, believed, cloud.points_m[within], link_m) if len(group) > 1 else []
-    explained = [within[part] for part in parts]
+    explained = [within[part] for part in _explain(group, believed, cloud.points_m[within])] if len(group) > 1 else []
     if explained:
         within = np.setdiff1d(within, np.concatenate(explained))
     tree = cKDTree(cloud.points_m[within]) if len(colors) > 1 and len(within) else None
     for color in colors:
         own = [thing for thing in group if thing.colors[0] == color]
         indices = within[cloud.colors[within] == color]
-        for part in _cut(own, believed, cloud.points_m[indices], link_m):
+        for part in _cut(own, believed, cloud.points_m[indices]):
             piece = indices[part]
             is_pure = tree is None or _measure_purity(cloud, piece, color, within, tree, near) >= PURE
             (pure if is_pure else stray).append(piece)
     if not stray:
         return explained + pure
     pure, loose = _join(pure, np.concatenate(stray), cloud.points_m)
-    return explained + pure + [loose[part] for part in _cut(group, believed, cloud.points_m[loose], link_m)]
+    return explained + pure + [loose[part] for part in _cut(group, believed, cloud.points_m[loose])]
 
 
 def _measure_purity(
@@ -76,14 +76,19 @@ def _join(pure: list[Piece], loose: Piece, points_m: Array) -> tuple[list[Piece]
     return joined, loose[~joins]
 
 
-def _cut(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array, link_m: float) -> list[Piece]:
+def _find_link(group: Sequence[ObjectModel]) -> tuple[float, int]:
+    """How near points of one surface are [m], and how many are a thing."""
+    return (FINE_M, FINE_POINTS) if all(thing.look for thing in group) else (LINK_M, 0)
+
+
+def _cut(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array) -> list[Piece]:
     """Clusters of points (n, 3), each at most as large as the largest thing of the group."""
     pieces: list[Piece] = []
-    largest = max(thing.diameter_m for thing in group)
+    largest, (link_m, least) = max(thing.diameter_m for thing in group), _find_link(group)
     for cluster in find_clusters(points, link_m):
         own = points[cluster]
         seeds = [np.array(entity.pose.position_m) for _, entity in _find_near(group, believed, own)]
-        pieces += [cluster[part] for part in split(own, largest, len(group), seeds)]
+        pieces += [cluster[part] for part in split(own, largest, len(group), seeds) if len(part) >= least]
     return pieces[: 3 * len(group) + 3]
 
 
@@ -103,13 +108,14 @@ def _find_near(
     return found
 
 
-def _explain(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array, link_m: float) -> list[Piece]:
+def _explain(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array) -> list[Piece]:
     """The parts of points (n, 3) of alike colours that lie on things which stay, and what came to touch these.
 
     Things that touch are one cluster. What was seen before explains the points on its surface; the rest of the cluster
     is what came to it. Where these are more than the other things near, something has moved, and nothing is explained.
     """
     parts: list[Piece] = []
+    link_m, _ = _find_link(group)
     gone = [thing for thing in group if (each := believed.get(thing.name)) and each.status is Status.GONE]
     lost = len(gone) if link_m < LINK_M else 0  # each may have come anywhere
     for cluster in find_clusters(points, link_m):
