@@ -75,7 +75,7 @@ def write_scene(
         "scene": name,
         "description": description,
         "areas": {key: {"x_m": list(x_m), "y_m": list(y_m)} for key, (x_m, y_m) in spans.items()},
-        "bodies": bodies,
+        "bodies": _lift_apart(bodies),
         "regions": {
             key: {"center_m": _round(mark["center_m"]), "half_m": _round(mark["half_m"]), "body": mark["entity"]}
             for key, mark in regions.items()
@@ -84,6 +84,13 @@ def write_scene(
         "settle_s": 0.0,
     }
     return yaml.safe_dump(spec, sort_keys=False, width=120)
+
+
+def _lift_apart(bodies: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """The bodies, those without a place of their own each at a height where no other is."""
+    for index, body in enumerate(body for body in bodies.values() if "area" in body.get("place", ())):
+        body["place"]["position_m"] = [0.0, 0.0, AWAY_M + index]
+    return bodies
 
 
 def _is_free(entity: Entity) -> bool:
@@ -116,7 +123,7 @@ def _describe_body(entity: Entity, look: Look) -> dict[str, Any]:
     if entity.interior is not None:
         body["interior"] = msgspec.to_builtins(entity.interior)
     if _is_free(entity):
-        return body | {"place": {"area": entity.name, "position_m": [0.0, 0.0, AWAY_M]}}
+        return body | {"place": {"area": entity.name}}
     pose = entity.mechanism.closed if entity.mechanism is not None else entity.pose
     body["place"] = {"position_m": _round(pose.position_m), "euler_rad": _find_euler(pose)}
     if (how := entity.mechanism) is not None:

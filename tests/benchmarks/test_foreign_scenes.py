@@ -41,6 +41,15 @@ def test_it_does_not_tell_where_free_things_are_or_how_far_a_joint_is_open():
     assert spec.bodies["desk"].place.position_m == (0.7, 0.0, -0.1), "the map is known"
 
 
+def test_what_may_be_anywhere_is_in_the_way_of_nothing_whatever_is_drawn():
+    """Two things were drawn into each other at one height, and a task was refused before it began."""
+    crowd = [Entity(name=f"gem{number}", kind="stone", pose=Pose(), shapes=BOX) for number in range(30)]
+    spec = SceneSpec.model_validate(yaml.safe_load(write_scene("s", "", [*THINGS, *crowd], MARKS, Seen())))
+
+    heights = [body.place.position_m[2] for body in spec.bodies.values() if body.place.area]
+    assert len(heights) == len(set(heights)) == 31
+
+
 def test_perception_is_told_what_is_seen_and_planning_only_what_touches():
     cover = Shape(ShapeKind.BOX, (0.01, 0.01, 0.001), Pose((0.0, 0.0, 0.05)))
     _, spec = write(Seen(looks={"gem": LOOK, "tray": LOOK}, covers={"gem": [cover]}, stand=BOX))
