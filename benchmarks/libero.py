@@ -10,10 +10,17 @@ An episode is one task from one of its official initial states, with nothing giv
 graphs are generated from it by effect; shapes, rooms, joints and handles are read from the environment's compiled
 model. No code and no setting is of a task.
 
-What is known: the sensing is *state*, so the poses and shapes of all things are the simulator's own. The scorer is
-LIBERO's predicate. Its process computes it after each session and never sends it; a line a session is read from its
-file afterwards. An episode has no limit of steps, as published evaluations have (220 to 520): its simulated time is
-printed instead.
+What is known, by the sensing:
+- *state* (the default): the poses and shapes of all things are the simulator's own.
+- *perceived* (`--sensing perceived`): the poses of what moves, and how far joints are open, are found by the
+  framework's own perception in colour and depth of LIBERO's two cameras, drawn on demand when it looks. Known
+  beforehand are names and shapes of things, and colours, of pictures of each alone; the map: where fixtures stand; and
+  which of several equal things begins where, as the task's own text says. Depth is exact, joints are measured exactly,
+  two fingers feel touch; nothing says which pixel is whose.
+
+The scorer is LIBERO's predicate. Its process computes it after each session and never sends it; a line a session is
+read from its file afterwards. An episode has no limit of steps, as published evaluations have (220 to 520): its
+simulated time is printed instead.
 
 Final: at the end of the goal the scorer agrees, and so does the verdict. First: the same without a second session of
 any node. False success: a verdict `success` where the scorer disagrees at the end. Each episode is one line of the
@@ -51,6 +58,7 @@ from phyagentos.protocol.settings.perception import Sensing
 SUITES = ("libero_spatial", "libero_object", "libero_goal", "libero_10")
 PRO = tuple(f"libero_{suite}_{kind}" for suite in ("spatial", "object", "goal") for kind in ("swap", "task"))
 TASKS, STATES = 10, 5
+SENSINGS = {"state": Sensing.TRUTH, "perceived": Sensing.PERCEIVED}
 ASKED = {
     "libero_spatial_final": Ask(0.9, at_least=True),
     "libero_object_final": Ask(0.9, at_least=True),
@@ -69,11 +77,12 @@ def main() -> int:
     """Run what is missing, show everything, and exit with whether every asked figure holds."""
     given = parse_arguments()
     console = Console(stderr=True)
-    known = read_results(given.results)
+    known = read_results(given.results, given.sensing)
     for task in () if given.show else given.tasks:
         for suite in given.suites:
             states = [state for state in given.states if (suite, task, state) not in known]
             for record in run_task(given, suite, task, states) if states else ():
+                record["sensing"] = given.sensing
                 with given.results.open("a") as results:
                     results.write(json.dumps(record) + "\n")
                 known[suite, task, record["state"]] = record
@@ -81,7 +90,7 @@ def main() -> int:
                 console.print(f"{told}, {record['sessions']} sessions, {record['wall_s']:.0f} s", highlight=False)
     keys = list(product(given.suites, given.tasks, given.states))
     chosen = [known[key] for key in keys if key in known]
-    show(Console(), chosen, given.suites)
+    show(Console(), chosen, given.suites, given.sensing)
     figures = compute_figures(chosen) | {"missing": len(keys) - len(chosen)}
     asked = {name: ask for name, ask in ASKED.items() if name in figures} | {"missing": Ask(0.0, at_least=False)}
     line, holds = format_outcome(figures, asked)
@@ -94,6 +103,7 @@ def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--python", type=Path, default=Path("build/libero/bin/python"))
     parser.add_argument("--suites", nargs="+", default=list(SUITES), help="`pro` stands for those of LIBERO-PRO")
+    parser.add_argument("--sensing", choices=SENSINGS, default="state")
     parser.add_argument("--show", action="store_true", help="run nothing, show the figures of the results")
     parser.add_argument("--tasks", type=int, nargs="+", default=list(range(TASKS)))
     parser.add_argument("--states", type=int, nargs="+", default=list(range(STATES)), help="official initial states")
@@ -108,13 +118,14 @@ def parse_arguments() -> argparse.Namespace:
     return given
 
 
-def read_results(path: Path) -> dict[Key, Record]:
-    """Episodes that ended before; a line that a kill cut off is run again."""
+def read_results(path: Path, sensing: str) -> dict[Key, Record]:
+    """Episodes of one sensing that ended before; a line that a kill cut off is run again."""
     known: dict[Key, Record] = {}
     for line in path.read_text().splitlines() if path.exists() else ():
         try:
             record = json.loads(line)
-            known[record["suite"], record["task"], record["state"]] = record
+            if record.get("sensing", "state") == sensing:
+                known[record["suite"], record["task"], record["state"]] = record
         except (ValueError, KeyError):
             continue
     return known
@@ -126,15 +137,16 @@ def run_task(given: argparse.Namespace, suite: str, task: int, states: Sequence[
     folder.mkdir(parents=True, exist_ok=True)
     scene = f"{suite}/{task}"
     try:
-        with serve(given.python.absolute(), read_profile(), scene, folder / "outcomes.jsonl") as server:
-            told = server.describe(read_profile(), scene)
+        outcomes, draws = folder / "outcomes.jsonl", given.sensing == "perceived"
+        with serve(given.python.absolute(), read_profile(), scene, outcomes, draws=draws) as server:
+            told = server.describe(read_profile(), scene, looks=draws)
             try:
                 graph = write_project(folder / "project", scene, told, server, given.policy)
             except DefinitionError as error:
                 for state in states:
                     yield _begin_record(suite, task, state) | {"verdict": "untranslated", "reason": str(error)}
                 return
-            with open_agent(folder, server, SAME_SKILL if given.policy else None) as agent:
+            with open_agent(folder, server, SENSINGS[given.sensing], SAME_SKILL if given.policy else None) as agent:
                 for state in states:
                     began_s = time.perf_counter()
                     report = agent.mission.run(graph, seed=state, goal=GoalId(f"{graph.stem}-{state}"))
@@ -146,11 +158,13 @@ def run_task(given: argparse.Namespace, suite: str, task: int, states: Sequence[
 
 
 @contextmanager
-def open_agent(folder: Path, server: Server, repair: RepairPolicy | None = None) -> Iterator[Agent]:
+def open_agent(
+    folder: Path, server: Server, sense: Sensing = Sensing.TRUTH, repair: RepairPolicy | None = None
+) -> Iterator[Agent]:
     """Both planes in a fresh workspace; what one episode teaches does not help the next."""
     number = sum(1 for _ in folder.glob("w*"))
     workspace = open_workspace(folder / f"w{number}", folder / "project", server)
-    with open_bench(workspace, SystemClock(), sense=Sensing.TRUTH, memory_use=MemoryUse.NONE, policy=repair) as agent:
+    with open_bench(workspace, SystemClock(), sense=sense, memory_use=MemoryUse.NONE, policy=repair) as agent:
         yield agent
 
 
@@ -212,11 +226,10 @@ def compute_figures(records: Sequence[Record]) -> dict[str, float]:
     return figures
 
 
-def show(console: Console, records: Sequence[Record], suites: Sequence[str]) -> None:
+def show(console: Console, records: Sequence[Record], suites: Sequence[str], sensing: str = "state") -> None:
     """A row a task, and one a suite."""
-    table = Table(
-        "task", "Final", "First", "scorer", "false success", "sim, s", title="LIBERO, builtin skills, sensing: state"
-    )
+    title = f"LIBERO, builtin skills, sensing: {sensing}"
+    table = Table("task", "Final", "First", "scorer", "false success", "sim, s", title=title)
     for suite in suites:
         of = [record for record in records if record["suite"] == suite]
         for task in sorted({record["task"] for record in of}):

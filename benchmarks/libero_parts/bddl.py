@@ -1,7 +1,9 @@
 """A goal in BDDL becomes a goal graph of this project: wanted effects, and what has to be so before them.
 
-BDDL is the language of BEHAVIOR, in which LIBERO states its tasks. Of a problem only `:goal` is read: neither the
-initial state nor the objects of interest. No skill is named here; the selector finds one for each wanted effect.
+BDDL is the language of BEHAVIOR, in which LIBERO states its tasks. Of a problem only `:goal` is read, and not the
+objects of interest. Where cameras have to find out which of several equal things a name stands for, `:init` is read as
+well: the place at which the problem says that it begins. No skill is named here; the selector finds one for each wanted
+effect.
 """
 
 import re
@@ -111,18 +113,30 @@ def parse_bddl(text: str) -> list[Expression]:
 
 def read_goal(text: str) -> list[list[str]]:
     """The atoms of a problem's `:goal`, in its order: `["on", "a", "b"]`; raises `PREDICATE_SYNTAX`."""
-    goal = _find_goal(parse_bddl(text))
+    goal = _find_section(parse_bddl(text), ":goal")
+    goal = goal[0] if goal is not None and len(goal) == 1 else None
     if goal is None:
         raise DefinitionError.of("PREDICATE_SYNTAX", "goal", "no (:goal ...)", "a problem with a goal")
     return list(_iter_atoms(goal))
 
 
-def _find_goal(expressions: Sequence[Expression]) -> Expression | None:
+def read_places(text: str) -> dict[str, str]:
+    """Where each thing begins: the name of what it is on or in, as `:init` states it."""
+    atoms = _find_section(parse_bddl(text), ":init") or []
+    return {str(each[1]): str(each[2]) for each in atoms if isinstance(each, list) and _puts(each)}
+
+
+def _puts(atom: list[Expression]) -> bool:
+    return len(atom) == 3 and str(atom[0]).lower() in _PUTS
+
+
+def _find_section(expressions: Sequence[Expression], name: str) -> list[Expression] | None:
+    """What stands in a problem after a keyword."""
     for each in expressions:
         if isinstance(each, list) and each:
-            if each[0] == ":goal":
-                return each[1] if len(each) == 2 else None
-            if (found := _find_goal(each)) is not None:
+            if each[0] == name:
+                return each[1:]
+            if (found := _find_section(each, name)) is not None:
                 return found
     return None
 

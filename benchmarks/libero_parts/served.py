@@ -33,13 +33,13 @@ class Server:
     key: bytes
     outcomes: Path
 
-    def describe(self, profile: TargetProfile, scene: str) -> dict[str, Any]:
-        """The task of a scene as its environment describes it."""
+    def describe(self, profile: TargetProfile, scene: str, *, looks: bool = False) -> dict[str, Any]:
+        """The task of a scene as its environment describes it, with the looks of its things where asked for."""
         channel = connect_websocket(self.endpoint)
         greet(channel, mint(self.key))
         driver = RemoteDriver(profile, channel, self.key)
         try:
-            result = driver.invoke_tool("describe_scene", {"scene": scene})
+            result = driver.invoke_tool("describe_scene", {"scene": scene, "looks": looks})
         finally:
             driver.close()
         found: dict[str, Any] = json.loads(result.artefacts["scene.json"].data)
@@ -53,20 +53,31 @@ class Server:
 
 @contextmanager
 def serve(
-    python: Path, profile: TargetProfile, scene: str, outcomes: Path, module: str = "target_server.libero_body"
+    python: Path,
+    profile: TargetProfile,
+    scene: str,
+    outcomes: Path,
+    module: str = "target_server.libero_body",
+    *,
+    draws: bool = False,
 ) -> Iterator[Server]:
-    """A process that has a scene loaded; it ends with the block. Raises RuntimeError with its words when it fails."""
+    """A process that has a scene loaded, and its graphics open where it `draws`; it ends with the block.
+
+    Raises:
+        RuntimeError: With its words, when it fails.
+    """
     key = make_key()
     settings = {
         "target": profile.target,
         "scene": scene,
         "velocity_rad_s": profile.arm.velocity_rad_s,
         "outcomes": str(outcomes),
+        "draws": draws,
     }
     with outcomes.with_suffix(".log").open("ab") as log:
         process = subprocess.Popen(
             [python, "-m", module],
-            env=os.environ | {"PYTHONPATH": f"{KIT}{os.pathsep}{ROOT}"},
+            env={"MUJOCO_GL": "egl"} | os.environ | {"PYTHONPATH": f"{KIT}{os.pathsep}{ROOT}"},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,

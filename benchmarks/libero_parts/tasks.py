@@ -2,6 +2,8 @@
 
 import re
 import shutil
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,18 +11,21 @@ import msgspec
 import mujoco
 import numpy as np
 
-from benchmarks.libero_parts.bddl import Inventory, format_graph, generate_graph, translate
-from benchmarks.libero_parts.foreign_scenes import write_scene
+from benchmarks.libero_parts.bddl import Inventory, format_graph, generate_graph, read_places, translate
+from benchmarks.libero_parts.foreign_scenes import Seen, Span, write_scene
 from benchmarks.libero_parts.served import Server
 from phyagentos.assembly.paths import TOKENS, open_project
+from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.protocol.world.environment import Entity, Region
+from phyagentos.protocol.world.environment import Entity, Region, Shape
 
 LIBRARY = Path(__file__).parent / "library"
 ROBOT = "libero"
+FINGERS, OPEN_M = ("left_finger_joint", "right_finger_joint"), 0.08
+WRIST, WRIST_BODY = "wrist", "link6"
 PROFILE = LIBRARY / "robots" / ROBOT / "target.yaml"
 LEARNED = Path(__file__).parent / "policy" / "skills" / "place_learned"
 _PUT = re.compile(r"(?:inside|on)\((\w+), (\w+)\)")
@@ -38,7 +43,11 @@ def write_project(folder: Path, scene: str, told: dict[str, Any], server: Server
     regions = [msgspec.convert(each, Region) for each in told["regions"]]
     path = folder / "scenes" / f"{scene}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(write_scene(scene, told["language"], entities, regions))
+    placed = {each.name: told["marks"][each.name] for each in regions}
+    covers = {key: [msgspec.convert(each, Shape) for each in found] for key, found in told.get("covers", {}).items()}
+    stand = [msgspec.convert(each, Shape) for each in told.get("stand", ())]
+    seen = Seen(looks=told.get("looks", {}), covers=covers, areas=find_areas(told), stand=stand)
+    path.write_text(write_scene(scene, told["language"], entities, placed, seen))
     inventory = Inventory(
         entities={each.name: each for each in entities},
         owners=told["owners"],
@@ -55,7 +64,8 @@ def write_project(folder: Path, scene: str, told: dict[str, Any], server: Server
     graph.write_text(format_graph(generated))
     profile = folder / "robots" / ROBOT / "target.yaml"
     profile.write_text(PROFILE.read_text().replace("ws://127.0.0.1:7000", server.endpoint))
-    write_model(profile.with_name("panda.xml"), told["tool"])
+    seen = {part: [msgspec.convert(each, Shape) for each in told.get(part, ())] for part in ("hand", WRIST)}
+    write_model(profile.with_name("panda.xml"), told["tool"], seen["hand"], seen[WRIST])
     return graph
 
 
@@ -68,8 +78,26 @@ def use_policy(folder: Path, graph: dict[str, Any], endpoint: str) -> None:
             node |= {"skill": LEARNED.name, "with": {"object": put[1], "destination": put[2]}}
 
 
-def write_model(path: Path, tool: dict[str, float]) -> None:
-    """This project's Panda with fingers as long as the environment's, and the tool between their pads."""
+def find_areas(told: dict[str, Any]) -> dict[str, list[Span]]:
+    """Spans of x and y in which each of several equal things begins, as its task says: no picture tells them apart."""
+    places, regions = read_places(told["goal"]), {each["name"]: each for each in told["regions"]}
+    kinds = Counter(each["kind"] for each in told["entities"])
+    areas = {}
+    for each in told["entities"]:
+        place = places.get(each["name"], "")
+        while place not in regions and place in places:  # what it stands on has a place itself
+            place = places[place]
+        if kinds[each["kind"]] > 1 and place in regions:
+            middle, half = regions[place]["pose"]["position_m"], regions[place]["half_m"]
+            areas[each["name"]] = [(middle[axis] - half[axis], middle[axis] + half[axis]) for axis in range(2)]
+    return areas
+
+
+def write_model(path: Path, tool: dict[str, float], hand: Sequence[Shape], wrist: Sequence[Shape]) -> None:
+    """This project's Panda with fingers as long as the environment's, and the tool between their pads.
+
+    The boxes of `hand` and `wrist`, as they are with all joints at zero and the fingers apart, only mask pictures.
+    """
     spec = mujoco.MjSpec.from_file(str(find_shipped_root() / "robots" / "panda" / "panda.xml"))
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -79,7 +107,34 @@ def write_model(path: Path, tool: dict[str, float]) -> None:
     for name in ("left_finger", "right_finger"):
         spec.body(name).pos[2] -= shorter_m
     spec.site("tcp").pos[2] -= shorter_m
+    _add_seen(spec, hand, wrist)
     path.write_text(spec.to_xml())
+
+
+def _add_seen(spec: mujoco.MjSpec, hand: Sequence[Shape], wrist: Sequence[Shape]) -> None:
+    """Boxes that touch nothing: each finger has what is beyond where it begins, on its side; the palm has the rest."""
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[[model.joint(name).qposadr[0] for name in FINGERS]] = OPEN_M / 2.0
+    mujoco.mj_kinematics(model, data)
+    fingers = [int(model.joint(name).bodyid[0]) for name in FINGERS]
+    palm, into_tool = int(model.body_parentid[fingers[0]]), data.site("tcp").xmat.reshape(3, 3).T
+    begin_m = (into_tool @ (data.xpos[fingers] - data.site("tcp").xpos).T).T  # z points away from the palm
+    for shape in wrist:
+        _add_box(spec, model, data, model.body(WRIST_BODY).id, shape)
+    for shape in hand:
+        at_m = into_tool @ (np.array(shape.pose.position_m) - data.site("tcp").xpos)
+        side = int(np.argmax(begin_m[:, 1] * at_m[1]))
+        _add_box(spec, model, data, fingers[side] if at_m[2] > begin_m[side, 2] else palm, shape)
+
+
+def _add_box(spec: mujoco.MjSpec, model: Any, data: Any, body: int, shape: Shape) -> None:
+    place, quaternion = data.xmat[body].reshape(3, 3), np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ravel(place.T @ compute_rotation(shape.pose.quaternion_wxyz)))
+    spec.body(model.body(body).name).add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX, size=shape.size_m, pos=place.T @ (shape.pose.position_m - data.xpos[body]),
+        quat=quaternion, contype=0, conaffinity=0, group=2, mass=0.0,
+    )  # fmt: skip
 
 
 def open_workspace(root: Path, project: Path, server: Server) -> Workspace:

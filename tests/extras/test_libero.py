@@ -35,9 +35,11 @@ PLAIN = {"floor", "table", "main_table", "basket", "plate", "milk", "butter", "k
 pytestmark = [pytest.mark.extras, pytest.mark.journey]
 
 
-def test_a_task_is_done_and_its_own_scorer_agrees(tmp_path, pytestconfig):
+@pytest.mark.parametrize("sensing", ["state", "perceived"])
+def test_a_task_is_done_and_its_own_scorer_agrees(tmp_path, pytestconfig, sensing):
     python = Path(pytestconfig.option.libero_python)
-    given = argparse.Namespace(python=python, results=tmp_path / "results.jsonl", keep=tmp_path / "keep", policy="")
+    options = {"results": tmp_path / "r.jsonl", "keep": tmp_path / "keep", "sensing": sensing, "policy": ""}
+    given = argparse.Namespace(python=python, **options)
 
     (record,) = run_task(given, "libero_object", 0, [0])
 

@@ -5,7 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from target_server.wire import Refusal
+
 Triple = tuple[float, float, float]
+Window = tuple[int, int, int, int]  # left, top, width and height [pixels]
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class State:
         tcp_m: (3,) where the tool is, in the world [m]; `tcp_wxyz` how it is turned.
         width_m: Opening of its gripper [m].
         holding: Names of the things that its gripper holds, where it can tell.
+        fingers_touching: How many of its fingers touch something that is none of them, where it has sensors of touch.
     """
 
     q: Sequence[float]
@@ -47,6 +51,41 @@ class State:
     tcp_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     width_m: float = 0.0
     holding: Sequence[str] = ()
+    fingers_touching: int = 0
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What an RGB-D camera sees: pixel (u, v) with depth z lies at z ((u - cx) / fx, (v - cy) / fy, 1) in its frame.
+
+    Attributes:
+        time_s: When it was exposed.
+        focal_px: fx and fy; `center_px` cx and cy.
+        position_m: (3,) of the camera in the world; `quaternion_wxyz` turns its axes, z forward, x right, y down.
+        rgb: (height, width, 3) bytes, row by row.
+        depth_m: (height, width) along z [m], little-endian float32; NaN where nothing was measured.
+    """
+
+    camera: str
+    time_s: float
+    width: int
+    height: int
+    focal_px: tuple[float, float]
+    center_px: tuple[float, float]
+    position_m: Triple
+    quaternion_wxyz: tuple[float, float, float, float]
+    rgb: bytes
+    depth_m: bytes
+
+    def encode(self) -> dict[str, Any]:
+        """As the wire has it."""
+        (fx, fy), (cx, cy), size = self.focal_px, self.center_px, [self.height, self.width]
+        pose = {"position_m": self.position_m, "quaternion_wxyz": self.quaternion_wxyz}
+        return {
+            "camera": self.camera, "time_s": self.time_s, "width": self.width, "height": self.height,
+            "fx": fx, "fy": fy, "cx": cx, "cy": cy, "world_T_camera": pose,
+            "rgb": {"shape": [*size, 3], "u1": self.rgb}, "depth_m": {"shape": size, "f4": self.depth_m},
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -86,6 +125,7 @@ class Body(ABC):
         width_max_m: Widest opening of its gripper [m].
         is_realtime: Whether its time goes on by itself; without a command in time it is halted then (`DEADMAN`).
         has_truth: Whether `list_entities` says where things are.
+        cameras: Names of its RGB-D cameras, as in sensors.yaml of the framework's side.
         tools: By name; each takes its arguments and gives (media type, bytes) by file name. None moves the body.
         beat: Call it during what takes long: the other side waits on.
     """
@@ -103,6 +143,7 @@ class Body(ABC):
     width_max_m: float = 0.0
     is_realtime: bool = False
     has_truth: bool = False
+    cameras: Sequence[str] = ()
     tools: Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, tuple[str, bytes]]]] = {}
     beat: Callable[[], None] = staticmethod(lambda: None)
 
@@ -130,6 +171,18 @@ class Body(ABC):
     def list_signals(self) -> Mapping[str, Sequence[float]]:
         """Further measurements by the names of `observations`, flattened, where `has_truth`."""
         return {}
+
+    def capture(self, cameras: Sequence[str], windows: Mapping[str, Window], every: int) -> Sequence[Picture]:
+        """What these cameras see now, all of them where none is named; no time passes.
+
+        Args:
+            cameras: Names.
+            windows: Parts of whole pictures by camera; what is not in a window need not be drawn.
+            every: Of so many rows and columns the middle one is read, odd.
+        """
+        if cameras or windows:
+            raise Refusal("UNKNOWN_CAMERA", "the target has no cameras")
+        return ()
 
     def measure_error(self, wanted: Sequence[float]) -> float:
         """How far it is behind set-points (n_joints,), as the greatest angle of a joint [rad]."""

@@ -24,9 +24,10 @@ from libero.libero import benchmark
 from libero.libero.envs.env_wrapper import ControlEnv
 from numpy.typing import NDArray
 
-from target_server.body import Body, Entity, Joint, State
+from target_server.body import Body, Entity, Joint, Picture, State, Window
+from target_server.mujoco_cameras import VISIBLE_GROUPS, Cameras, Sensor
 from target_server.mujoco_things import Joint as JointOfThing
-from target_server.mujoco_things import Mark, Thing, list_things, narrow_turned, to_quaternion
+from target_server.mujoco_things import Mark, Solid, Thing, cover_seen, list_things, narrow_turned, to_quaternion
 from target_server.server import main
 from target_server.wire import Refusal
 
@@ -47,12 +48,19 @@ MOST_M, MOST_RAD = 0.05, 0.5  # an action of 1
 LEVER_M = 0.5  # a tool that is so far off is off as by one radian of an arm
 STILL_RAD_S = 0.02
 HALT_STEPS = 60
-ROBOT = ("robot0", "gripper0", "mount0")
+STAND = "mount0"
+WRIST, HAND = "robot0_link6", "gripper0"
+ROBOT = ("robot0", HAND, STAND)
 ARM = tuple(f"robot0_joint{number}" for number in range(1, 8))
 FINGERS = ("gripper0_finger_joint1", "gripper0_finger_joint2")
 JAWS = (("gripper0_leftfinger", "gripper0_finger_joint1_tip"), ("gripper0_rightfinger", "gripper0_finger_joint2_tip"))
 SITE, PADS, FLANGE = "gripper0_grip_site", "gripper0_finger1_pad_collision", "robot0_link7"
 BASE = "robot0_link0"
+CAMERAS = {
+    "agentview": Sensor("agentview", 384, 384, (0.3, 1.7)),
+    "eye_in_hand": Sensor("robot0_eye_in_hand", 384, 384, (0.06, 1.5)),
+}
+"""Its own cameras, where they are and as wide as they look; pixels and ranges of depth are chosen here."""
 TOOL = np.array(((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))  # in the site's frame: z approaches, y closes
 
 
@@ -65,12 +73,14 @@ class Settings:
         scene: The one that is loaded first: `SUITE/NUMBER`.
         velocity_rad_s: (7,) greatest speeds of set-points.
         outcomes: File to which the success of each session is appended.
+        draws: Whether its cameras will be asked for pictures: the graphics are opened with each scene then.
     """
 
     target: str
     scene: str
     velocity_rad_s: Sequence[float]
     outcomes: str = ""
+    draws: bool = False
 
 
 @dataclass(frozen=True)
@@ -95,6 +105,7 @@ class LiberoBody(Body):
     driver = "libero"
     step_s = STEP_S
     has_truth = True
+    cameras = tuple(CAMERAS)
     observations = ("joint_state", "gripper_width", "entity_poses")
     actions = ("joint_position", "gripper_width")
     end_effector = "opening"
@@ -129,6 +140,8 @@ class LiberoBody(Body):
             self._env.step([0.0] * 6 + [-1.0])
         self._width_m = WIDTH_M
         self._rest()
+        if self._settings.draws:
+            self.capture((), {}, 1)
 
     def read(self) -> State:
         return self._look()[0]
@@ -145,6 +158,9 @@ class LiberoBody(Body):
 
     def list_regions(self) -> Sequence[Mapping[str, Any]]:
         return [self._place(thing, mark) for thing in self._things for mark in thing.regions]
+
+    def capture(self, cameras: Sequence[str], windows: Mapping[str, Window], every: int) -> Sequence[Picture]:
+        return self._cameras.capture(self._data, self.time_s, cameras, windows, every)
 
     def step(self, q: Sequence[float], qd: Sequence[float], width_m: float) -> str:
         self._wanted, self._row, self._width_m = np.array(q), q, width_m
@@ -172,6 +188,7 @@ class LiberoBody(Body):
 
     def close(self) -> None:
         if self._env is not None:
+            self._cameras.close()
             self._env.close()
 
     def _open(self, scene: str) -> None:
@@ -185,8 +202,7 @@ class LiberoBody(Body):
         tasks = suites[suite]()
         if int(number) >= tasks.n_tasks:
             raise Refusal("MALFORMED", f"no scene {scene!r}; {suite} has the tasks 0 to {tasks.n_tasks - 1}")
-        if self._env is not None:
-            self._env.close()
+        self.close()
         self._bddl = Path(tasks.get_task_bddl_file_path(int(number)))
         self._env = ControlEnv(
             bddl_file_name=str(self._bddl), use_camera_obs=False, has_renderer=False, has_offscreen_renderer=False,
@@ -210,13 +226,15 @@ class LiberoBody(Body):
             x, y, z = position_m.tolist()
             w, i, j, k = to_quaternion(rotation)
             left_m, right_m = self._arm.fingers_m.tolist()
+            touched = self._list_touched()
             state = State(
                 q=self._arm.q.tolist(),
                 qd=self._arm.qd.tolist(),
                 tcp_m=(x, y, z),
                 tcp_wxyz=(w, i, j, k),
                 width_m=min(abs(left_m) + abs(right_m), WIDTH_M),
-                holding=self._list_held(),
+                holding=self._list_held(touched),
+                fingers_touching=sum(map(bool, touched)),
             )
             self._present = state, position_m, rotation
         return self._present
@@ -229,7 +247,9 @@ class LiberoBody(Body):
             _find_slice(model.joint(name).qposadr for name in each) for each in (ARM, FINGERS)
         )
         self._qd_at = _find_slice(model.joint(name).dofadr for name in ARM)
+        self._opening = np.sign([model.joint(name).range.sum() for name in FINGERS])  # a finger closes towards zero
         self._base_m, self._base = data.body(BASE).xpos.copy(), data.body(BASE).xmat.reshape(3, 3).copy()
+        self._cameras = Cameras(model, CAMERAS, self._base_m, self._base)
         self._grip = data.site(SITE).id
         self._there = self._view_arm(self._scratch)
         self._tip_m = self._measure_tip()
@@ -317,22 +337,27 @@ class LiberoBody(Body):
     def _rest(self) -> None:
         self._wanted = self._arm.q.copy()
 
-    def _list_held(self) -> tuple[str, ...]:
+    def _list_held(self, touched: Sequence[set[int]]) -> tuple[str, ...]:
         """What moves and is touched by both jaws."""
-        pairs = self._data.contact.geom
-        touching = set(pairs.ravel().tolist())
-        if any(touching.isdisjoint(jaw) for jaw in self._jaws):
+        if not all(touched):
             return ()
-        touched: tuple[set[int], ...] = tuple(set() for _ in JAWS)
-        for one, other in (*pairs.tolist(), *pairs[:, ::-1].tolist()):
-            for jaw, things in zip(self._jaws, touched, strict=True):
-                if one in jaw:
-                    things.add(other)
         return tuple(
             each.name
             for each in self._things
             if each.movable and all(not geoms.isdisjoint(each.geoms) for geoms in touched)
         )
+
+    def _list_touched(self) -> tuple[set[int], ...]:
+        """The geoms that each jaw touches, but for the other jaw's."""
+        pairs, jaws = self._data.contact.geom, frozenset().union(*self._jaws)
+        touched: tuple[set[int], ...] = tuple(set() for _ in JAWS)
+        if jaws.isdisjoint(pairs.ravel().tolist()):
+            return touched
+        for one, other in (*pairs.tolist(), *pairs[:, ::-1].tolist()):
+            for jaw, things in zip(self._jaws, touched, strict=True):
+                if one in jaw and other not in jaws:
+                    things.add(other)
+        return touched
 
     def _locate(self, thing: Thing) -> tuple[Array, Array]:
         """Position (3,) and rotation (3, 3) of a thing."""
@@ -389,7 +414,7 @@ class LiberoBody(Body):
         """The task in its own words, and every thing with its geometry."""
         self._open(str(arguments.get("scene") or self._scene))
         self.load(self._scene, int(arguments.get("seed", 0)), b"")
-        marks = [(thing.name, mark) for thing in self._things for mark in thing.marks]
+        marks = [(thing, mark) for thing in self._things for mark in thing.marks]
         told = {
             "language": self._task,
             "goal": self._bddl.read_text(encoding="utf-8"),
@@ -397,10 +422,54 @@ class LiberoBody(Body):
             "entities": [each.encode() for each in self.list_entities()],
             "regions": self.list_regions(),
             "owners": {each.name: each.owner for each in self._things},
-            "marks": {mark.name: {"entity": name, "is_surface": mark.is_surface} for name, mark in marks},
+            "marks": {mark.name: self._describe_mark(thing, mark) for thing, mark in marks},
             "tool": self._describe_tool(),
         }
+        if arguments.get("looks"):
+            shown = [each for each in self._things if each.bodies and each.movable]
+            told["looks"] = {each.name: self._photograph(each) for each in shown}
+            told["covers"] = {
+                each.name: [solid.encode() for solid in cover_seen(self._model, self._data, each, VISIBLE_GROUPS[0])]
+                for each in shown
+            }
+            told["stand"], told["wrist"] = self._describe_body(STAND), self._describe_body(WRIST)
+            told["hand"] = self._describe_body(HAND)
         return {"scene.json": ("application/json", json.dumps(told).encode())}
+
+    def _describe_mark(self, thing: Thing, mark: Mark) -> dict[str, Any]:
+        """Where it is in the frame of its thing."""
+        turned = self._locate(thing)[1] @ mark.rotation
+        half_m = np.abs(mark.rotation) @ narrow_turned(mark.half_m, turned)
+        place = {"center_m": mark.center_m.tolist(), "half_m": half_m.tolist()}
+        return {"entity": thing.name, "is_surface": mark.is_surface, **place}
+
+    def _photograph(self, thing: Thing) -> list[list[list[float]]]:
+        """The colours of a thing, of pictures that are taken of it beforehand."""
+        geoms = [geom for body in thing.bodies for geom in self._list_geoms(body)]
+        corners_m = np.concatenate([solid.corners_m for solid in thing.solids])
+        low_m, high_m = corners_m.min(axis=0), corners_m.max(axis=0)
+        turn = self._data.xmat[thing.body].reshape(3, 3)
+        center_m = self._data.xpos[thing.body] + turn @ ((low_m + high_m) / 2.0)
+        return self._cameras.photograph(self._data, geoms, center_m, float(np.linalg.norm(high_m - low_m)) / 2.0)
+
+    def _describe_body(self, prefix: str) -> list[dict[str, Any]]:
+        """Boxes around each part of the robot whose name begins so, with all joints at zero and the fingers apart."""
+        self._scratch.qpos[self._fingers_at] = self._opening * WIDTH_M / 2.0
+        self._compute_tool(np.zeros(len(ARM)))
+        bodies = [number for number in range(self._model.nbody) if self._model.body(number).name.startswith(prefix)]
+        shapes = []
+        for geom in (geom for body in bodies for geom in self._list_geoms(body)):
+            turn = self._base.T @ self._scratch.geom_xmat[geom].reshape(3, 3)
+            middle_m = self._base.T @ (self._scratch.geom_xpos[geom] - self._base_m)
+            half_m = self._model.geom_aabb[geom][3:]
+            shapes.append(
+                Solid("box", half_m, middle_m + turn @ self._model.geom_aabb[geom][:3], turn, half_m).encode()
+            )
+        return shapes
+
+    def _list_geoms(self, body: int) -> range:
+        first = int(self._model.body_geomadr[body])
+        return range(first, first + int(self._model.body_geomnum[body]))
 
     def _describe_tool(self) -> dict[str, float]:
         """How far the tool centre point and the tips of the pads are from the flange [m]."""

@@ -21,6 +21,14 @@ PROUD_M = 0.002  # what stands this far beyond the face of a panel is a handle o
 FLAT_M = 0.012  # half the height up to which a marked box is a surface to put things on, and not a room
 SURFACE_M = 0.1  # room above such a surface
 FLOOR_M = (-0.03, 0.05)  # where the solid that carries what stands on a mark is looked for, beside its middle
+COVERED_M = 0.002  # what is seen nearer to a solid is of it
+SAMPLE_M, SAMPLES = 0.002, 12000  # distance of points of a surface, and how many a mesh has at most
+CELL_M, CELLS, CELL_POINTS = (
+    0.016,
+    20,
+    8,
+)  # side of what one flat box covers, and how many of a row; fewer points are none
+THIN_M, FLAT_BY_M = 0.0005, 0.0025  # half of the least thickness of such a box, and the greatest
 _KINDS = {mujoco.mjtGeom.mjGEOM_BOX: "box", mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
           mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule", mujoco.mjtGeom.mjGEOM_SPHERE: "sphere"}  # fmt: skip
 _KINDS_BY_NUMBER = {int(geom): kind for geom, kind in _KINDS.items()}
@@ -159,6 +167,71 @@ def _find_head(model: Any, body: int) -> int:
     while body and not model.body_jntnum[body] and model.body_parentid[body]:
         body = int(model.body_parentid[body])
     return body
+
+
+def cover_seen(model: Any, data: Any, thing: Thing, group: int) -> list[Solid]:
+    """Flat boxes over what is seen of a thing where its solids are not: the cloth in a basket, the curve of a handle.
+
+    Args:
+        model: Compiled.
+        data: A state with computed poses.
+        thing: Of the model.
+        group: Of the geoms that are drawn.
+    """
+    turn, origin = data.xmat[thing.body].reshape(3, 3), data.xpos[thing.body]
+    points = [
+        (_sample_mesh(model, geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom] - origin) @ turn
+        for body in sorted(thing.bodies)
+        for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
+        if int(model.geom_group[geom]) == group and int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_MESH)
+    ]
+    seen = np.concatenate([np.zeros((0, 3)), *points])
+    if not len(seen):
+        return []
+    left = seen[np.min([np.abs(_measure_box(solid, seen)) for solid in thing.solids], axis=0) > COVERED_M]
+    side_m = max(CELL_M, float(np.ptp(seen, axis=0).max()) / CELLS)
+    _, cell = np.unique(np.floor(left / side_m).astype(int), axis=0, return_inverse=True)
+    parts = [left[cell.ravel() == number] for number in range(int(cell.max()) + 1)] if len(left) else []
+    return [solid for part in parts for solid in _flatten(part)]
+
+
+def _sample_mesh(model: Any, geom: int) -> Array:
+    """(n, 3) points of a mesh's surface in the frame of its geom, about `SAMPLE_M` apart."""
+    mesh = int(model.geom_dataid[geom])
+    first, face = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
+    vertices = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64)
+    corners = vertices[model.mesh_face[face : face + int(model.mesh_facenum[mesh])]]  # (n, 3, 3)
+    edges = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    areas = np.linalg.norm(np.cross(*edges), axis=1) / 2.0
+    rng = np.random.default_rng(0)
+    chosen = rng.choice(len(corners), min(int(areas.sum() / SAMPLE_M**2) + 1, SAMPLES), p=areas / areas.sum())
+    u, v = np.sort(rng.random((2, len(chosen), 1)), axis=0)  # evenly over the triangle with u and v - u
+    found: Array = corners[chosen, 0] + u * edges[0][chosen] + (v - u) * edges[1][chosen]
+    return found
+
+
+def _measure_box(solid: Solid, points: Array) -> Array:
+    """(n,) signed distances of points (n, 3) to the box around a solid."""
+    away = np.abs((points - solid.center_m) @ solid.rotation) - solid.half_m
+    found: Array = np.linalg.norm(np.maximum(away, 0.0), axis=1) + np.minimum(away.max(axis=1), 0.0)
+    return found
+
+
+def _flatten(points: Array) -> Iterator[Solid]:
+    """Boxes of points (n, 3) along their principal axes; points that do not lie in a plane are halved."""
+    if len(points) < CELL_POINTS:
+        return
+    _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    axes *= np.linalg.det(axes)
+    local = points @ axes.T
+    low, high = np.percentile(local, (5, 95), axis=0)
+    if high[2] - low[2] > FLAT_BY_M:
+        upper = local[:, 0] > np.median(local[:, 0])
+        yield from _flatten(points[upper])
+        yield from _flatten(points[~upper])
+        return
+    half_m = np.maximum((high - low) / 2.0, THIN_M)
+    yield Solid("box", half_m, (low + high) / 2.0 @ axes, axes.T, half_m)
 
 
 def _find_owner(model: Any, body: int, owners: Mapping[int, str]) -> str:

@@ -131,9 +131,7 @@ class Served:
             self._check(request)
             return {"type": "Admission", "blocked_by": ""}
         if kind == "Capture":
-            if request["cameras"] or request["crops"]:
-                raise Refusal("UNKNOWN_CAMERA", "the target has no cameras")
-            return {"type": "Frames", "frames": []}
+            return self._capture(request)
         if kind == "InvokeTool":
             return self._invoke(request)
         if kind == "Shutdown":
@@ -158,7 +156,8 @@ class Served:
             "n_joints": len(joints), "joints": [each.name for each in joints],
             "steps_per_command": body.steps_per_command, "physics_step_s": body.step_s,
             "q_min_rad": [each.low for each in joints], "q_max_rad": [each.high for each in joints],
-            "observations": list(body.observations), "actions": list(body.actions), "cameras": [],
+            "observations": list(body.observations), "actions": list(body.actions),
+            "cameras": list(body.cameras), "depth_cameras": list(body.cameras),
             "mode": "realtime" if body.is_realtime else "lockstep", "end_effector": body.end_effector,
             "gripper_force_n": body.gripper_force_n, "ground_truth": body.has_truth,
             "tools": [{"name": name, "moves": False} for name in body.tools],
@@ -183,6 +182,17 @@ class Served:
         if snapshot is not None:
             reply["snapshot"] = {"media_type": snapshot[0], "data": snapshot[1]}
         return reply
+
+    def _capture(self, request: dict[str, Any]) -> dict[str, Any]:
+        windows, names = request["crops"], request["cameras"]
+        is_window = all(
+            isinstance(each, list) and len(each) == len(("left", "top", "width", "height")) and _are(int, each)
+            for each in windows.values()
+        )
+        if not _are(str, [*names, *windows]) or not is_window:
+            raise Refusal("MALFORMED", f"cameras {names!r} and windows {windows!r}")
+        pictures = self.body.capture(names, {name: tuple(each) for name, each in windows.items()}, request["every"])
+        return {"type": "Frames", "frames": [each.encode() for each in pictures]}
 
     def _invoke(self, request: dict[str, Any]) -> dict[str, Any]:
         name = request["name"]
@@ -354,5 +364,9 @@ def _encode(state: State) -> dict[str, Any]:
     return {
         "q_rad": list(map(float, state.q)), "qd_rad_s": list(map(float, state.qd)), "gripper_width_m": state.width_m,
         "tcp": {"position_m": list(map(float, state.tcp_m)), "quaternion_wxyz": list(state.tcp_wxyz)},
-        "holding": list(state.holding),
+        "holding": list(state.holding), "fingers_touching": state.fingers_touching,
     }  # fmt: skip
+
+
+def _are(kind: type, values: Sequence[Any]) -> bool:
+    return all(type(each) is kind for each in values)

@@ -39,7 +39,7 @@ def find_alike(spec: SceneSpec, name: str) -> frozenset[str]:
     """Other movable bodies of the same solids in the same colours."""
     own = spec.bodies[name]
     movable = {other: body for other, body in spec.bodies.items() if other != name and body.listed and not body.fixed}
-    others = {} if own.fixed else movable
+    others = {} if own.fixed else {other: body for other, body in movable.items() if body.look == own.look}
     looks = _list_looks(spec, own)
     return frozenset(other for other, body in others.items() if _are_like(looks, _list_looks(spec, body)))
 

@@ -14,7 +14,7 @@ import pydantic
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.schema import Authored, Located, Span, misfit, parse_library_yaml, read_text, salvage
-from phyagentos.protocol.world.environment import ShapeKind
+from phyagentos.protocol.world.environment import CLOSES_AT, OPENS_AT, Mechanism, Pose, ShapeKind
 from phyagentos.protocol.world.friction import PAIRS, Surface
 
 Number3 = tuple[float, float, float]
@@ -118,6 +118,7 @@ class Joint(Authored):
         anchor_m: (3,) a point of a hinge's axis, in the body's frame.
         travel: From closed to open [m], or [rad] for a hinge.
         opening: Least and greatest fraction of the travel by which it stands open when the scene begins.
+        opens_at: Fraction of the travel from which it counts as open; `closes_at` up to which as closed.
         damping: [N s/m], or [N m s/rad].
         friction: Dry friction [N], or [N m].
         spring: Stiffness of a spring that rests when it is open [N/m], or [N m/rad]; where it is stronger than the
@@ -129,6 +130,8 @@ class Joint(Authored):
     anchor_m: Number3 = (0.0, 0.0, 0.0)
     travel: float = pydantic.Field(gt=0.0, le=3.2)
     opening: Span = (0.0, 0.0)
+    opens_at: float = OPENS_AT
+    closes_at: float = CLOSES_AT
     damping: float = pydantic.Field(default=5.0, ge=0.0)
     friction: float = pydantic.Field(default=1.0, ge=0.0)
     spring: float = pydantic.Field(default=0.0, ge=0.0)
@@ -142,6 +145,10 @@ class Joint(Authored):
             raise misfit("opening", "two fractions of the travel, 0 closed to 1 open")
         return self
 
+    def place(self, closed: Pose) -> Mechanism:
+        """The mechanism of a body that has this pose in the world when it is closed."""
+        return Mechanism(self.kind, self.axis, self.travel, closed, self.anchor_m, self.opens_at, self.closes_at)
+
 
 class Body(Authored):
     """One thing of the scene; its name is the name of the simulator's body.
@@ -153,6 +160,9 @@ class Body(Authored):
         grip_span: Least and greatest coefficient of friction against the finger pads, where it is not that of the pair
             of surfaces; each seed draws the true one. Without a surface it holds against everything.
         joint: How it moves against the world; absent for what stands fixed or moves freely.
+        look: What each side of it shows, where no one colour does: colours, 0..1, with their shares. Where a body has a
+            look, pixels are told apart by their places alone, and things by form and look.
+        datum_m: (3,) the point in its frame at which its world locates it, where its middle alone is not asked.
         contents: What its interior is filled with, from its floor up, when the scene begins.
         part_of: Name of an earlier body that it is fixed to, such as a handle to its drawer. It is a thing of its own:
             it can be seen, grasped and pushed. Its place is meant in that body's frame, without jitter.
@@ -167,6 +177,8 @@ class Body(Authored):
     shapes: tuple[Solid, ...] = pydantic.Field(min_length=1)
     material: str | None = None
     interior: Inside | None = None
+    datum_m: Number3 | None = None
+    look: tuple[tuple[Color, ...], ...] = ()
     place: Placement = Placement()
     stretch_z: Span | None = None
     mass_span_kg: Span | None = None

@@ -95,7 +95,7 @@ class PlacedBody:
         if joint is None or self.opening is None:
             return None
         x, y, z = (float(value) for value in np.array(self.position_m) - _open(self.yaw_rad, joint, self.opening))
-        return Mechanism(joint.kind, joint.axis, joint.travel, Pose((x, y, z), _about_z(self.yaw_rad)), joint.anchor_m)
+        return joint.place(Pose((x, y, z), _about_z(self.yaw_rad)))
 
 
 def _open(yaw_rad: float, joint: Joint, fraction: float) -> NDArray[np.float64]:

@@ -33,7 +33,11 @@ class Path:
         """(3, 3) rotation and (3,) position in the world, at the opening that a position (3,) shows."""
         mechanism = self.mechanism
         amount = np.clip(measure_amount(mechanism, self.thing_T_part[:3, 3], at_m), 0.0, mechanism.travel)
-        T = compute_motion(mechanism, float(amount)) @ compute_matrix(mechanism.closed) @ self.thing_T_part
+        return self.open(float(amount))
+
+    def open(self, amount: float) -> tuple[Array, Array]:
+        """The same at an opening [m or rad]."""
+        T = compute_motion(self.mechanism, amount) @ compute_matrix(self.mechanism.closed) @ self.thing_T_part
         return T[:3, :3], T[:3, 3]
 
 
@@ -54,8 +58,7 @@ def find_articulated(name: str, body: Body, template: Entity, spec: SceneSpec) -
     unsure = any(place.jitter_m) or place.area or place.frame or place.yaw_rad[0] != place.yaw_rad[1]
     if body.joint is None or part is None or unsure:
         return None
-    joint = body.joint
-    mechanism = Mechanism(joint.kind, joint.axis, joint.travel, template.pose, joint.anchor_m)
+    mechanism = body.joint.place(template.pose)
     part_m = np.array(spec.bodies[part].place.position_m)
     return Articulated(template=template, mechanism=mechanism, part=part, part_m=part_m)
 

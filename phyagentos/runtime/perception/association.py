@@ -18,6 +18,7 @@ from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.world.environment import Entity, Status
 from phyagentos.runtime.perception.fitting import Fit, fit, track
 from phyagentos.runtime.perception.inventory import ObjectModel
+from phyagentos.runtime.perception.looks import measure_look
 from phyagentos.runtime.perception.naming import HUGE, assign, iter_exchanges
 from phyagentos.runtime.perception.pieces import LINK_M, Piece, find_pieces
 from phyagentos.runtime.perception.segmentation import find_near_colors
@@ -32,6 +33,7 @@ TRAVEL_COST = 0.02  # per metre from where it was, up to `TRAVEL_MAX_M`
 TRAVEL_MAX_M = 0.20
 FEW, FEW_COST = 60, 0.003  # a handful of points fits anything, unless it is asked that the thing is not in the table
 COLOR_COST = 0.006  # of a cluster without a pixel of the thing's own colour
+LOOK_COST = 0.06  # of one whose colours are altogether others
 OWN_MIN = 0.1  # of the pixels of a cluster; with less of its own colour it is another thing
 SPILL = 4  # a cluster this many times smaller than one of its colour that fits nothing is a part of that
 ROOM = 1.6  # a cluster may be this much larger than a thing that it is
@@ -257,12 +259,18 @@ def _weigh_pairs(
             if share < OWN_MIN or _measure_size(look.cloud.points_m[piece]) > ROOM * thing.diameter_m + LINK_M:
                 continue
             obstacle = look.map_solids if len(piece) < FEW or thing.lookalikes else None
-            found = fit(thing, look.cloud.take(piece), look.views, prior, obstacle)
+            seen = look.cloud.take(piece)
+            unlike_m = LOOK_COST * measure_look(thing.look, seen) if thing.look else 0.0
+            found = fit(thing, seen, look.views, prior, obstacle) if unlike_m < UNSEEN_COST else None
             if found is None or found.cost_m > GATE_M:
                 continue
             fits[row, column] = found
             few = 1 - min(len(piece), FEW) / FEW
-            shown[row, column] = found.cost_m + FEW_COST * few + COLOR_COST * (1 - share)
+            shown[row, column] = found.cost_m + FEW_COST * few + COLOR_COST * (1 - share) + unlike_m
+            if entity is None and thing.area_m is not None:
+                at_m = found.position_m[:2]
+                outside_m = math.dist(at_m, np.clip(at_m, *thing.area_m))
+                travelled[row, column] = TRAVEL_COST * min(outside_m, TRAVEL_MAX_M)
             if prior is not None and entity is not None and entity.status is Status.SEEN:
                 away_m = math.dist(found.position_m, prior[1])
                 travelled[row, column] = TRAVEL_COST * min(away_m, TRAVEL_MAX_M)

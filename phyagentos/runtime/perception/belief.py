@@ -18,7 +18,7 @@ from phyagentos.runtime.perception.association import Match, associate, exchange
 from phyagentos.runtime.perception.bearing import find_bearing
 from phyagentos.runtime.perception.contents import count_balls
 from phyagentos.runtime.perception.fitting import SURE_POINTS, Fit, choose_symmetric, is_upright, stand_up
-from phyagentos.runtime.perception.fixed_things import measure_fixed
+from phyagentos.runtime.perception.fixed_things import find_part, measure_fixed
 from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.grip import Hand, carry, check_hand, find_held, let_go
 from phyagentos.runtime.perception.inventory import ALIKE, Inventory, ObjectModel
@@ -38,6 +38,7 @@ GONE_FRACTION = 0.6  # of its surface seen through
 SEEN_FRACTION = 0.25  # less of it in view proves nothing
 NEAR_FIXED_M = 0.004  # what is this near to a fixed thing and of a colour like it belongs to it
 HAND_M = 0.008
+PART_M = 0.01  # what is this near to a part of a mechanism belongs to it
 SUNK_DOUBT_M = 0.015  # a pose so deep in another solid is hardly believed
 SEEN_MOVED_M = 0.01  # less than this is the noise of looking
 CHANGES_MAX = 40  # a longer list helps no reader
@@ -69,9 +70,19 @@ def update_belief(
     held = [name for name, entity in entities.items() if entity.status is Status.HELD]
     rest = _leave_out(cloud, inventory, entities, held)
     loose = {name: thing for name, thing in wanted.items() if thing.template.movable and name not in held}
+    parts = [name for name, thing in inventory.things.items() if thing.path is not None and thing.look]
+    for name in [name for name in parts if name in loose]:
+        thing, entity = loose.pop(name), entities.get(name)
+        if (part := find_part(thing, rest, views)) is not None:
+            entities[name] = _see(thing, entity, part, rest, views, time_s)
+        elif entity is not None:
+            entities[name] = _miss(thing, entity, views)
+    shown = [Solids.place(entities[name], inventory.things[name].solids) for name in parts if name in entities]
+    for solids in shown:
+        rest = rest.take(solids.measure(rest.points_m) > PART_M)
     filling = {name: loose.pop(name) for name in list(loose) if loose[name].vessel is not None}
     beside = {name: thing for name, thing in inventory.things.items() if thing.template.movable and name not in held}
-    beside = {name: thing for name, thing in beside.items() if thing.vessel is None}  # what may be taken for another
+    beside = {name: thing for name, thing in beside.items() if thing.vessel is None and name not in parts}
     matches = associate(beside, entities, rest, views, inventory.map, inventory.palette)
     for name, thing in loose.items():
         match, entity = matches.get(name), entities.get(name)

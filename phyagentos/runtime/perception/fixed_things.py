@@ -12,6 +12,7 @@ import numpy as np
 from phyagentos.geometry import compute_rotation, turn
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.perception import fitting
+from phyagentos.runtime.perception.association import Match
 from phyagentos.runtime.perception.clusters import find_clusters
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solids import Array, Solids
@@ -24,6 +25,10 @@ SEARCH_M, SEARCH_RAD = 0.04, 0.6  # wider spans than these are searched
 LINK_M = 0.03  # between the visible parts of one body
 CLUSTERS, TURN_STEP_RAD = 4, np.pi / 4  # starts of a search
 GATE_M = 0.0065  # a search that leaves more than this has not found it
+OPENINGS, OWN_M = (
+    24,
+    0.02,
+)  # at which a part of a mechanism is looked for; from its surface there a point may be its own
 
 Start = tuple[Array, Array]
 
@@ -45,6 +50,21 @@ def measure_fixed(thing: ObjectModel, believed: Mapping[str, Entity], views: Vie
     fits = [fit for start in starts if (fit := _fit(thing, patch, views, start, nominal)) is not None]
     best = min(fits, key=lambda each: each.cost_m, default=None)
     return best if best is None or not is_searched or best.cost_m < GATE_M else None
+
+
+def find_part(thing: ObjectModel, cloud: Cloud, views: Views) -> Match | None:
+    """A part of a mechanism, whatever its colours, at the opening at which it is seen best."""
+    path, best = thing.path, None
+    assert path is not None
+    starts = [path.open(float(amount)) for amount in np.linspace(0.0, path.mechanism.travel, OPENINGS)]
+    sights = [compute_sight(thing, *start, views) for start in starts]
+    for index in np.argsort([each.contradicted - each.confirmed for each in sights], kind="stable")[:CLUSTERS]:
+        rotation, position_m = starts[index]
+        near = np.flatnonzero(np.abs(thing.solids.measure((cloud.points_m - position_m) @ rotation)) < OWN_M)
+        found = fitting.fit(thing, cloud.take(near), views, starts[index]) if len(near) >= POINTS_MIN else None
+        if found is not None and found.cost_m < (GATE_M if best is None else best.fit.cost_m):
+            best = Match(fit=found, points=near)
+    return best
 
 
 def _find_nominal(thing: ObjectModel, believed: Mapping[str, Entity]) -> Start | None:

@@ -14,7 +14,7 @@ from phyagentos.runtime.perception.solids import Array, Solids
 SYMMETRY_M = 0.0005  # sides this equal are the same
 RADIUS_SLACK_M = 0.003  # a ring of flat walls counts as round
 LOOKALIKE_M = 0.006  # a form that a turn repeats to within this may be taken for itself, turned
-OUT_M = 1e-4
+OUT_M, SAMPLES_MAX = 1e-4, 3000
 UNTURNED = 1e-3  # of the greatest moment of a surface: a turn about this axis shows nothing
 
 
@@ -98,7 +98,8 @@ def sample_surface(solids: Solids) -> tuple[Array, Array]:
         local, out = _sample_one(kind, solids.sizes_m[index])
         points.append(local @ solids.rotations[index].T + solids.positions_m[index])
         normals.append(out @ solids.rotations[index].T)
-    all_points, all_normals = np.concatenate(points), np.concatenate(normals)
+    every = 1 + sum(map(len, points)) // SAMPLES_MAX
+    all_points, all_normals = np.concatenate(points)[::every], np.concatenate(normals)[::every]
     free = solids.measure(all_points + OUT_M * all_normals) > OUT_M / 2  # not where two solids touch
     return all_points[free], all_normals[free]
 

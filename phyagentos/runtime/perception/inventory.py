@@ -50,6 +50,8 @@ class ObjectModel:
         lookalikes: Rotations (3, 3) with shifts (3,), in its own frame, that nearly repeat its form.
         path: Where it can be at all, as a part of a mechanism; None for others.
         alike: Names of other things that no picture tells from it.
+        look: Of each side, (k, 4) colours with their shares; empty where one describes it, or none is known.
+        area_m: (2, 2) least and greatest x and y of where it may be at first; None where that is not known.
     """
 
     template: Entity
@@ -70,6 +72,8 @@ class ObjectModel:
     lookalikes: tuple[tuple[Array, Array], ...]
     path: Path | None = None
     alike: frozenset[str] = frozenset()
+    look: tuple[Array, ...] = ()
+    area_m: Array | None = None
 
     @property
     def name(self) -> str:
@@ -159,7 +163,7 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
     colors: dict[tuple[float, float, float], int] = {}
 
     def register(solid: Solid, body: Body) -> int:
-        if prior is Prior.SHAPES:
+        if prior is Prior.SHAPES or any(each.look for each in spec.bodies.values()):
             return colors.setdefault(WHITE[:3], 0)
         material = spec.materials.get(solid.material or body.material or "")
         red, green, blue, _ = material.rgba if material is not None else WHITE
@@ -187,7 +191,8 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
             whole = articulated.get(body.part_of or "")
             path = None if whole is None else Path(whole.mechanism, compute_matrix(thing.template.pose))
             measured = {key: getattr(given[name], key) for key in MEASURED} if name in given else {}
-            things[name] = replace(thing, path=path, template=msgspec.structs.replace(thing.template, **measured))
+            template = msgspec.structs.replace(thing.template, **measured)
+            things[name] = replace(thing, path=path, template=template, look=thing.look if prior is Prior.FULL else ())
     balls: dict[int, tuple[float, int]] = {}
     for ball in spec.list_balls().values() if prior is Prior.FULL else ():
         radius_m, count = balls.get(color := register(ball.shapes[0], ball), (0.0, 0))
@@ -247,6 +252,7 @@ def _make_template(name: str, body: Body, source: str) -> Entity:
         movable=not body.fixed,
         shapes=tuple(_make_shape(solid) for solid in body.shapes if not solid.decor),
         interior=Interior(inside.center_m, inside.half_m) if inside else None,
+        datum_m=body.datum_m,
         color=body.color,
         part_of=body.part_of or "",
         source=source,
@@ -270,7 +276,7 @@ def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec)
     template = _make_template(name, body, source="")
     solids = Solids.of([_make_shape(solid) for solid in body.shapes])
     form = forms.Form.FIXED if body.fixed else forms.find_form(template)
-    reach = None
+    reach, area = None, spec.areas.get(body.place.area or "")
     if body.fixed:
         nominal_m, reach = _find_span(body.place, spec)
         template = msgspec.structs.replace(template, pose=Pose(nominal_m, template.pose.quaternion_wxyz))
@@ -294,6 +300,8 @@ def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec)
         turns=forms.find_turns(samples, normals, form),
         lookalikes=() if body.fixed else tuple(forms.iter_lookalikes(solids, samples, symmetries, form)),
         alike=find_alike(spec, name),
+        look=tuple(map(np.array, body.look)),
+        area_m=None if area is None else np.array((area.x_m, area.y_m)).T,
     )
 
 

@@ -17,6 +17,7 @@ from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import Cloud
 
 LINK_M = 0.016  # points of one surface are this near: two pixels of a camera a metre away
+FINE_M, FINE_POINTS = 0.007, 40  # the same of things with looks, which fine pictures part; fewer points are their edges
 PURE = 0.6  # of the near colours around a cluster: its own
 AROUND_M = 0.008  # of a cluster's points
 AROUND_POINTS = 60  # at which the surroundings are looked up
@@ -75,14 +76,19 @@ def _join(pure: list[Piece], loose: Piece, points_m: Array) -> tuple[list[Piece]
     return joined, loose[~joins]
 
 
+def _find_link(group: Sequence[ObjectModel]) -> tuple[float, int]:
+    """How near points of one surface are [m], and how many are a thing."""
+    return (FINE_M, FINE_POINTS) if all(thing.look for thing in group) else (LINK_M, 0)
+
+
 def _cut(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array) -> list[Piece]:
     """Clusters of points (n, 3), each at most as large as the largest thing of the group."""
     pieces: list[Piece] = []
-    largest = max(thing.diameter_m for thing in group)
-    for cluster in find_clusters(points, LINK_M):
+    largest, (link_m, least) = max(thing.diameter_m for thing in group), _find_link(group)
+    for cluster in find_clusters(points, link_m):
         own = points[cluster]
         seeds = [np.array(entity.pose.position_m) for _, entity in _find_near(group, believed, own)]
-        pieces += [cluster[part] for part in split(own, largest, len(group), seeds)]
+        pieces += [cluster[part] for part in split(own, largest, len(group), seeds) if len(part) >= least]
     return pieces[: 3 * len(group) + 3]
 
 
@@ -109,16 +115,19 @@ def _explain(group: Sequence[ObjectModel], believed: Mapping[str, Entity], point
     is what came to it. Where these are more than the other things near, something has moved, and nothing is explained.
     """
     parts: list[Piece] = []
-    for cluster in find_clusters(points, LINK_M):
+    link_m, _ = _find_link(group)
+    gone = [thing for thing in group if (each := believed.get(thing.name)) and each.status is Status.GONE]
+    lost = len(gone) if link_m < LINK_M else 0  # each may have come anywhere
+    for cluster in find_clusters(points, link_m):
         own = points[cluster]
         near = _find_near(group, believed, own, may_fall=True)
         stay = [Solids.place(entity, thing.solids) for thing, entity in near if entity.status is Status.SEEN]
-        if not stay or len(near) == 1:
+        if not stay or len(near) + lost == 1:
             continue
         away_m = np.abs([solids.measure(own) for solids in stay])
         owner = np.where(away_m.min(axis=0) < EXPLAINED_M, away_m.argmin(axis=0), len(stay))
         rest = np.flatnonzero(owner == len(stay))
-        came = [rest[part] for part in find_clusters(own[rest], LINK_M) if len(part) >= REST_SHARE * len(own)]
-        if len(came) <= len(near) - len(stay):
+        came = [rest[part] for part in find_clusters(own[rest], link_m) if len(part) >= REST_SHARE * len(own)]
+        if len(came) <= len(near) + lost - len(stay):
             parts += [cluster[part] for part in (*(np.flatnonzero(owner == k) for k in range(len(stay))), *came)]
     return [part for part in parts if len(part)]

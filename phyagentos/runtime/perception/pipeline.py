@@ -53,8 +53,7 @@ class Pipeline:
         self.inventory, self._noisy = inventory, noisy
         self._robot, self._target, self._max_age_s = robot, target, max_age_s
         self._hand = Hand(target=target, reach_m=robot.reach_m, find_middle=robot.find_middle)
-        is_colorless = inventory.prior is Prior.SHAPES or not len(inventory.palette)
-        colors = Colorless() if is_colorless else Palette(inventory.palette)
+        colors = Palette(inventory.palette) if len(inventory.palette) > 1 else Colorless()
         self._segmenter: Segmenter = segmenter or colors
         self.can_confirm = segmenter is None  # a detector is made for whole pictures
 

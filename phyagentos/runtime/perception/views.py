@@ -57,21 +57,18 @@ class Cloud:
         colors: (n,) index in the palette.
         view_index: (n,) index of the camera.
         pixels: (n, 2) column and row in its picture.
+        rgb: (n, 3) as measured.
     """
 
     points_m: Array
     colors: NDArray[np.uint8]
     view_index: NDArray[np.intp]
     pixels: NDArray[np.intp]
+    rgb: NDArray[np.uint8]
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "Cloud":
         """Some of the points."""
-        return Cloud(
-            points_m=self.points_m[which],
-            colors=self.colors[which],
-            view_index=self.view_index[which],
-            pixels=self.pixels[which],
-        )
+        return Cloud(**{name: getattr(self, name)[which] for name in self.__slots__})
 
 
 def find_cloud(
@@ -92,14 +89,10 @@ def find_cloud(
         colors=np.zeros(0, np.uint8),
         view_index=np.zeros(0, np.intp),
         pixels=np.zeros((0, 2), np.intp),
+        rgb=np.zeros((0, 3), np.uint8),
     )
-    parts = parts or [empty]
-    return Cloud(
-        points_m=np.concatenate([part.points_m for part in parts]),
-        colors=np.concatenate([part.colors for part in parts]),
-        view_index=np.concatenate([part.view_index for part in parts]),
-        pixels=np.concatenate([part.pixels for part in parts]),
-    )
+    names = Cloud.__slots__
+    return Cloud(**{name: np.concatenate([getattr(part, name) for part in parts or [empty]]) for name in names})
 
 
 def drop_stray(frame: Frame) -> Frame:
@@ -147,6 +140,7 @@ def _find_points(
         colors=colors,
         view_index=np.full(len(points), index, np.intp),
         pixels=np.column_stack((columns, rows)),
+        rgb=frame.rgb[rows, columns],
     )
 
 

@@ -43,6 +43,7 @@ def show_disc(thing, middle_m):
         colors=np.full(len(points), thing.colors[0], np.uint8),
         view_index=np.zeros(len(points), np.intp),
         pixels=np.zeros((len(points), 2), np.intp),
+        rgb=np.zeros((len(points), 3), np.uint8),
     )
 
 

@@ -187,7 +187,9 @@ def test_points_on_what_the_fingers_hold_are_no_other_thing_of_a_like_color(twin
     palette[can] = palette[cube] + (0.02, 0.0, 0.0) if is_like else palette[can]
     beside = seen.entities["can"].pose.position_m + np.linspace((0.03, 0.0, -0.03), (0.03, 0.0, 0.03), 9)
     pixels = np.zeros((9, 2), dtype=int)
-    cloud = Cloud(points_m=beside, colors=np.full(9, cube), view_index=pixels[:, 0], pixels=pixels)
+    cloud = Cloud(
+        points_m=beside, colors=np.full(9, cube), view_index=pixels[:, 0], pixels=pixels, rgb=np.zeros((9, 3), np.uint8)
+    )
 
     rest = believing._leave_out(cloud, replace(inventory, palette=palette), seen.entities, ["can"])
 
@@ -208,7 +210,8 @@ def test_a_thing_that_stands_beside_the_hand_is_not_in_it(twins, beside_m, held)
     entities = believing.follow_hand(inventory, entities, grip, hand, twins.time_s)
     points_m = np.array(at) + np.linspace((0.024, 0.0, -0.01), (0.024, 0.0, 0.02), 12)  # on the near side of the can
     pixels, color = np.zeros((12, 2), dtype=int), inventory.things["can"].colors[0]
-    cloud = Cloud(points_m=points_m, colors=np.full(12, color), view_index=pixels[:, 0], pixels=pixels)
+    rgb = np.zeros((12, 3), np.uint8)
+    cloud = Cloud(points_m=points_m, colors=np.full(12, color), view_index=pixels[:, 0], pixels=pixels, rgb=rgb)
 
     believed = check_hand(inventory, entities, cloud, grip, hand)
 

@@ -126,6 +126,7 @@ def test_a_thing_out_of_view_is_not_on_another_ones_stray_pixels():
         colors=labels.astype(np.uint8),
         view_index=np.zeros(u.size, np.intp),
         pixels=np.zeros((u.size, 2), np.intp),
+        rgb=np.zeros((u.size, 3), np.uint8),
     )
     view = look_from((0.5, 0.0, 1.4))
 
@@ -148,6 +149,7 @@ def make_cloud(*parts):
         colors=np.concatenate([np.full(len(part), color) for part, color in parts]).astype(np.uint8),
         view_index=np.zeros(len(points), np.intp),
         pixels=np.zeros((len(points), 2), np.intp),
+        rgb=np.zeros((len(points), 3), np.uint8),
     )
 
 

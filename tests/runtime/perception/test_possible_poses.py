@@ -51,6 +51,7 @@ def make_cloud(thing, points):
         colors=np.full(len(points), thing.colors[0], np.uint8),
         view_index=np.zeros(len(points), np.intp),
         pixels=np.zeros((len(points), 2), np.intp),
+        rgb=np.zeros((len(points), 3), np.uint8),
     )
 
 
