@@ -153,7 +153,7 @@ class LiberoBody(Body):
         return max(math.sqrt(off_m.dot(off_m)) / LEVER_M, math.sqrt(off_rad.dot(off_rad)))
 
     def list_entities(self) -> Sequence[Entity]:
-        held = self._list_held()
+        held = self._list_held(self._list_touched())
         return [self._read_entity(each, held) for each in self._things]
 
     def list_regions(self) -> Sequence[Mapping[str, Any]]:
