@@ -234,16 +234,16 @@ class Recovery:
     ) -> tuple[Attempt, list[Entry]]:
         """The same objective again after a success, another way after a failure."""
         node, subject = status.contract.node, self.facts.find_subject(status.contract)
-        miss = self._find_miss(subject)
+        miss, catalogue = self._find_miss(subject), self.drafter.compiler.catalogue
         if miss is None:
             return attempt, [self.drafter.note(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
         miss = miss.join(bundle)
         if attempt.verdict is Verdict.SUCCESS:
             revision = Revision(
                 parent=status.contract.id,
-                strategy=subject.contract.strategy,
-                requires=revise_requires(miss, find_of_skill(miss.session, self.drafter.compiler.catalogue))[0],
-                choice=keep_means(self.facts.graph.choices[node], subject.contract),
+                strategy=status.contract.strategy or subject.contract.strategy,
+                requires=revise_requires(miss, find_of_skill(miss.session, catalogue))[0],
+                choice=keep_means(self.facts.graph.choices[node], miss, catalogue),
                 reasons=(f"{miss.cause}: {miss.reason}", f"{status.contract.id} has prepared it"),
             )
             child = self.drafter.draft(node, revision)

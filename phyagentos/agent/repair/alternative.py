@@ -18,6 +18,7 @@ class AlternativeKind(StrEnum):
     """What is done next."""
 
     RETRY = "retry"
+    BEGIN_ANEW = "begin anew"
     OTHER_GRASP = "another grasp"
     OTHER_SKILL = "another skill"
     CLEAR = "clear the obstruction"
