@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import replace
 from typing import Any
 
 from phyagentos.agent.goals.catalogue import Catalogue
@@ -11,7 +10,7 @@ from phyagentos.agent.goals.selector import Choice, begins_with_holding
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.diagnosis import DISTURBED_M, find_object
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline
-from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, propose
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.clearing import FULL
 from phyagentos.agent.repair.clearing import PURPOSE as PREPARES
@@ -20,7 +19,6 @@ from phyagentos.agent.repair.regressions import find_lost_preconditions
 from phyagentos.agent.repair.repetition import MOTION_CONFLICT
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.sessions.session import Session
-from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.trace import Role, find_label
 from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 
@@ -74,7 +72,7 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
         because=_explain(case, same),
         revision=_continue(case, revision),
     )
-    yield _begin_anew(case, retry, revision.strategy)
+    yield _begin_anew(case, retry)
 
 
 def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
@@ -171,29 +169,19 @@ def _aim(miss: Miss, skill: SkillRuntime) -> Mapping[str, Any]:
     return {key: aside_m} if any(aside_m) else {}
 
 
-def _begin_anew(case: Case, retry: Alternative, strategy: Strategy) -> Alternative:
+def _begin_anew(case: Case, retry: Alternative) -> Alternative:
     """The retry, after the skill that brings the body to where this one begins; alone where there is none."""
-    policy = case.catalogue.skills[case.session.skill].policy
+    policy, again = case.catalogue.skills[case.session.skill].policy, retry.revision
     name = policy.execution.begins_after if policy is not None else ""
     before = case.catalogue.skills.get(name)
-    if before is None or retry.revision is None or case.miss.bundle is None or case.find_prepared(PREPARES):
+    if before is None or again is None or case.miss.bundle is None or case.find_prepared(PREPARES):
         return retry
     given = {key: value for key, value in case.session.parameters.items() if key in before.parameters}
-    return replace(
-        retry,
-        kind=AlternativeKind.BEGIN_ANEW,
-        effect=f"{name}, then {retry.effect}",
-        sessions=2,
-        sim_time_s=retry.sim_time_s + case.time_of.get(name, SESSION_S),
-        revision=Revision(
-            parent=case.latest.id,
-            strategy=strategy,
-            reasons=retry.revision.reasons,
-            choice=Choice(skill=name, target=case.session.target, parameters=given),
-            purpose=PREPARES,
-            lead=LEAD if case.miss.is_interrupted else 1,
-        ),
-    )
+    choice = Choice(skill=name, target=case.session.target, parameters=given)
+    effect, time_s = f"{name}, then {retry.effect}", retry.sim_time_s + case.time_of.get(name, SESSION_S)
+    child = {"strategy": again.strategy, "reasons": again.reasons, "purpose": PREPARES, "lead": max(1, again.lead)}
+    child |= {"sessions": 2, "sim_time_s": time_s}
+    return propose(case, AlternativeKind.BEGIN_ANEW, choice, effect, retry.chance, retry.because, **child)
 
 
 def _continue(case: Case, revision: Revision) -> Revision:

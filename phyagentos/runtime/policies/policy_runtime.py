@@ -17,7 +17,6 @@ from py_trees.common import Status
 
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.action_spaces import describe_target_space
-from phyagentos.protocol.capabilities.policy_descriptors import WORLD as WORLD_STREAM
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
@@ -395,8 +394,8 @@ class Policies:
         policy = skill.policy
         assert policy is not None, "preflight refuses a policy skill without a policy"
         heartbeat = (policy.heartbeat_s, policy.inference_s)
-        poses, shown = _list_poses(session, context.initial), policy.observations.get(WORLD_STREAM)
-        first = shown.entities[0] if shown is not None and shown.entities else ""
+        poses = _list_poses(session, context.initial)
+        first = next((name for stream in policy.observations.values() for name in stream.entities), "")
         sought_m = poses[first][:3] if first in poses else None
         if sought_m is not None and (aside_m := session.parameters.get(policy.execution.aim)):
             poses[first] = (*np.add(sought_m, aside_m).tolist(), *poses[first][3:])
