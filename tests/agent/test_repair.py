@@ -254,6 +254,7 @@ def test_a_policy_that_missed_a_thing_is_shown_it_aside_by_as_much(shipped, miss
     missed_by = replace(case.miss, session=session, bundle=bundle, world=after)
     again = propose(replace(case, miss=missed_by)).revision.choice
     assert (again and again.parameters.get("near")) == (pytest.approx(expected) if expected else None)
+    assert [each.startswith("near (") for each in again.reasons] == [True] if expected else again is None
 
 
 def test_a_plan_that_another_robot_was_in_the_way_of_is_tried_again_in_the_same_world(shipped):

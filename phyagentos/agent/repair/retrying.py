@@ -152,7 +152,8 @@ def keep_means(own: Choice, miss: Miss, catalogue: Catalogue) -> Choice | None:
     aim = _aim(miss, catalogue.skills[session.skill])
     if (own.skill, own.target) == (session.skill, session.target) and not aim:
         return None
-    return Choice(skill=session.skill, target=session.target, parameters={**session.parameters, **aim})
+    why = tuple(f"{key} {value}: the tool has missed the thing by it [m]" for key, value in aim.items())
+    return Choice(skill=session.skill, target=session.target, parameters={**session.parameters, **aim}, reasons=why)
 
 
 def _aim(miss: Miss, skill: SkillRuntime) -> Mapping[str, Any]:
@@ -179,7 +180,8 @@ def _begin_anew(case: Case, retry: Alternative) -> Alternative:
     given = {key: value for key, value in case.session.parameters.items() if key in before.parameters}
     choice = Choice(skill=name, target=case.session.target, parameters=given)
     effect, time_s = f"{name}, then {retry.effect}", retry.sim_time_s + case.time_of.get(name, SESSION_S)
-    child = {"strategy": again.strategy, "reasons": again.reasons, "purpose": PREPARES, "lead": max(1, again.lead)}
+    why = (*again.reasons, *(again.choice.reasons if again.choice is not None else ()))
+    child = {"strategy": again.strategy, "reasons": why, "purpose": PREPARES, "lead": max(1, again.lead)}
     child |= {"sessions": 2, "sim_time_s": time_s}
     return propose(case, AlternativeKind.BEGIN_ANEW, choice, effect, retry.chance, retry.because, **child)
 
