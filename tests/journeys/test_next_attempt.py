@@ -1,5 +1,6 @@
 """A policy that comes down beside the thing: its next attempt begins at home, and with the thing shown aside."""
 
+import json
 import shutil
 import socket
 import threading
@@ -14,6 +15,7 @@ from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
+from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.policies.exchanges import read_arrays, read_exchanges
 from phyagentos.runtime.policies.server import serve_policy
@@ -53,6 +55,17 @@ GRAPH = {
         "cube": {"skill": "grip", "target": "arm", "with": {"object": "cube"}, "accept": ["holding(arm, cube)"]},
     },
 }
+
+HELD = GRAPH | {
+    "goal": "held",
+    "sessions": {
+        "pick": {"skill": "pick", "target": "arm", "with": {"object": "cube"}, "accept": ["height(cube) < 0.15"]},
+        "again": {
+            "skill": "start_over", "target": "arm", "with": {"object": "cube"}, "after": ["pick"],
+            "accept": ["holding(arm, cube)", "height(cube) > 0.15"],
+        },
+    },
+}  # fmt: skip
 
 
 class Gripping:
@@ -99,27 +112,35 @@ def run(tmp_path_factory):
     arguments = (Gripping(), read_skill(path)[0].policy, lambda _: ready.set())
     threading.Thread(target=serve_policy, args=arguments, daemon=True).start()
     assert ready.wait(10)
-    graph = root / "grip.yaml"
-    graph.write_text(yaml.safe_dump(GRAPH))
+    for each in (GRAPH, HELD):
+        (root / f"{each['goal']}.yaml").write_text(yaml.safe_dump(each))
     workspace = Workspace.create(root / "w", Library.open(root, EXAMPLE))
     provides = "provides: [joint_state, gripper_width]\n    signals:\n"
     told = "provides: [joint_state, gripper_width, tool_pose]\n    signals:\n      tool_pose: {shape: [7]}\n"
     workspace.sensors.write_text(workspace.sensors.read_text().replace(provides, told))
     with open_bench(workspace, SystemClock(), memory_use=MemoryUse.NONE) as agent:
-        return workspace, agent.mission.run(graph, seed=1)
+        return workspace, *(agent.mission.run(root / f"{each['goal']}.yaml", seed=1) for each in (GRAPH, HELD))
+
+
+def test_what_is_in_the_hand_is_kept_and_lifted(run):
+    _, _, report = run
+    assert [each.verdict for each in report.sessions] == ["success", "success"], report
 
 
 def test_the_next_attempt_takes_hold_of_what_the_first_came_down_beside(run):
-    workspace, report = run
+    workspace, report, _ = run
     assert [(each.skill, each.verdict) for each in report.sessions] == [
         ("grip", "replan"), ("start_over", "success"), ("grip", "success"),
     ], report  # fmt: skip
     assert report.replans == 1, "to begin anew is no attempt"
     first, _, last = report.sessions
-    shown = []
+    tools, asides = [], []
     for each in (first, last):
         folder = workspace.evidence_of(each.id)
-        arrays, _ = read_arrays(folder, next(iter(read_exchanges(folder))))
-        shown.append((arrays["tool_pose"][:3], arrays["environment_state"][0][:3]))
-    assert shown[1][0] == pytest.approx(shown[0][0], abs=0.01), "it began where the first one had begun"
-    assert shown[1][1] - shown[0][1] == pytest.approx(-ERROR_M, abs=0.008), "and saw the cube aside"
+        shown, _ = read_arrays(folder, next(iter(read_exchanges(folder))))
+        believed = json.loads((folder / evidence.BEFORE).read_bytes())["entities"]["cube"]["pose"]["position_m"]
+        tools.append(shown["tool_pose"][:3])
+        asides.append(shown["environment_state"][0, :3] - believed)
+    assert tools[1] == pytest.approx(tools[0], abs=0.01), "it began where the first one had begun"
+    assert asides[0] == pytest.approx(0.0)
+    assert asides[1] == pytest.approx(-ERROR_M, abs=0.008), "and saw the cube aside"
