@@ -19,7 +19,7 @@ show is false; a goal in which a process was lost, as on an overloaded machine, 
 every arm. The policies are those of an earlier run on seeds 12000 to 12011, chosen by their First on seeds from 11000:
 `state_15` 9 of 15, `state_20` 17 of 33, `state_300` 28 of 36. In that run children began where their parent had
 stopped: the gain was 8.3 points, and p = 0.23 against the blind retry. What has changed since was made and tried on
-seeds 11000 to 11011, and on some goals of that run.
+seeds 11000 to 11011, and on some goals of that run. Its figures: the README of examples/10_train_policy.
 """
 
 import argparse
