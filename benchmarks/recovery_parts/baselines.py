@@ -1,16 +1,19 @@
-"""Three baselines behind the port of repair: no retry, blind retry, full restart.
+"""Baselines behind the port of repair: no retry, blind retry, the same from where a policy begins, full restart.
 
 Upstream: `benchmarks/suites/recovery.yaml`, which measures repair against them. Mission loop, verifier and
 budget are the same.
 """
 
+from dataclasses import replace
 from unittest.mock import patch
 
 from phyagentos.agent.goals.compiler import Revision
+from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.mission import goal_controller
 from phyagentos.agent.mission.recovery import Recovery
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, Decision
 from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.clearing import PURPOSE
 from phyagentos.protocol.sessions.lifecycle import find_cancel
 from phyagentos.protocol.sessions.tasks import NodeState
 from phyagentos.store.admission import Entry, GoalEvent
@@ -43,6 +46,25 @@ class BlindRetry:
         )
         retry = Alternative(kind=AlternativeKind.RETRY, effect="the same again", chance=0.5, revision=revision)
         return Decision(chosen=retry)
+
+
+class BlindRestart(BlindRetry):
+    """The same contract again, as long as the budget lasts; each time after one skill, which takes the object."""
+
+    name = "blind retry from the beginning"
+
+    def __init__(self, skill: str) -> None:
+        self._skill = skill
+
+    def choose(self, case: Case) -> Decision:
+        """That skill, and then the same again."""
+        decision = super().choose(case)
+        if decision.chosen.revision is None or case.find_prepared(PURPOSE):
+            return decision
+        given = {"object": case.session.parameters["object"]}
+        first = Choice(skill=self._skill, target=case.session.target, parameters=given)
+        revision = replace(decision.chosen.revision, choice=first, purpose=PURPOSE)
+        return Decision(chosen=replace(decision.chosen, kind=AlternativeKind.BEGIN_ANEW, revision=revision))
 
 
 class FullRestart:

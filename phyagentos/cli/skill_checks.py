@@ -38,6 +38,12 @@ def _check_predicates(skill: SkillRuntime, located: Located) -> Iterator[Problem
 
 
 def _check_tree(skill: SkillRuntime, located: Located, library: Library) -> Iterator[Problem]:
+    if skill.policy is not None:
+        how, at = skill.policy.execution, ("policy", "execution")
+        if how.begins_after and how.begins_after not in (known := library.names_of_skills()):
+            yield located.unknown("UNKNOWN_SKILL", (*at, "begins_after"), how.begins_after, known)
+        if how.aim and how.aim not in skill.parameters:
+            yield located.unknown("UNKNOWN_PARAMETER", (*at, "aim"), how.aim, skill.parameters)
     if skill.kind == "policy":
         return
     names = library.names_of_trees()

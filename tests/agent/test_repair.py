@@ -19,6 +19,7 @@ from phyagentos.agent.repair.recovery_policies import GraphRepair
 from phyagentos.agent.repair.resume_held import propose_resume_held
 from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, Scene, Session, SessionId, SessionStatus
 from phyagentos.protocol.sessions.strategy import Strategy
@@ -197,6 +198,63 @@ def test_a_policy_that_was_refused_is_asked_again_in_the_same_world(shipped):
     for catalogue, kind in ((shipped, AlternativeKind.GIVE_UP), (learned, AlternativeKind.RETRY)):
         case = make_case(catalogue, Cause.ADAPTER_REFUSED, world=world, contract=TO_TRAY)
         assert GraphRepair((propose_retry,)).choose(case).chosen.kind is kind
+
+
+POLICY = {"policy": "p/1", "endpoint": "tcp://127.0.0.1:1", "observations": {}, "inference_s": 0.1}
+
+
+def learn(shipped: Catalogue, **execution: str) -> Catalogue:
+    """The shipped skills; what picks and places is a policy with this execution."""
+    policy = PolicyDescriptor.model_validate(POLICY | {"execution": execution})
+    skill = shipped.skills["pick_and_place"].model_copy(update={"kind": "policy", "policy": policy})
+    return replace(shipped, skills=shipped.skills | {"pick_and_place": skill})
+
+
+@pytest.mark.parametrize("cause", [Cause.SAFETY_STOP, Cause.ADAPTER_REFUSED, Cause.WITHOUT_EFFECT])
+def test_a_policy_begins_where_it_was_shown_to_before_it_is_tried_again(shipped, cause):
+    learned = learn(shipped, begins_after="start_over")
+    case = make_case(learned, cause, contract=TO_TRAY)
+    chosen = GraphRepair((propose_retry,)).choose(case).chosen
+    revision = chosen.revision
+    assert (chosen.kind, chosen.sessions, revision.purpose) == (AlternativeKind.BEGIN_ANEW, 2, "clear")
+    assert (revision.choice.skill, revision.choice.parameters) == ("start_over", {"object": "red_cube"})
+    contract = msgspec.structs.replace(case.session, id=SessionId("g.red.r1"), skill="start_over", purpose="clear")
+    begun = replace(case, lineage=(*case.lineage, SessionStatus(contract=contract, state="failed")))
+    assert propose(begun).kind is AlternativeKind.RETRY, "it is not tried twice"
+    spent = replace(case, replans_left=0)
+    assert propose(spent).kind is AlternativeKind.GIVE_UP
+
+
+@pytest.mark.parametrize("name", ["", "no_such_skill"])
+def test_a_policy_that_names_no_beginning_is_tried_again_from_where_it_is(shipped, name):
+    case = make_case(learn(shipped, begins_after=name), Cause.SAFETY_STOP, contract=TO_TRAY)
+    assert propose(case).kind is AlternativeKind.RETRY
+
+
+@pytest.mark.parametrize(
+    ("missed", "moved_m", "aimed", "expected"),
+    [
+        ([0.02, -0.01, 0.03], 0.0, None, (0.02, -0.01, 0.0)),
+        ([0.02, -0.01, 0.03], 0.0, (0.01, 0.01, 0.0), (0.03, 0.0, 0.0)),
+        ([0.02, -0.01, 0.03], 0.05, None, None),  # it went along, or was pushed
+        ([0.02, -0.01, 0.03], 0.05, (0.01, 0.01, 0.0), (0.01, 0.01, 0.0)),
+        ([0.3, 0.1, 0.4], 0.0, None, None),  # it never came near
+        ([0.3, 0.1, 0.4], 0.0, (0.01, 0.01, 0.0), (0.01, 0.01, 0.0)),
+        (None, 0.0, None, None),
+    ],
+)
+def test_a_policy_that_missed_a_thing_is_shown_it_aside_by_as_much(shipped, missed, moved_m, aimed, expected):
+    case = make_case(learn(shipped, aim="near"), Cause.SAFETY_STOP, contract=TO_TRAY)
+    parameters = case.session.parameters | ({"near": aimed} if aimed else {})
+    session = msgspec.structs.replace(case.session, parameters=parameters)
+    outputs = {"missed_m": missed} if missed else {}
+    execution = msgspec.structs.replace(case.miss.bundle.execution, outputs=outputs)
+    after = shift(case.world, "red_cube", moved_m)
+    bundle = msgspec.structs.replace(case.miss.bundle, session=session, execution=execution, after=after)
+    missed_by = replace(case.miss, session=session, bundle=bundle, world=after)
+    again = propose(replace(case, miss=missed_by)).revision.choice
+    assert (again and again.parameters.get("near")) == (pytest.approx(expected) if expected else None)
+    assert [each.startswith("near (") for each in again.reasons] == [True] if expected else again is None
 
 
 def test_a_plan_that_another_robot_was_in_the_way_of_is_tried_again_in_the_same_world(shipped):

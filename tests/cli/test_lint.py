@@ -178,6 +178,16 @@ def test_a_skill_is_checked_against_its_parameters_and_trees(paos, write):
     assert "Did you mean 'object'?" in result.err
 
 
+def test_what_a_policy_asks_for_its_next_attempt_must_exist(paos, write):
+    shipped = (ROOT / "examples/10_train_policy/skills/pick_by_state/SKILL.md").read_text()
+    text = shipped.replace("begins_after: start_over, aim: aim", "begins_after: start_ove, aim: near")
+    path = write("skills/pick_by_state/SKILL.md", text)
+    result = paos("lint", path)
+    assert f"{path}:29:68: UNKNOWN_SKILL: found 'start_ove'" in result.err, result.err
+    assert "Did you mean 'start_over'?" in result.err
+    assert f"{path}:29:93: UNKNOWN_PARAMETER: found 'near'; expected aim, destination, object" in result.err
+
+
 @pytest.mark.parametrize(
     ("name", "text", "kind"),
     [

@@ -174,10 +174,7 @@ class Recovery:
         revision = decision.chosen.revision
         if revision is None:
             return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, join((miss.reason, *decision.reasons)))]
-        child = self.drafter.draft(node, revision)
-        if isinstance(child, str):
-            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, child)]
-        return self._submit(child, miss, decision.reasons, restores=restores)
+        return self._submit(node, revision, miss, decision.reasons, restores=restores)
 
     def _revise_refused(self, refused: SessionStatus) -> list[Entry]:
         """The best child by look-ahead; empty when there is none."""
@@ -185,15 +182,12 @@ class Recovery:
         advice = revise_refused(refused, self.evidence.root / "evidence" / contract.id)
         if advice is None:
             return []
+        way, why = advice.strategy, (refused.reason, *advice.reasons)
         revision = Revision(
-            parent=contract.id,
-            strategy=advice.strategy,
-            requires=contract.requires,
-            reasons=(refused.reason, *advice.reasons),
-            threshold=advice.threshold,
+            parent=contract.id, strategy=way, requires=contract.requires, reasons=why, threshold=advice.threshold
         )
         child = self.drafter.draft(contract.node, revision)
-        return [] if isinstance(child, str) else self.drafter.submit(child, revision.reasons)
+        return [] if isinstance(child, str) else self.drafter.submit(child, why)
 
     def _look_once_more(self, node: str, miss: Miss) -> list[Entry]:
         """A look for a session that cannot be replanned; empty when the policy has none."""
@@ -203,8 +197,13 @@ class Recovery:
         child = self.drafter.draft(node, decision.chosen.revision)
         return [] if isinstance(child, str) else self.drafter.submit(child, decision.reasons)
 
-    def _submit(self, child: Session, miss: Miss, reasons: Iterable[str], *, restores: bool) -> list[Entry]:
+    def _submit(
+        self, node: str, revision: Revision, miss: Miss, reasons: Iterable[str], *, restores: bool
+    ) -> list[Entry]:
         """The child, or first the restoration of lost preconditions that an earlier node had achieved."""
+        child = self.drafter.draft(node, revision)
+        if isinstance(child, str):
+            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, child)]
         if child.purpose:  # it prepares; only what pursues the objective is paid for as a replan
             return self.drafter.submit(child, reasons)
         if restores and miss.world is not None:
@@ -219,11 +218,8 @@ class Recovery:
     def _restore_for(self, refused: SessionStatus) -> list[Entry]:
         """Reopens finished nodes for a session that preflight refused; empty when none can help."""
         node, world = refused.contract.node, self.evidence.find_latest(refused.contract.scene.episode)
-        if (
-            world is None
-            or not any(each.code == _UNMET for each in refused.problems)
-            or not self.facts.has_replans(node)
-        ):
+        is_unmet = any(each.code == _UNMET for each in refused.problems)
+        if world is None or not is_unmet or not self.facts.has_replans(node):
             return []
         lost = {each.text for each in find_lost_preconditions(refused.contract, world) if each.is_lasting}
         restorers = self._find_restorers(node, lost)
@@ -234,22 +230,19 @@ class Recovery:
     ) -> tuple[Attempt, list[Entry]]:
         """The same objective again after a success, another way after a failure."""
         node, subject = status.contract.node, self.facts.find_subject(status.contract)
-        miss = self._find_miss(subject)
+        miss, catalogue = self._find_miss(subject), self.drafter.compiler.catalogue
         if miss is None:
             return attempt, [self.drafter.note(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
         miss = miss.join(bundle)
         if attempt.verdict is Verdict.SUCCESS:
             revision = Revision(
                 parent=status.contract.id,
-                strategy=subject.contract.strategy,
-                requires=revise_requires(miss, find_of_skill(miss.session, self.drafter.compiler.catalogue))[0],
-                choice=keep_means(self.facts.graph.choices[node], subject.contract),
+                strategy=status.contract.strategy or subject.contract.strategy,
+                requires=revise_requires(miss, find_of_skill(miss.session, catalogue))[0],
+                choice=keep_means(self.facts.graph.choices[node], miss, catalogue),
                 reasons=(f"{miss.cause}: {miss.reason}", f"{status.contract.id} has prepared it"),
             )
-            child = self.drafter.draft(node, revision)
-            if isinstance(child, str):
-                return attempt, [self.drafter.note(node, GoalEvent.NODE_BLOCKED, child)]
-            return attempt, self._submit(child, miss, revision.reasons, restores=True)
+            return attempt, self._submit(node, revision, miss, revision.reasons, restores=True)
         entries = self._repair(node, miss)
         verdict = Verdict.FAILURE if _is_end(entries) else Verdict.REPLAN
         return msgspec.structs.replace(attempt, verdict=verdict), entries

@@ -6,8 +6,10 @@ own (Simon and Kadane 1975, doi:10.1016/0004-3702(75)90002-3).
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 from phyagentos.agent.goals.compiler import Revision
+from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.repair.case import Case
 
 SESSION_S = 12.0  # declared simulated time of a session of manipulation, until one of the goal is measured [s]
@@ -18,6 +20,7 @@ class AlternativeKind(StrEnum):
     """What is done next."""
 
     RETRY = "retry"
+    BEGIN_ANEW = "begin anew"
     OTHER_GRASP = "another grasp"
     OTHER_SKILL = "another skill"
     CLEAR = "clear the obstruction"
@@ -58,6 +61,16 @@ class Alternative:
             return f"{self.kind}: {self.effect}"
         sessions = f"{self.sessions} session{'s' if self.sessions != 1 else ''}"
         return f"{self.kind} (chance {self.chance:.2f}, {sessions}, {self.sim_time_s:.0f} s): {self.effect}"
+
+
+def propose(
+    case: Case, kind: AlternativeKind, choice: Choice, effect: str, chance: float, because: str, **more: Any
+) -> Alternative:
+    """A child of the latest session with this choice; `more` are other fields of the alternative, then the revision."""
+    cost = {key: more.pop(key) for key in ("sessions", "sim_time_s") if key in more}
+    cost.setdefault("sim_time_s", case.time_of.get(choice.skill, SESSION_S))
+    revision = Revision(parent=case.latest.id, choice=choice, **{"reasons": (case.explanation, because)} | more)
+    return Alternative(kind=kind, effect=effect, chance=chance, because=because, revision=revision, **cost)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,10 +4,9 @@ import itertools
 from collections import Counter
 from collections.abc import Iterator
 
-from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.goals.selector import Choice, find_lacks
 from phyagentos.agent.judging.causes import Cause
-from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, propose
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.geometry import Vector
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
@@ -85,21 +84,12 @@ def _iter_ways(
             continue
         chance = _CHANCE if tolerance_m >= _EASY_M else _CHANCE_NARROW
         because = f"the planner met {name} in the way"
-        yield Alternative(
-            kind=AlternativeKind.CLEAR,
-            effect=f"{skill.skill} moves {name} to ({spot[0]:.2f}, {spot[1]:.2f}), then {case.session.skill} again",
-            chance=_CHANCE_TRIED * chance if skill.skill in tried else chance,
-            sessions=2,
-            sim_time_s=sum(case.time_of.get(each, SESSION_S) for each in (skill.skill, case.session.skill)),
-            because=because,
-            revision=Revision(
-                parent=case.latest.id,
-                reasons=(case.explanation, because),
-                choice=Choice(skill=skill.skill, target=case.session.target, parameters=parameters),
-                purpose=PURPOSE,
-                lead=1,
-            ),
-        )
+        chance *= _CHANCE_TRIED if skill.skill in tried else 1.0
+        effect = f"{skill.skill} moves {name} to ({spot[0]:.2f}, {spot[1]:.2f}), then {case.session.skill} again"
+        choice = Choice(skill=skill.skill, target=case.session.target, parameters=parameters)
+        time_s = sum(case.time_of.get(each, SESSION_S) for each in (skill.skill, case.session.skill))
+        child = {"purpose": PURPOSE, "lead": 1, "sessions": 2, "sim_time_s": time_s}
+        yield propose(case, AlternativeKind.CLEAR, choice, effect, chance, because, **child)
 
 
 def iter_movers(case: Case) -> Iterator[tuple[SkillRuntime, tuple[str, str], float]]:

@@ -4,12 +4,11 @@ from collections.abc import Iterator
 
 import msgspec
 
-from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.goals.selector import select
 from phyagentos.agent.goals.spec import Promise
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.diagnosis import diagnose_after_looking, find_object
-from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, propose
 from phyagentos.agent.repair.case import Case
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.evidence import Bundle
@@ -38,21 +37,11 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
         choice = select(Promise(guarantees=f"visible({name})"), case.session.target, {}, case.catalogue)
     except DefinitionError:
         return  # no skill looks
-    yield Alternative(
-        kind=AlternativeKind.LOOK,
-        effect=f"{choice.skill} looks for {name}, then the same criteria are judged again",
-        chance=_CHANCE * 0.5**looks,
-        sim_time_s=case.time_of.get(choice.skill, SESSION_S / 3),
-        because=f"it is unknown whether the objective was met, look {looks + 1} of {LOOKS_MAX}",
-        revision=Revision(
-            parent=case.latest.id,
-            requires=(),  # it is there to find out
-            reasons=(case.explanation,),
-            choice=choice,
-            purpose=PURPOSE,
-            lead=LEAD,
-        ),
-    )
+    effect = f"{choice.skill} looks for {name}, then the same criteria are judged again"
+    because = f"it is unknown whether the objective was met, look {looks + 1} of {LOOKS_MAX}"
+    time_s, child = case.time_of.get(choice.skill, SESSION_S / 3), {"purpose": PURPOSE, "lead": LEAD}
+    child |= {"requires": (), "reasons": (case.explanation,)}  # it is there to find out
+    yield propose(case, AlternativeKind.LOOK, choice, effect, _CHANCE * 0.5**looks, because, sim_time_s=time_s, **child)
 
 
 def list_unseen(session: Session, world: Environment) -> list[str]:

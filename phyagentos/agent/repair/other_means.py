@@ -6,10 +6,9 @@ A promise covers another when they unify, or when the reached place lies inside 
 from collections.abc import Iterator
 from typing import Any
 
-from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.goals.selector import Choice, find_lacks, unify
 from phyagentos.agent.judging.causes import Cause
-from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
+from phyagentos.agent.repair.alternative import Alternative, AlternativeKind, propose
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.retrying import find_of_skill, keep_requires, revise_requires
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
@@ -42,20 +41,9 @@ def propose_other_skill(case: Case) -> Iterator[Alternative]:
         if parameters is None or find_false(skill, parameters, world, case.session):
             continue
         because = f"{name} promises {'; '.join(skill.guarantees)}, which covers {'; '.join(promised)}"
-        requires = bind_requires(skill, parameters, case.session.target)
-        yield Alternative(
-            kind=AlternativeKind.OTHER_SKILL,
-            effect=f"{name} instead of {case.session.skill}",
-            chance=_CHANCE,
-            sim_time_s=case.time_of.get(name, SESSION_S),
-            because=because,
-            revision=Revision(
-                parent=case.latest.id,
-                requires=tuple(dict.fromkeys((*requires, *keep_requires(case)))),
-                reasons=(case.explanation, because),
-                choice=Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,)),
-            ),
-        )
+        choice = Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,))
+        effect, requires = f"{name} instead of {case.session.skill}", bind_requires(case, choice)
+        yield propose(case, AlternativeKind.OTHER_SKILL, choice, effect, _CHANCE, because, requires=requires)
 
 
 def propose_other_target(case: Case) -> Iterator[Alternative]:
@@ -69,21 +57,11 @@ def propose_other_target(case: Case) -> Iterator[Alternative]:
         if name in tried or name not in there or next(find_lacks(skill, profile), None):
             continue
         because = f"{name} offers what {skill.skill} needs, and {case.session.target} ended with {case.cause}"
-        parameters = case.session.parameters
-        yield Alternative(
-            kind=AlternativeKind.OTHER_TARGET,
-            effect=f"{skill.skill} on {name} instead of {case.session.target}",
-            chance=_CHANCE_TARGET,
-            sim_time_s=case.time_of.get(skill.skill, SESSION_S),
-            because=because,
-            revision=Revision(
-                parent=case.latest.id,
-                strategy=case.session.strategy,
-                requires=revise_requires(case.miss, find_of_skill(case.session, case.catalogue))[0],
-                reasons=(case.explanation, because),
-                choice=Choice(skill=skill.skill, target=name, parameters=parameters, reasons=(because,)),
-            ),
-        )
+        effect = f"{skill.skill} on {name} instead of {case.session.target}"
+        choice = Choice(skill=skill.skill, target=name, parameters=case.session.parameters, reasons=(because,))
+        requires = revise_requires(case.miss, find_of_skill(case.session, case.catalogue))[0]
+        child = {"strategy": case.session.strategy, "requires": requires}
+        yield propose(case, AlternativeKind.OTHER_TARGET, choice, effect, _CHANCE_TARGET, because, **child)
 
 
 def find_promises(case: Case) -> tuple[str, ...]:
@@ -95,10 +73,11 @@ def find_promises(case: Case) -> tuple[str, ...]:
     return tuple(text for text in texts if "${" not in text)
 
 
-def bind_requires(skill: SkillRuntime, parameters: dict[str, Any], target: str) -> tuple[str, ...]:
-    """Preconditions of a skill, with its arguments."""
-    values = {**parameters, "target": target}
-    return tuple(parse_predicate(substitute(text, values)).text for text in skill.requires)
+def bind_requires(case: Case, choice: Choice) -> tuple[str, ...]:
+    """Preconditions of a chosen skill, with its arguments, and those of the node."""
+    values = {**choice.parameters, "target": choice.target}
+    own = (parse_predicate(substitute(text, values)).text for text in case.catalogue.skills[choice.skill].requires)
+    return tuple(dict.fromkeys((*own, *keep_requires(case))))
 
 
 def _cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -> dict[str, Any] | None:

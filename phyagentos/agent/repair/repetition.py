@@ -34,11 +34,8 @@ def find_repeated(case: Case, revision: Revision) -> str:
     if revision.purpose == PURPOSE or case.world is None or (skill is not None and skill.kind == "policy"):
         return ""
     for status in reversed(case.lineage):
-        if (
-            status.contract.purpose == revision.purpose
-            and _goes_same_way(case, revision, status.contract)
-            and (cause := _find_lasting_cause(case, status, revision.strategy))
-        ):
+        alike = status.contract.purpose == revision.purpose and _goes_same_way(case, revision, status.contract)
+        if alike and (cause := _find_lasting_cause(case, status, revision.strategy)):
             return f"{status.contract.id} ended with {cause} in the same way, and the world is as it was"
     return ""
 

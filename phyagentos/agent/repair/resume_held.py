@@ -7,14 +7,12 @@ It must promise the same; one of several relations is promised where a parameter
 from collections.abc import Iterator
 from typing import Any
 
-from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.goals.selector import Choice, begins_with_holding, find_lacks, unify
 from phyagentos.agent.judging.causes import Cause
-from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, propose
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.looking import LEAD
 from phyagentos.agent.repair.other_means import bind_requires, find_false, find_promises
-from phyagentos.agent.repair.retrying import keep_requires
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.predicates.syntax import Call, Formula, Or
@@ -35,23 +33,10 @@ def propose_resume_held(case: Case) -> Iterator[Alternative]:
         if parameters is None or find_false(skill, parameters, world, case.session):
             continue
         because = f"{name} begins with what is held already, and promises {'; '.join(skill.guarantees)}"
-        yield Alternative(
-            kind=AlternativeKind.OTHER_SKILL,
-            effect=f"{name} for the rest of {case.session.skill}",
-            chance=_CHANCE,
-            sim_time_s=case.time_of.get(case.session.skill, SESSION_S),
-            because=because,
-            revision=Revision(
-                parent=case.latest.id,
-                strategy=case.session.strategy,
-                requires=tuple(
-                    dict.fromkeys((*bind_requires(skill, parameters, case.session.target), *keep_requires(case)))
-                ),
-                reasons=(case.explanation, because),
-                choice=Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,)),
-                lead=LEAD,
-            ),
-        )
+        effect, time_s = f"{name} for the rest of {case.session.skill}", case.time_of.get(case.session.skill, SESSION_S)
+        choice = Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,))
+        child = {"strategy": case.session.strategy, "requires": bind_requires(case, choice), "lead": LEAD}
+        yield propose(case, AlternativeKind.OTHER_SKILL, choice, effect, _CHANCE, because, sim_time_s=time_s, **child)
 
 
 def _bind(case: Case, skill: SkillRuntime) -> dict[str, Any] | None:

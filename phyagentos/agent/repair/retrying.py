@@ -1,18 +1,23 @@
 """Repair by the same skill, changed: slower, by another grasp, at another site."""
 
-from collections.abc import Collection, Iterator
+import math
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.goals.selector import Choice, begins_with_holding
 from phyagentos.agent.judging.causes import Cause
-from phyagentos.agent.judging.diagnosis import find_object
-from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
+from phyagentos.agent.judging.diagnosis import DISTURBED_M, find_object
+from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, propose
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.clearing import FULL
+from phyagentos.agent.repair.clearing import PURPOSE as PREPARES
 from phyagentos.agent.repair.looking import LEAD, LOOKS_MAX, PURPOSE
 from phyagentos.agent.repair.regressions import find_lost_preconditions
 from phyagentos.agent.repair.repetition import MOTION_CONFLICT
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import Role, find_label
 from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
@@ -40,6 +45,7 @@ _CHANCES = {
     Cause.NO_PLAN: 0.15,  # the world is the same and so is the planner, but for its seed
     Cause.IMPOSSIBLE: 0.0,
 }
+AIM_MAX_M = 0.08  # what was missed by more was not aimed at
 _CHANCE = 0.5  # declared for any other cause
 _CHANCE_OF_RETURN = 0.5  # nothing was found because of what earlier attempts had ruled out
 _CHANCE_OF_PASSAGE = 0.6  # another robot was in the way, and moves on
@@ -47,7 +53,7 @@ _CHANCE_OF_GRASP = 0.3  # nothing was in reach of the hand as it held the thing
 
 
 def propose_retry(case: Case) -> Iterator[Alternative]:
-    """One alternative: the same skill, revised for its cause."""
+    """One alternative: the same skill, revised for its cause; a policy begins where it was shown to."""
     revision = revise(case.miss, find_of_skill(case.session, case.catalogue))
     same, before, after = case.count_same(), case.session.strategy, revision.strategy
     chance = _CHANCES.get(case.cause, _CHANCE) * AGAIN**same
@@ -58,7 +64,7 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
     if MOTION_CONFLICT in case.miss.codes:
         chance = _CHANCE_OF_PASSAGE * AGAIN**same
     chance = 0.0 if case.replans_left <= 0 or _is_undecided_for_good(case) else chance
-    yield Alternative(
+    retry = Alternative(
         kind=AlternativeKind.OTHER_GRASP if avoids_else and not returns else AlternativeKind.RETRY,
         effect=f"{case.session.skill} with {after}" if after else f"{case.session.skill} again",
         chance=chance,
@@ -66,6 +72,7 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
         because=_explain(case, same),
         revision=_continue(case, revision),
     )
+    yield _begin_anew(case, retry)
 
 
 def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
@@ -139,11 +146,44 @@ def find_of_skill(session: Session, catalogue: Catalogue) -> frozenset[str]:
     )
 
 
-def keep_means(own: Choice, session: Session) -> Choice | None:
-    """Skill, target and parameters of a session where they are not those of its node; None where they are."""
-    if (own.skill, own.target) == (session.skill, session.target):
+def keep_means(own: Choice, miss: Miss, catalogue: Catalogue) -> Choice | None:
+    """Skill, target and parameters of a session where its child's are not those of the node; None where they are."""
+    session = miss.session
+    aim = _aim(miss, catalogue.skills[session.skill])
+    if (own.skill, own.target) == (session.skill, session.target) and not aim:
         return None
-    return Choice(skill=session.skill, target=session.target, parameters=session.parameters)
+    why = tuple(f"{key} {value}: the tool has missed the thing by it [m]" for key, value in aim.items())
+    return Choice(skill=session.skill, target=session.target, parameters={**session.parameters, **aim}, reasons=why)
+
+
+def _aim(miss: Miss, skill: SkillRuntime) -> Mapping[str, Any]:
+    """By what a policy is shown a thing aside: by what its tool has missed it [m], where the thing stayed."""
+    key = skill.policy.execution.aim if skill.policy is not None else ""
+    if not key or miss.bundle is None:
+        return {}
+    aside_m = miss.session.parameters.get(key, (0.0, 0.0, 0.0))
+    missed_m = miss.bundle.execution.outputs.get("missed_m", (math.inf, math.inf))
+    wanted_m = [round(a + b, 4) for a, b in zip(aside_m[:2], missed_m[:2], strict=True)]
+    seen = ManipulationTimeline.of(miss.bundle, find_object(miss.session, miss.initial))
+    if math.hypot(*wanted_m) < AIM_MAX_M and seen.moved_m < DISTURBED_M:
+        aside_m = (*wanted_m, 0.0)
+    return {key: aside_m} if any(aside_m) else {}
+
+
+def _begin_anew(case: Case, retry: Alternative) -> Alternative:
+    """The retry, after the skill that brings the body to where this one begins; alone where there is none."""
+    policy, again = case.catalogue.skills[case.session.skill].policy, retry.revision
+    name = policy.execution.begins_after if policy is not None else ""
+    before = case.catalogue.skills.get(name)
+    if before is None or again is None or case.miss.bundle is None or case.find_prepared(PREPARES):
+        return retry
+    given = {key: value for key, value in case.session.parameters.items() if key in before.parameters}
+    choice = Choice(skill=name, target=case.session.target, parameters=given)
+    effect, time_s = f"{name}, then {retry.effect}", retry.sim_time_s + case.time_of.get(name, SESSION_S)
+    why = (*again.reasons, *(again.choice.reasons if again.choice is not None else ()))
+    child = {"strategy": again.strategy, "reasons": why, "purpose": PREPARES, "lead": max(1, again.lead)}
+    child |= {"sessions": 2, "sim_time_s": time_s}
+    return propose(case, AlternativeKind.BEGIN_ANEW, choice, effect, retry.chance, retry.because, **child)
 
 
 def _continue(case: Case, revision: Revision) -> Revision:
@@ -151,7 +191,7 @@ def _continue(case: Case, revision: Revision) -> Revision:
 
     After a skill that began with holding, the node's own skill takes over again.
     """
-    choice = keep_means(case.choice, case.session)
+    choice = keep_means(case.choice, case.miss, case.catalogue)
     gives_back = choice is not None and begins_with_holding(case.catalogue.skills[choice.skill])
     return Revision(
         parent=case.latest.id,

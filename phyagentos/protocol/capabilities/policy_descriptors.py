@@ -77,6 +77,9 @@ class PolicyExecution(Authored):
         duration_s: Commanded time after which the policy counts as done, for those that never say so [s].
         until_met_s: Interval at which the acceptance of the session is looked at, in the target's time; once it holds,
             the arm is brought to rest and the policy counts as done [s]. The verdict rests on a look after that.
+        begins_after: A skill that comes before another attempt: it brings the body to where demonstrations began.
+        aim: The parameter, a point, by which the first thing of `environment_state` is shown aside [m]. Another attempt
+            is given what the tool has missed it by.
     """
 
     mode: Literal["hard_switch", "receding_horizon", "open_loop", "temporal_ensemble"] = "hard_switch"
@@ -87,6 +90,8 @@ class PolicyExecution(Authored):
     interruption: Literal["row", "chunk"] = "chunk"
     duration_s: float | None = pydantic.Field(default=None, gt=0.0)
     until_met_s: float | None = pydantic.Field(default=None, gt=0.0)
+    begins_after: str = ""
+    aim: str = ""
 
 
 class PolicyDescriptor(Authored):

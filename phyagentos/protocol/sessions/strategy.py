@@ -36,11 +36,7 @@ class Strategy(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     def avoid(self, *, grasp: str = "", site: str = "") -> "Strategy":
         """The same, without this grasp or this site."""
-        return Strategy(
-            avoid_grasps=tuple(dict.fromkeys((*self.avoid_grasps, *filter(None, (grasp,))))),
-            avoid_sites=tuple(dict.fromkeys((*self.avoid_sites, *filter(None, (site,))))),
-            speed=self.speed,
-        )
+        return self.join(Strategy(avoid_grasps=(grasp,) if grasp else (), avoid_sites=(site,) if site else ()))
 
     def slow_down(self, factor: float, slowest: float) -> "Strategy":
         """The same at a fraction of its speed, at least `slowest` of the skill's own."""

@@ -57,6 +57,7 @@ class PolicyParts:
         chain: From the policy's action space to the target's; one row per control period comes out.
         is_realtime: Whether time goes on while the server infers.
         is_pausing: Whether the session is to rest.
+        sought_m: (3,) where the first thing of `environment_state` is believed to be [m]; None where there is none.
         log: Keeps what was shown and answered.
     """
 
@@ -66,6 +67,7 @@ class PolicyParts:
     client: PolicyClient
     is_realtime: bool = False
     is_pausing: Callable[[], bool] = lambda: False
+    sought_m: tuple[float, ...] | None = None
     log: ExchangeLog | None = None
 
 
@@ -90,6 +92,7 @@ class PolicySkillRuntime:
         self._shown_at_s = 0.0  # of the present chunk
         self._chunks = self._commands = self._empty = 0
         self._is_last = self._is_met = False
+        self._missed_m = np.full(3, np.inf)
         self._look_due_s = 0.0
         self._is_outdated = False  # what was asked for before a pause
         self._has_braked = False  # so that the policy, which did not, may speak of an arm in motion
@@ -97,6 +100,7 @@ class PolicySkillRuntime:
 
     def tick(self) -> TickResult:
         """The next control period; none while the server infers."""
+        self._approach()
         try:
             if self._keeps_past:
                 self._parts.observer.sample(self._context.time_s)
@@ -131,8 +135,10 @@ class PolicySkillRuntime:
         self._parts.client.close()
 
     def read_outputs(self) -> dict[str, Any]:
-        """How much was carried out."""
-        return {"chunks": self._chunks, "control_periods": self._commands}
+        """How much was carried out, and where the thing was from the tool when it was nearest [m]."""
+        self._approach()
+        near = {"missed_m": self._missed_m.round(4).tolist()} if self._parts.sought_m is not None else {}
+        return {"chunks": self._chunks, "control_periods": self._commands} | near
 
     def find_failure(self) -> Failure | None:
         """Why it failed."""
@@ -151,6 +157,11 @@ class PolicySkillRuntime:
     @property
     def _period_s(self) -> float:
         return self._context.profile.control_period_s
+
+    def _approach(self) -> None:
+        if self._parts.sought_m is not None:
+            apart_m = np.subtract(self._parts.sought_m, self._context.step.target.tcp.position_m)
+            self._missed_m = min(self._missed_m, apart_m, key=np.linalg.norm)
 
     def _converse(self) -> None:
         """Take an answer that has come; ask when the rows run out."""
@@ -383,6 +394,11 @@ class Policies:
         policy = skill.policy
         assert policy is not None, "preflight refuses a policy skill without a policy"
         heartbeat = (policy.heartbeat_s, policy.inference_s)
+        poses = _list_poses(session, context.initial)
+        first = next((name for stream in policy.observations.values() for name in stream.entities), "")
+        sought_m = poses[first][:3] if first in poses else None
+        if sought_m is not None and (aside_m := session.parameters.get(policy.execution.aim)):
+            poses[first] = (*np.add(sought_m, aside_m).tolist(), *poses[first][3:])
         parts = PolicyParts(
             descriptor=policy,
             chain=chain,
@@ -392,11 +408,12 @@ class Policies:
                 handle=self.handle,
                 late_max_s=self.late_max_s,
                 health=context.initial.sensors,
-                poses=_list_poses(session, context.initial),
+                poses=poses,
             ),
             client=PolicyClient(policy.endpoint, session.limits.policy_s, policy.observations, *heartbeat),
             is_realtime=self.is_realtime,
             is_pausing=self.handle.is_pausing,
+            sought_m=sought_m,
             log=ExchangeLog(context.evidence) if context.evidence is not None else None,
         )
         return PolicySkillRuntime(parts, context)

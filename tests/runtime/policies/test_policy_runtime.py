@@ -21,6 +21,7 @@ from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedul
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.policies.policy_runtime import Policies
 from phyagentos.runtime.policies.server import serve_policy
+from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 
@@ -57,9 +58,9 @@ def build_target(doubles, profile):
 
 @pytest.fixture
 def run_policy(build_bench, build_session, doubles, profile):
-    def run(policy, target=None, sensors=NO_SENSORS, streams=NO_CAMERA, **limits):
+    def run(policy, target=None, sensors=NO_SENSORS, streams=NO_CAMERA, parameters=NO_CAMERA, how=NO_CAMERA, **limits):
         descriptor = {"policy": "line/1", "endpoint": "tcp://127.0.0.1:0", "inference_s": 0.1}
-        descriptor["observations"] = {"joint_state": STREAM} | streams
+        descriptor |= {"observations": {"joint_state": STREAM} | streams, "execution": how}
         ready, found = threading.Event(), []
         told = lambda where: (found.append(where), ready.set())  # noqa: E731
         arguments = (policy, PolicyDescriptor.model_validate(descriptor), told)
@@ -85,7 +86,7 @@ def run_policy(build_bench, build_session, doubles, profile):
             policies=lambda handle: Policies(handle=handle, is_realtime=False, **serving),
             clock=SystemClock(),
         )
-        session = build_session(skill="line", parameters={}, limits=Limits(**limits))
+        session = build_session(skill="line", parameters=parameters, limits=Limits(**limits))
         execution = bench.run(session, policy="policy_adapter://line/1")
         trace = read_bundle(bench.workspace / execution.evidence, session, execution).trace
         return bench, execution, trace
@@ -101,6 +102,30 @@ def test_a_policy_is_asked_until_it_says_that_it_is_done(run_policy, profile):
     assert bench.target.q == pytest.approx(policy.rows[-1, :7])
     assert [event.status for event in trace] == ["RUNNING"] * len(policy.shown) + ["SUCCESS"]
     assert policy.shown[1][3] == pytest.approx(policy.rows[20, 3]), "it saw where its first chunk had led"
+
+
+WORLD = {"modality": "simulator_state", "shape": [1, 7], "dtype": "float64", "rate_hz": 50, "entities": ["object"]}
+
+
+@pytest.mark.parametrize("aim", [{}, {"aim": [0.02, -0.01, 0.0]}])
+def test_a_thing_is_shown_aside_by_the_aim_and_missed_by_where_it_is_believed(run_policy, profile, aim):
+    policy, seen = Line(np.asarray(profile.arm.home_rad)), []
+    look, policy.infer = policy.infer, lambda request: (seen.append(request.observations), look(request))[1]
+    parameters = {"object": "red_cube"} | aim
+    bench, execution, _ = run_policy(
+        policy, streams={"environment_state": WORLD}, parameters=parameters, how={"aim": "aim"}
+    )
+    assert execution.ended is Ended.COMPLETED, execution
+    believed = np.array(bench.target.entities["red_cube"].pose.position_m)
+    (shown,) = seen[0]["environment_state"]
+    assert shown[:3] == pytest.approx(believed + aim.get("aim", (0.0, 0.0, 0.0)))
+    tool = bench.target.handle(wire.Observe()).target.tcp.position_m
+    assert execution.outputs["missed_m"] == pytest.approx(believed - tool, abs=1e-4)
+
+
+def test_a_policy_that_is_shown_no_thing_has_missed_none(run_policy, profile):
+    _, execution, _ = run_policy(Line(np.asarray(profile.arm.home_rad)))
+    assert execution.outputs.keys() == {"chunks", "control_periods"}
 
 
 def test_the_same_policy_twice_gives_the_same_commands_bit_for_bit(run_policy, profile):
