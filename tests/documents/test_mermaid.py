@@ -36,6 +36,7 @@ HARD_NAMES = [
         "subgraph x",
         "n0 --> n1",
         "a;b",
+        "¶ß ﬂ°x",
         "a\nb",
         "# hash",
         "#quot;",

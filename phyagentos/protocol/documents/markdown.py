@@ -10,7 +10,7 @@ from phyagentos.protocol.documents.document import Front
 from phyagentos.protocol.documents.plain_text import clean
 
 _LABEL_CODES = str.maketrans(
-    {"#": "#35;", '"': "#quot;", "<": "#lt;", ">": "#gt;", "`": "#96;", ";": "#59;"}
+    {"#": "#35;", "¶": "#182;", "ﬂ": "#64258;", '"': "#quot;", "<": "#lt;", ">": "#gt;", "`": "#96;", ";": "#59;"}
     | {"&": "#amp;", "%": "#37;", "{": "#123;", "}": "#125;", "\\": "#92;"}
     | {":": "#58;"}  # Mermaid takes the code of a later sign in `style a:…` or `classDef a:…` for one of its own
 )
