@@ -448,4 +448,4 @@ def to_quaternion(rotation: Array) -> list[float]:
     """(w, x, y, z) of a rotation (3, 3)."""
     found = np.empty(4)
     mujoco.mju_mat2Quat(found, rotation.ravel())
-    return found.tolist()  # type: ignore[no-any-return]
+    return [float(each) for each in found]

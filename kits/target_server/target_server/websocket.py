@@ -15,7 +15,7 @@ import time
 from collections import deque
 from typing import Any
 
-from websockets.frames import CloseCode, Frame, Opcode, apply_mask
+from websockets.frames import CloseCode, Frame, Opcode, apply_mask  # type: ignore[attr-defined]  # compiled where it can be
 from websockets.http11 import Request
 from websockets.protocol import State
 from websockets.server import ServerProtocol
@@ -274,8 +274,8 @@ class Door:
         while not self._is_closed:
             awaited = select.poll()
             with self._changed:
-                for each in (self._listener, *self._coming):
-                    awaited.register(each, select.POLLIN)
+                for number in (self._listener.fileno(), *(each.fileno() for each in self._coming)):
+                    awaited.register(number, select.POLLIN)
             awaited.poll(1e3 * LOOK_S)
             with self._changed:
                 self._admit()
