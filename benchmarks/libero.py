@@ -68,6 +68,7 @@ ASKED = {
     "false_success_rate": Ask(0.01, at_least=False),
 }
 
+BUILTIN, LEARNED = "builtin skills", "a learned skill where something is put"
 SAME_SKILL = GraphRepair((propose_looking, propose_retry))  # a learned one is not rescued by others
 Record = dict[str, Any]
 Key = tuple[str, int, int]
@@ -77,12 +78,13 @@ def main() -> int:
     """Run what is missing, show everything, and exit with whether every asked figure holds."""
     given = parse_arguments()
     console = Console(stderr=True)
-    known = read_results(given.results, given.sensing)
+    of = {"sensing": given.sensing, "skills": LEARNED if given.policy else BUILTIN}
+    known = read_results(given.results, of)
     for task in () if given.show else given.tasks:
         for suite in given.suites:
             states = [state for state in given.states if (suite, task, state) not in known]
             for record in run_task(given, suite, task, states) if states else ():
-                record["sensing"] = given.sensing
+                record |= of
                 with given.results.open("a") as results:
                     results.write(json.dumps(record) + "\n")
                 known[suite, task, record["state"]] = record
@@ -90,7 +92,7 @@ def main() -> int:
                 console.print(f"{told}, {record['sessions']} sessions, {record['wall_s']:.0f} s", highlight=False)
     keys = list(product(given.suites, given.tasks, given.states))
     chosen = [known[key] for key in keys if key in known]
-    show(Console(), chosen, given.suites, given.sensing)
+    show(Console(), chosen, given.suites, of)
     figures = compute_figures(chosen) | {"missing": len(keys) - len(chosen)}
     asked = {name: ask for name, ask in ASKED.items() if name in figures} | {"missing": Ask(0.0, at_least=False)}
     line, holds = format_outcome(figures, asked)
@@ -118,13 +120,13 @@ def parse_arguments() -> argparse.Namespace:
     return given
 
 
-def read_results(path: Path, sensing: str) -> dict[Key, Record]:
-    """Episodes of one sensing that ended before; a line that a kill cut off is run again."""
+def read_results(path: Path, of: Record) -> dict[Key, Record]:
+    """Episodes of this sensing and these skills that ended before; a line that a kill cut off is run again."""
     known: dict[Key, Record] = {}
     for line in path.read_text().splitlines() if path.exists() else ():
         try:
             record = json.loads(line)
-            if record.get("sensing", "state") == sensing:
+            if {"sensing": "state", "skills": BUILTIN} | record == record | of:
                 known[record["suite"], record["task"], record["state"]] = record
         except (ValueError, KeyError):
             continue
@@ -226,9 +228,9 @@ def compute_figures(records: Sequence[Record]) -> dict[str, float]:
     return figures
 
 
-def show(console: Console, records: Sequence[Record], suites: Sequence[str], sensing: str = "state") -> None:
+def show(console: Console, records: Sequence[Record], suites: Sequence[str], of: Record) -> None:
     """A row a task, and one a suite."""
-    title = f"LIBERO, builtin skills, sensing: {sensing}"
+    title = f"LIBERO, {of['skills']}, sensing: {of['sensing']}"
     table = Table("task", "Final", "First", "scorer", "false success", "sim, s", title=title)
     for suite in suites:
         of = [record for record in records if record["suite"] == suite]

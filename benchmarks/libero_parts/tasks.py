@@ -64,8 +64,8 @@ def write_project(folder: Path, scene: str, told: dict[str, Any], server: Server
     graph.write_text(format_graph(generated))
     profile = folder / "robots" / ROBOT / "target.yaml"
     profile.write_text(PROFILE.read_text().replace("ws://127.0.0.1:7000", server.endpoint))
-    seen = {part: [msgspec.convert(each, Shape) for each in told.get(part, ())] for part in ("hand", WRIST)}
-    write_model(profile.with_name("panda.xml"), told["tool"], seen["hand"], seen[WRIST])
+    masks = {part: [msgspec.convert(each, Shape) for each in told.get(part, ())] for part in ("hand", WRIST)}
+    write_model(profile.with_name("panda.xml"), told["tool"], masks["hand"], masks[WRIST])
     return graph
 
 

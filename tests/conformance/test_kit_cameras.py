@@ -106,7 +106,7 @@ def cameras(monkeypatch):
     try:
         made.capture(data, 0.0, (), {}, 1)
     except Exception as error:
-        pytest.skip(f"this machine draws nothing: {error}")
+        pytest.skip(f"this machine draws nothing ({error}): `MUJOCO_GL=osmesa pytest {__file__}`, with OSMesa")
     yield made, data
     made.close()
 

@@ -256,6 +256,7 @@ class LiberoBody(Body):
         jaws = [{data.body(name).id for name in names} for names in JAWS]
         owners = model.geom_bodyid.tolist()
         self._jaws = [frozenset(geom for geom, body in enumerate(owners) if body in jaw) for jaw in jaws]  # their geoms
+        self._both_jaws = self._jaws[0] | self._jaws[1]
         roots = {int(number): name for name, number in inner.obj_body_id.items()}
         kinds = {
             name: each.category_name
@@ -349,7 +350,7 @@ class LiberoBody(Body):
 
     def _list_touched(self) -> tuple[set[int], ...]:
         """The geoms that each jaw touches, but for the other jaw's."""
-        pairs, jaws = self._data.contact.geom, frozenset().union(*self._jaws)
+        pairs, jaws = self._data.contact.geom, self._both_jaws
         touched: tuple[set[int], ...] = tuple(set() for _ in JAWS)
         if jaws.isdisjoint(pairs.ravel().tolist()):
             return touched

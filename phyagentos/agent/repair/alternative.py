@@ -64,13 +64,30 @@ class Alternative:
 
 
 def propose(
-    case: Case, kind: AlternativeKind, choice: Choice, effect: str, chance: float, because: str, **more: Any
+    case: Case,
+    kind: AlternativeKind,
+    choice: Choice,
+    effect: str,
+    chance: float,
+    because: str,
+    cost: tuple[int, float] | None = None,
+    **child: Any,
 ) -> Alternative:
-    """A child of the latest session with this choice; `more` are other fields of the alternative, then the revision."""
-    cost = {key: more.pop(key) for key in ("sessions", "sim_time_s") if key in more}
-    cost.setdefault("sim_time_s", case.time_of.get(choice.skill, SESSION_S))
-    revision = Revision(parent=case.latest.id, choice=choice, **{"reasons": (case.explanation, because)} | more)
-    return Alternative(kind=kind, effect=effect, chance=chance, because=because, revision=revision, **cost)
+    """A child of the latest session with this choice; `child` are other fields of its revision.
+
+    It costs one session of the time that its skill takes, unless `cost` says how many, and of what simulated time [s].
+    """
+    sessions, sim_time_s = cost or (1, case.time_of.get(choice.skill, SESSION_S))
+    revision = Revision(parent=case.latest.id, choice=choice, **{"reasons": (case.explanation, because)} | child)
+    return Alternative(
+        kind=kind,
+        effect=effect,
+        chance=chance,
+        because=because,
+        revision=revision,
+        sessions=sessions,
+        sim_time_s=sim_time_s,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

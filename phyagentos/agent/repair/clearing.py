@@ -88,8 +88,8 @@ def _iter_ways(
         effect = f"{skill.skill} moves {name} to ({spot[0]:.2f}, {spot[1]:.2f}), then {case.session.skill} again"
         choice = Choice(skill=skill.skill, target=case.session.target, parameters=parameters)
         time_s = sum(case.time_of.get(each, SESSION_S) for each in (skill.skill, case.session.skill))
-        child = {"purpose": PURPOSE, "lead": 1, "sessions": 2, "sim_time_s": time_s}
-        yield propose(case, AlternativeKind.CLEAR, choice, effect, chance, because, **child)
+        cost = (2, time_s)
+        yield propose(case, AlternativeKind.CLEAR, choice, effect, chance, because, cost, purpose=PURPOSE, lead=1)
 
 
 def iter_movers(case: Case) -> Iterator[tuple[SkillRuntime, tuple[str, str], float]]:

@@ -41,7 +41,7 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
     because = f"it is unknown whether the objective was met, look {looks + 1} of {LOOKS_MAX}"
     time_s, child = case.time_of.get(choice.skill, SESSION_S / 3), {"purpose": PURPOSE, "lead": LEAD}
     child |= {"requires": (), "reasons": (case.explanation,)}  # it is there to find out
-    yield propose(case, AlternativeKind.LOOK, choice, effect, _CHANCE * 0.5**looks, because, sim_time_s=time_s, **child)
+    yield propose(case, AlternativeKind.LOOK, choice, effect, _CHANCE * 0.5**looks, because, (1, time_s), **child)
 
 
 def list_unseen(session: Session, world: Environment) -> list[str]:

@@ -35,8 +35,9 @@ def propose_resume_held(case: Case) -> Iterator[Alternative]:
         because = f"{name} begins with what is held already, and promises {'; '.join(skill.guarantees)}"
         effect, time_s = f"{name} for the rest of {case.session.skill}", case.time_of.get(case.session.skill, SESSION_S)
         choice = Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,))
-        child = {"strategy": case.session.strategy, "requires": bind_requires(case, choice), "lead": LEAD}
-        yield propose(case, AlternativeKind.OTHER_SKILL, choice, effect, _CHANCE, because, sim_time_s=time_s, **child)
+        requires = bind_requires(case, choice)
+        child = {"strategy": case.session.strategy, "requires": requires, "lead": LEAD}
+        yield propose(case, AlternativeKind.OTHER_SKILL, choice, effect, _CHANCE, because, (1, time_s), **child)
 
 
 def _bind(case: Case, skill: SkillRuntime) -> dict[str, Any] | None:

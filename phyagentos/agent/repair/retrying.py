@@ -182,8 +182,8 @@ def _begin_anew(case: Case, retry: Alternative) -> Alternative:
     effect, time_s = f"{name}, then {retry.effect}", retry.sim_time_s + case.time_of.get(name, SESSION_S)
     why = (*again.reasons, *(again.choice.reasons if again.choice is not None else ()))
     child = {"strategy": again.strategy, "reasons": why, "purpose": PREPARES, "lead": max(1, again.lead)}
-    child |= {"sessions": 2, "sim_time_s": time_s}
-    return propose(case, AlternativeKind.BEGIN_ANEW, choice, effect, retry.chance, retry.because, **child)
+    kind, cost = AlternativeKind.BEGIN_ANEW, (2, time_s)
+    return propose(case, kind, choice, effect, retry.chance, retry.because, cost, **child)
 
 
 def _continue(case: Case, revision: Revision) -> Revision:
