@@ -60,8 +60,8 @@ def propose_other_target(case: Case) -> Iterator[Alternative]:
         effect = f"{skill.skill} on {name} instead of {case.session.target}"
         choice = Choice(skill=skill.skill, target=name, parameters=case.session.parameters, reasons=(because,))
         requires = revise_requires(case.miss, find_of_skill(case.session, case.catalogue))[0]
-        child = {"strategy": case.session.strategy, "requires": requires}
-        yield propose(case, AlternativeKind.OTHER_TARGET, choice, effect, _CHANCE_TARGET, because, **child)
+        kind, way = AlternativeKind.OTHER_TARGET, case.session.strategy
+        yield propose(case, kind, choice, effect, _CHANCE_TARGET, because, strategy=way, requires=requires)
 
 
 def find_promises(case: Case) -> tuple[str, ...]:
