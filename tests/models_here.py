@@ -8,15 +8,14 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.robot import read_profile
-from phyagentos.runtime.models.sources import find_model
+from phyagentos.runtime.models.sources import require_models
 
 
 def read_profile_here(name: str) -> tuple[TargetProfile, Path]:
     """A profile and its folder; skips the test where its model, or that of its hand, is not here."""
     profile, folder = read_profile(Library.open().get_target(name))
     try:
-        for model in [profile.model] + ([profile.hand.model] if profile.hand is not None else []):
-            find_model(model, folder)
+        require_models(profile, folder)
     except DefinitionError as error:
         pytest.skip(f"{error} Then run this file again.")
     return profile, folder

@@ -414,7 +414,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         else:
             run_worker(given.workspace, given.target, given.socket, given.control, pictures=not given.no_pictures)
     except (DefinitionError, ExecutionError) as error:
-        sys.exit(str(error))
+        sys.stderr.write(f"{error}\n")  # now: the frames above hold connections, at whose end the supervisor kills
+        sys.exit(1)
 
 
 if __name__ == "__main__":

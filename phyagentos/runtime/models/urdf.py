@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import mujoco
 
 from phyagentos.errors import DefinitionError
+from phyagentos.runtime.models.sources import require_reader
 
 _COMPILER = {"balanceinertia": "true", "discardvisual": "false", "fusestatic": "false", "strippath": "false"}
 URDF = (".urdf", ".xacro")
@@ -50,11 +51,9 @@ def read_urdf(path: Path, replaced: Collection[str] = ()) -> mujoco.MjSpec:
 
 def _expand(path: Path) -> str:
     """The URDF that a xacro file stands for; packages that it names are searched among the folders above it."""
-    try:
-        from xacrodoc import XacroDoc, packages  # type: ignore[import-not-found, import-untyped, unused-ignore]
-    except ImportError as error:
-        hint = "Install what expands it: pip install 'phyagentos[xacro]'"
-        raise DefinitionError.of("MODEL_UNREADABLE", str(path), "a xacro file", "a URDF file", hint) from error
+    require_reader(path)
+    from xacrodoc import XacroDoc, packages  # type: ignore[import-not-found, import-untyped, unused-ignore]
+
     for name in set(_FIND.findall(path.read_text())):
         found = [place for folder in path.resolve().parents[:_UP] for place in (folder, folder / name)]
         place = next((each for each in found if each.name == name and each.is_dir()), None)

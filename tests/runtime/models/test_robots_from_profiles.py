@@ -16,7 +16,7 @@ from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.models.drafting import draft_profile
 from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.robot import COLUMN, GRIPPER_ACTUATOR, build_robot, read_model, read_profile
-from phyagentos.runtime.models.sources import find_model
+from phyagentos.runtime.models.sources import find_model, require_models
 from phyagentos.runtime.motion.chain import build_chain
 from phyagentos.runtime.motion.kinematics import POLISHED, Kinematics
 from phyagentos.runtime.motion.profile_checks import check_profile
@@ -231,6 +231,19 @@ def test_a_model_is_named_with_what_brings_it(tmp_path):
         with pytest.raises(DefinitionError, match=hint) as error:
             find_model(model, tmp_path, environ)
         assert error.value.problems[0].code == code
+
+
+def test_a_xacro_file_without_what_expands_it_is_told_before_anything_runs(beak, monkeypatch):
+    profile, folder = read_profile(beak)
+    (folder / "beak.xacro").write_text(URDF)
+    require_models(profile, folder)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    for read in (
+        lambda: require_models(profile.model_copy(update={"model": "beak.xacro"}), folder),
+        lambda: read_model(folder / "beak.xacro"),
+    ):
+        with pytest.raises(DefinitionError, match=r"MODEL_UNREADABLE.*phyagentos\[xacro\]"):
+            read()
 
 
 def test_a_urdf_keeps_its_links_and_loses_pictures_that_are_absent(tmp_path):

@@ -1,0 +1,26 @@
+"""What the children of a watchdog leave behind when they cannot start."""
+
+import io
+import weakref
+
+import pytest
+
+from phyagentos.assembly import processes
+from phyagentos.errors import DefinitionError
+
+
+def test_a_child_has_told_why_before_its_connections_close(monkeypatch):
+    told, at_the_end = io.StringIO(), []
+
+    def break_off(*given, **named):
+        connection = io.BytesIO()
+        weakref.finalize(connection, lambda: at_the_end.append(told.getvalue()))  # the supervisor kills at this moment
+        raise DefinitionError.of("MODEL_UNREADABLE", "arm.xml", "a torn file", "a model")
+
+    monkeypatch.setattr(processes, "run_worker", break_off)
+    monkeypatch.setattr("sys.stderr", told)
+    with pytest.raises(SystemExit) as end:
+        processes.main(["worker", "--workspace", "w", "--target", "arm"])
+    assert end.value.code == 1
+    del end
+    assert "MODEL_UNREADABLE" in at_the_end[0]
