@@ -17,6 +17,8 @@ What is known, by the sensing:
   beforehand are names and shapes of things, and colours, of pictures of each alone; the map: where fixtures stand; and
   which of several equal things begins where, as the task's own text says. Depth is exact, joints are measured exactly,
   two fingers feel touch; nothing says which pixel is whose.
+- *words* (`--sensing words`): nothing but the goal's words and the same cameras. A thing is sought by the colour or the
+  plain form that its name holds; a goal with a name that holds neither is not translated, and counts as not met.
 
 The scorer is LIBERO's predicate. Its process computes it after each session and never sends it; a line a session is
 read from its file afterwards. An episode has no limit of steps, as published evaluations have (220 to 520): its
@@ -42,7 +44,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.libero_parts.served import Server, serve
-from benchmarks.libero_parts.tasks import open_workspace, read_profile, write_project
+from benchmarks.libero_parts.tasks import open_workspace, read_profile, write_project, write_project_of_words
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.repair.looking import propose_looking
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
@@ -53,12 +55,13 @@ from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.session import GoalId
-from phyagentos.protocol.settings.perception import Sensing
+from phyagentos.protocol.settings.perception import Prior, Sensing, declare_sensing
 
 SUITES = ("libero_spatial", "libero_object", "libero_goal", "libero_10")
 PRO = tuple(f"libero_{suite}_{kind}" for suite in ("spatial", "object", "goal") for kind in ("swap", "task"))
 TASKS, STATES = 10, 5
-SENSINGS = {"state": Sensing.TRUTH, "perceived": Sensing.PERCEIVED}
+WORDS = "words"
+SENSINGS = {"state": Sensing.TRUTH, "perceived": Sensing.PERCEIVED, WORDS: Sensing.PERCEIVED}
 ASKED = {
     "libero_spatial_final": Ask(0.9, at_least=True),
     "libero_object_final": Ask(0.9, at_least=True),
@@ -139,16 +142,20 @@ def run_task(given: argparse.Namespace, suite: str, task: int, states: Sequence[
     folder.mkdir(parents=True, exist_ok=True)
     scene = f"{suite}/{task}"
     try:
-        outcomes, draws = folder / "outcomes.jsonl", given.sensing == "perceived"
+        outcomes, draws = folder / "outcomes.jsonl", SENSINGS[given.sensing] is Sensing.PERCEIVED
         with serve(given.python.absolute(), read_profile(), scene, outcomes, draws=draws) as server:
-            told = server.describe(read_profile(), scene, looks=draws)
+            told = server.describe(read_profile(), scene, looks=given.sensing == "perceived")
             try:
-                graph = write_project(folder / "project", scene, told, server, given.policy)
+                if given.sensing == WORDS:
+                    graph = write_project_of_words(folder / "project", scene, told, server)
+                else:
+                    graph = write_project(folder / "project", scene, told, server, given.policy)
             except DefinitionError as error:
                 for state in states:
                     yield _begin_record(suite, task, state) | {"verdict": "untranslated", "reason": str(error)}
                 return
-            with open_agent(folder, server, SENSINGS[given.sensing], SAME_SKILL if given.policy else None) as agent:
+            prior, repair = Prior.NONE if given.sensing == WORDS else None, SAME_SKILL if given.policy else None
+            with open_agent(folder, server, SENSINGS[given.sensing], repair, prior) as agent:
                 for state in states:
                     began_s = time.perf_counter()
                     report = agent.mission.run(graph, seed=state, goal=GoalId(f"{graph.stem}-{state}"))
@@ -161,11 +168,16 @@ def run_task(given: argparse.Namespace, suite: str, task: int, states: Sequence[
 
 @contextmanager
 def open_agent(
-    folder: Path, server: Server, sense: Sensing = Sensing.TRUTH, repair: RepairPolicy | None = None
+    folder: Path,
+    server: Server,
+    sense: Sensing = Sensing.TRUTH,
+    repair: RepairPolicy | None = None,
+    prior: Prior | None = None,
 ) -> Iterator[Agent]:
     """Both planes in a fresh workspace; what one episode teaches does not help the next."""
     number = sum(1 for _ in folder.glob("w*"))
     workspace = open_workspace(folder / f"w{number}", folder / "project", server)
+    declare_sensing(workspace.perception, prior=prior)
     with open_bench(workspace, SystemClock(), sense=sense, memory_use=MemoryUse.NONE, policy=repair) as agent:
         yield agent
 
@@ -233,11 +245,11 @@ def show(console: Console, records: Sequence[Record], suites: Sequence[str], of:
     title = f"LIBERO, {of['skills']}, sensing: {of['sensing']}"
     table = Table("task", "Final", "First", "scorer", "false success", "sim, s", title=title)
     for suite in suites:
-        of = [record for record in records if record["suite"] == suite]
-        for task in sorted({record["task"] for record in of}):
-            table.add_row(*_describe(f"{suite}/{task}", [each for each in of if each["task"] == task]))
-        if of:
-            table.add_row(*_describe(suite, of, with_interval=True), style="bold", end_section=True)
+        own = [record for record in records if record["suite"] == suite]
+        for task in sorted({record["task"] for record in own}):
+            table.add_row(*_describe(f"{suite}/{task}", [each for each in own if each["task"] == task]))
+        if own:
+            table.add_row(*_describe(suite, own, with_interval=True), style="bold", end_section=True)
     console.print(table)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from benchmarks.libero_parts.bddl import Inventory, format_graph, generate_graph, read_places, translate
 from benchmarks.libero_parts.foreign_scenes import Seen, Span, write_scene
 from benchmarks.libero_parts.served import Server
+from benchmarks.libero_parts.words import generate_from_words
 from phyagentos.assembly.paths import TOKENS, open_project
 from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.capabilities.library import find_shipped_root
@@ -38,30 +39,45 @@ def read_profile() -> TargetProfile:
 
 def write_project(folder: Path, scene: str, told: dict[str, Any], server: Server, policy: str = "") -> Path:
     """The project of one task; its goal graph. What is put somewhere is put by the policy at an endpoint, if given."""
-    shutil.copytree(LIBRARY, folder, dirs_exist_ok=True)
     entities = [msgspec.convert(each, Entity) for each in told["entities"]]
     regions = [msgspec.convert(each, Region) for each in told["regions"]]
-    path = folder / "scenes" / f"{scene}.yaml"
-    path.parent.mkdir(parents=True, exist_ok=True)
     placed = {each.name: told["marks"][each.name] for each in regions}
     covers = {key: [msgspec.convert(each, Shape) for each in found] for key, found in told.get("covers", {}).items()}
     stand = [msgspec.convert(each, Shape) for each in told.get("stand", ())]
     seen = Seen(looks=told.get("looks", {}), covers=covers, areas=find_areas(told), stand=stand)
-    path.write_text(write_scene(scene, told["language"], entities, placed, seen))
     inventory = Inventory(
         entities={each.name: each for each in entities},
         owners=told["owners"],
         rooms={name: mark["entity"] for name, mark in told["marks"].items()},
         regions={each.name: each.pose.position_m[2] - each.half_m[2] for each in regions},
     )
-    name = scene.replace("/", "_")
     effects = translate(told["goal"], inventory)
-    graph = folder / "goal_graphs" / f"{name}.yaml"
-    graph.parent.mkdir(exist_ok=True)
-    generated = generate_graph(name, told["language"], scene, effects, inventory, ROBOT)
+    generated = generate_graph(_name(scene), told["language"], scene, effects, inventory, ROBOT)
     if policy:
         use_policy(folder, generated, policy)
-    graph.write_text(format_graph(generated))
+    written = write_scene(scene, told["language"], entities, placed, seen)
+    return _write_files(folder, scene, written, generated, told, server)
+
+
+def write_project_of_words(folder: Path, scene: str, told: dict[str, Any], server: Server) -> Path:
+    """The project of one task of which nothing is known but its goal's words and the robot; its goal graph."""
+    generated = generate_from_words(_name(scene), told["language"], scene, told["goal"], ROBOT)
+    return _write_files(folder, scene, write_scene(scene, told["language"], [], {}, Seen()), generated, told, server)
+
+
+def _name(scene: str) -> str:
+    return scene.replace("/", "_")
+
+
+def _write_files(
+    folder: Path, scene: str, written: str, generated: dict[str, Any], told: dict[str, Any], server: Server
+) -> Path:
+    """The folder of the project, with scene, goal graph and the robot as this environment has it."""
+    shutil.copytree(LIBRARY, folder, dirs_exist_ok=True)
+    graph = folder / "goal_graphs" / f"{_name(scene)}.yaml"
+    for path, text in ((folder / "scenes" / f"{scene}.yaml", written), (graph, format_graph(generated))):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
     profile = folder / "robots" / ROBOT / "target.yaml"
     profile.write_text(PROFILE.read_text().replace("ws://127.0.0.1:7000", server.endpoint))
     masks = {part: [msgspec.convert(each, Shape) for each in told.get(part, ())] for part in ("hand", WRIST)}
