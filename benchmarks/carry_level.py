@@ -23,8 +23,9 @@ from rich.console import Console
 from rich.table import Table
 from scipy.signal import savgol_filter
 
+from benchmarks.outcome import format_outcome
 from phyagentos.assembly.paths import open_project
-from phyagentos.bench.report import Ask, Spread, format_outcome
+from phyagentos.bench.report import Ask, Spread
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId

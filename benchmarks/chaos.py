@@ -35,7 +35,8 @@ from chaos_planes import Planes, allow_writes, fill, prepare, refuse_writes, sma
 from rich.console import Console
 from rich.table import Table
 
-from phyagentos.bench.report import Ask, format_outcome
+from benchmarks.outcome import format_outcome
+from phyagentos.bench.report import Ask
 from phyagentos.bench.scorers.simulator_state import is_in_tray
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.codes import CODES

@@ -30,11 +30,12 @@ from benchmarks.diagnosis_parts.drawn import DrawnCase, iter_drawn
 from benchmarks.diagnosis_parts.model import serve_model
 from benchmarks.diagnosis_parts.policies import MANNERS, serve_policies
 from benchmarks.diagnosis_parts.refusals import classify_refusal
+from benchmarks.outcome import format_outcome
 from phyagentos.agent.mission.mission import Mission
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.planes import start_watch
-from phyagentos.bench.report import Ask, Rate, format_outcome
+from phyagentos.bench.report import Ask, Rate
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import GoalId, SessionId

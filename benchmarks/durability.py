@@ -17,7 +17,8 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from phyagentos.bench.report import Ask, format_outcome
+from benchmarks.outcome import format_outcome
+from phyagentos.bench.report import Ask
 
 ROOT = Path(__file__).resolve().parents[1]
 BROKEN_PROMISES = ("lost", "torn_exposed", "vanished", "broken_batches", "readers_differ", "folds_differ", "accepted")

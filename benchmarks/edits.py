@@ -26,7 +26,8 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from phyagentos.bench.report import Ask, format_outcome
+from benchmarks.outcome import format_outcome
+from phyagentos.bench.report import Ask
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.markdown import publish

@@ -38,6 +38,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
 
+from benchmarks.outcome import format_outcome
 from benchmarks.recovery_parts.baselines import BlindRestart, BlindRetry
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.repair.looking import propose_looking
@@ -46,7 +47,7 @@ from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.assembly.agent_plane import Agent, MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.planes import start_watch
-from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
+from phyagentos.bench.report import Ask, Rate, Spread
 from phyagentos.bench.scorers.simulator_state import is_in_tray
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import Ended, GoalId

@@ -18,8 +18,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.outcome import format_outcome
 from phyagentos.bench.records import EpisodeRecord, read_records
-from phyagentos.bench.report import Ask, Rate, format_outcome
+from phyagentos.bench.report import Ask, Rate
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.runtime.models.robot import read_profile
 

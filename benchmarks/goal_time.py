@@ -19,9 +19,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.outcome import format_outcome
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.assembly.paths import open_project
-from phyagentos.bench.report import Ask, Spread, format_outcome
+from phyagentos.bench.report import Ask, Spread
 from phyagentos.bench.scoring import measure
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock

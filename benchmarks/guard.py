@@ -18,7 +18,8 @@ from recorded import Recording, Robot, open_robot, record_tidy_table
 from rich.console import Console
 from rich.table import Table
 
-from phyagentos.bench.report import Ask, format_outcome
+from benchmarks.outcome import format_outcome
+from phyagentos.bench.report import Ask
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange, describe_target_space
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.settings.safety import as_numbers

@@ -45,12 +45,13 @@ from rich.table import Table
 
 from benchmarks.libero_parts.served import Server, serve
 from benchmarks.libero_parts.tasks import open_workspace, read_profile, write_project, write_project_of_words
+from benchmarks.outcome import format_outcome
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.repair.looking import propose_looking
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.assembly.agent_plane import Agent, MemoryUse
-from phyagentos.bench.report import Ask, Rate, format_outcome
+from phyagentos.bench.report import Ask, Rate
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError

@@ -27,7 +27,7 @@ from rich.console import Console
 from benchmarks.libero import PRO, SUITES, TASKS
 from benchmarks.libero_parts.moment_cases import Record, judge_again, judge_suite, open_verifier
 from benchmarks.libero_parts.verdict_figures import ASKED, Case, compute_figures, read_case, read_run, show
-from phyagentos.bench.report import format_outcome
+from benchmarks.outcome import format_outcome
 from phyagentos.errors import DefinitionError, ExecutionError
 
 SEED = 20_261_125

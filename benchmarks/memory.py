@@ -20,11 +20,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.outcome import format_outcome
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.features import Features
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.memory.scopes import compute_scope
-from phyagentos.bench.report import Ask, Spread, format_outcome
+from phyagentos.bench.report import Ask, Spread
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.sessions.knowledge import render_knowledge

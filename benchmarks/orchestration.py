@@ -22,10 +22,11 @@ from orchestration_shapes import build_edges
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.outcome import format_outcome
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.process_tuning import collect_rarely
-from phyagentos.bench.report import Ask, Spread, format_outcome
+from phyagentos.bench.report import Ask, Spread
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 

@@ -33,7 +33,8 @@ from typing_extensions import override
 
 from benchmarks.libero_parts import tasks as libero
 from benchmarks.libero_parts.served import KIT, serve
-from phyagentos.bench.report import Ask, format_outcome
+from benchmarks.outcome import format_outcome
+from phyagentos.bench.report import Ask
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target

@@ -24,13 +24,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.outcome import format_outcome
 from benchmarks.perception_parts.reliability import Stated, compare
 from benchmarks.perception_parts.stage import Stage, World
 from benchmarks.perception_parts.table import render_table
 from benchmarks.unseen_parts.files import write_project
 from benchmarks.unseen_parts.goals import draw_case
 from benchmarks.unseen_parts.rooms import Thing
-from phyagentos.bench.report import Ask, Spread, format_outcome
+from phyagentos.bench.report import Ask, Spread
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.settings.sensors import Sensors, read_sensors

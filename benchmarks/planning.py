@@ -28,10 +28,11 @@ from rich.console import Console
 from rich.table import Table
 from typing_extensions import override
 
+from benchmarks.outcome import format_outcome
 from benchmarks.planning_parts.peer import OmplPeer
 from benchmarks.planning_parts.query_sets import Query, draw_clutter_queries, draw_shelf_queries, record_queries
 from benchmarks.recorded import Robot, open_robot
-from phyagentos.bench.report import Ask, Spread, format_outcome
+from phyagentos.bench.report import Ask, Spread
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.runtime.motion.kinematics import Kinematics

@@ -17,7 +17,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from phyagentos.bench.report import Ask, Spread, format_outcome
+from benchmarks.outcome import format_outcome
+from phyagentos.bench.report import Ask, Spread
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.motion.planner import MotionPlanner

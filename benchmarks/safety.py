@@ -17,10 +17,11 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.outcome import format_outcome
 from benchmarks.recorded import Robot, open_robot, record_tidy_table
 from benchmarks.safety_parts.campaign import Tally, attack
 from benchmarks.safety_parts.stops import measure_stops
-from phyagentos.bench.report import Ask, format_outcome
+from phyagentos.bench.report import Ask
 
 ASKED_OF_ATTACK = {
     "rows_outside_position": Ask(0.0, at_least=False),

@@ -21,9 +21,10 @@ from orchestration import HERE, write_graph
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.outcome import format_outcome
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
-from phyagentos.bench.report import Ask, format_outcome
+from phyagentos.bench.report import Ask
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 

@@ -22,7 +22,8 @@ from store_parts.sessions import open_pair, scratch, store_many
 from store_parts.start import measure_life, measure_start, measure_statechart
 from store_parts.transitions import measure_transitions
 
-from phyagentos.bench.report import Ask, format_outcome
+from benchmarks.outcome import format_outcome
+from phyagentos.bench.report import Ask
 
 ASKED = {
     "cpu_ms_per_session": Ask(0.35, at_least=False),

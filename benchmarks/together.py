@@ -21,8 +21,9 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.outcome import format_outcome
 from phyagentos.bench.records import EpisodeRecord, read_records
-from phyagentos.bench.report import Ask, format_outcome
+from phyagentos.bench.report import Ask
 from phyagentos.protocol.capabilities.targets import BASE_JOINTS
 
 ARM = tuple(f"joint{k}" for k in range(1, 8))

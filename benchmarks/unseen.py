@@ -32,12 +32,12 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 
+from benchmarks.outcome import format_outcome
 from benchmarks.unseen_parts.drawn import read_case
 from benchmarks.unseen_parts.figures import ASKED, Tally
 from benchmarks.unseen_parts.records import GoalRecord, Recorder, begin_record
 from phyagentos.agent.mission.report import build_report
 from phyagentos.bench.records import EpisodeRecord, read_records
-from phyagentos.bench.report import format_outcome
 from phyagentos.cli.history import read_ledger
 from phyagentos.protocol.sessions.session import GoalId
 

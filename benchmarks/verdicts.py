@@ -26,6 +26,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from benchmarks.outcome import format_outcome
 from benchmarks.recorded import Robot, open_robot
 from benchmarks.verdict_parts.cases import FAILURES, SUCCESS, UNPLANNED, Kind
 from benchmarks.verdict_parts.eye import Eye
@@ -33,7 +34,7 @@ from benchmarks.verdict_parts.recordings import Recorded, Studio, list_jobs
 from benchmarks.verdict_parts.sensing import LEVELS, Sensing, make_sensing
 from benchmarks.verdict_parts.table import Outcome, build_figures, show
 from benchmarks.verdict_parts.worlds import World
-from phyagentos.bench.report import Ask, format_outcome
+from phyagentos.bench.report import Ask
 from phyagentos.protocol.world.seeds import compute_seed
 
 HELD_OUT_SEED = 20_260_419  # never used while anything was tuned; development uses small numbers

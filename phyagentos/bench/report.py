@@ -1,7 +1,6 @@
-"""Figures of many runs: rates with intervals, medians, and the one JSON line a benchmark ends with."""
+"""Figures of many runs: rates with intervals, medians, and what is asked of them."""
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,7 +55,7 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Ask:
-    """One figure that a benchmark promises: at least, or at most, a value."""
+    """What is asked of one figure: at least, or at most, a value."""
 
     value: float
     at_least: bool
@@ -68,16 +67,3 @@ class Ask:
     def __str__(self) -> str:
         """`>= 0.99`."""
         return f"{'>=' if self.at_least else '<='} {self.value:g}"
-
-
-def format_outcome(figures: Mapping[str, float], asked: Mapping[str, Ask]) -> tuple[str, bool]:
-    """The closing JSON line of a benchmark, and whether every asked figure holds."""
-    holds = all(ask.holds(figures[name]) for name, ask in asked.items())
-    line = json.dumps(
-        {
-            "figures": {name: round(value, 6) for name, value in figures.items()},
-            "asked": {name: str(ask) for name, ask in asked.items()},
-            "holds": holds,
-        }
-    )
-    return line, holds

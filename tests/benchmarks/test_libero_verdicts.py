@@ -17,7 +17,7 @@ from benchmarks.libero_parts.verdict_figures import (
     share,
 )
 from benchmarks.libero_verdicts import append, read_results
-from phyagentos.bench.report import format_outcome
+from benchmarks.outcome import format_outcome
 
 
 def case(success, said, episode=0, kind="met"):
