@@ -384,6 +384,37 @@ def test_an_object_that_leaves_the_fingers_on_the_way_is_a_lost_grasp(build_benc
     assert was_halted(target)
 
 
+@pytest.mark.parametrize(("closes", "ended"), [(False, Ended.COMPLETED), (True, Ended.SKILL_FAILED)])
+def test_a_drive_that_is_shaken_has_lost_what_it_holds_only_once_its_fingers_close(
+    build_bench, build_session, doubles, profile, closes, ended
+):
+    """A cube that touched the wall of its tray shook the fingers, whose current then showed nothing for 0.1 s."""
+
+    class Shaken(doubles.PerfectTarget):
+        left = 0  # observations
+
+        def _state(self):
+            state, self.left = super()._state(), self.left - 1
+            force_n, width_m = (20.0, 0.0397) if state.holding else (0.0, state.gripper_width_m)
+            if self.left > 0:
+                state = msgspec.structs.replace(state, holding=())
+                force_n, width_m = 0.0, 0.002 if closes else 0.0381
+            return msgspec.structs.replace(state, grip_force_n=force_n, gripper_width_m=width_m)
+
+    target = Shaken(profile, [doubles.build_cube(), doubles.build_cube("red_tray", (0.5, 0.3, 0.0))], "red_cube")
+    bench = build_bench(target)
+
+    def shake(request):
+        if "FindPlacements" in type(request).__name__:
+            target.left = 12
+        return doubles.compute_answer(request)
+
+    bench.planner._answer = shake
+    execution = bench.run(build_session())
+
+    assert (execution.ended, execution.code) == (ended, "GRASP_LOST" if closes else "")
+
+
 def test_a_refusal_of_the_planner_is_the_leafs_failure(build_bench, build_session, doubles):
     bench = build_bench(planner=doubles.ScriptedPlanner(answer=doubles.refuse))
     session = build_session()

@@ -36,6 +36,7 @@ STOOD_MAX_S = 1.5  # of such waiting for one that stands, as no gripper does for
 WAITED_MAX_S = 20.0  # in all, by any; a session of manipulation takes less
 HOMEWARD = 0.45  # of the velocity limits: what is held stays in the fingers
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
+LOST_SHARE, LOST_M = 0.5, 0.004  # of its opening, and at most: a drive whose fingers lost a thing closes them by that
 
 
 class PlanningLeaf(Leaf, Generic[AnswerT]):
@@ -244,6 +245,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
     _pressed_n = 0.0  # allowed of the contact with which the motion began, as long as it lasts
     _held: str | None = None
     _lost_periods = 0
+    _least_m = 0.0  # opening of a drive that has not closed on nothing, whatever force it feels
     _judged: Step | None = None  # the latest step for which it was asked whether the entity is held
 
     def on_arrived(self, motion: Motion) -> Status:
@@ -282,6 +284,8 @@ class MovingLeaf(PlanningLeaf[Motion]):
             return self.wait_for((blocking,))
         self._motion, self._lost_periods, self._judged = answer, 0, context.step
         self._pressed_n = PRESSED_MORE * (context.step.contact_force_n or 0.0)
+        width_m = context.step.target.gripper_width_m
+        self._least_m = width_m - min(LOST_SHARE * width_m, LOST_M)
         self._player = TrajectoryPlayer(answer.trajectory, context.commands, context.lag)
         return Status.RUNNING
 
@@ -295,7 +299,9 @@ class MovingLeaf(PlanningLeaf[Motion]):
         player, step = self._player, self.context.step
         if self._held is not None and step is not self._judged:
             self._judged = step
-            self._lost_periods = 0 if self.context.is_holding(self._held) else self._lost_periods + 1
+            is_shaken = step.target.grip_force_n is not None and step.target.gripper_width_m > self._least_m
+            is_there = is_shaken or self.context.is_holding(self._held)
+            self._lost_periods = 0 if is_there else self._lost_periods + 1
             if self._lost_periods >= LOST_PERIODS:
                 self._player = None
                 return self.fail(FailureCode.GRASP_LOST, f"{self._held} left the fingers", object=self._held)
