@@ -108,10 +108,12 @@ def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
 def _find_grasp_in_the_way(miss: Miss) -> str:
     """The grasp of a thing that could be taken and not be brought to its place; empty where no grasp would be.
 
-    A site is planned for what is held: what failed then, or in a motion after it, may be the hand's.
+    A site is planned for what is held: what fails then, or on the way to it, may be the hand's.
     """
-    planned = any(event.role is Role.PLAN_SITE for event in miss.trace)
-    return find_label(miss.trace, Role.PLAN_GRASP) if planned and FULL not in miss.codes else ""
+    is_placing = any(event.role is Role.PLAN_SITE for event in miss.trace) and not find_label(
+        miss.trace, Role.PLAN_SITE
+    )
+    return find_label(miss.trace, Role.PLAN_GRASP) if is_placing and FULL not in miss.codes else ""
 
 
 def revise_requires(miss: Miss, of_skill: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
