@@ -110,10 +110,10 @@ def _find_grasp_in_the_way(miss: Miss) -> str:
 
     A site is planned for what is held: what fails then, or on the way to it, may be the hand's.
     """
-    is_placing = any(event.role is Role.PLAN_SITE for event in miss.trace) and not find_label(
-        miss.trace, Role.PLAN_SITE
-    )
-    return find_label(miss.trace, Role.PLAN_GRASP) if is_placing and FULL not in miss.codes else ""
+    has_planned = any(event.role is Role.PLAN_SITE for event in miss.trace)
+    if not has_planned or find_label(miss.trace, Role.PLAN_SITE) or FULL in miss.codes:
+        return ""
+    return find_label(miss.trace, Role.PLAN_GRASP)
 
 
 def revise_requires(miss: Miss, of_skill: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

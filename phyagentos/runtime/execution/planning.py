@@ -299,8 +299,8 @@ class MovingLeaf(PlanningLeaf[Motion]):
         player, step = self._player, self.context.step
         if self._held is not None and step is not self._judged:
             self._judged = step
-            is_shaken = step.target.grip_force_n is not None and step.target.gripper_width_m > self._least_m
-            is_there = is_shaken or self.context.is_holding(self._held)
+            stays_open = step.target.grip_force_n is not None and step.target.gripper_width_m > self._least_m
+            is_there = stays_open or self.context.is_holding(self._held)
             self._lost_periods = 0 if is_there else self._lost_periods + 1
             if self._lost_periods >= LOST_PERIODS:
                 self._player = None
