@@ -89,9 +89,8 @@ format: $(STAMP)  ## let ruff rewrite what it can
 	@$(BIN)/ruff format --quiet .
 	@$(BIN)/ruff check --fix --quiet .
 
-schemas: $(STAMP)  ## write JSON Schemas, pristine documents, the fields in docs/documents and docs/reference again
-	@$(BIN)/paos schema --write protocol/schemas --pristine protocol --pages docs/documents
-	@$(BIN)/paos describe --write docs/reference
+schemas: $(STAMP)  ## write JSON Schemas, pristine documents and the generated pages of docs again
+	@$(BIN)/python tools/write_reference.py
 
 wheel: $(STAMP)  ## build dist/*.whl
 	@$(BIN)/python -m build --wheel --no-isolation --outdir dist . > /dev/null

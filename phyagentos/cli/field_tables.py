@@ -1,13 +1,11 @@
 """The fields of a kind of file as Markdown tables, from its JSON Schema, for the pages of `docs/documents/`."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from phyagentos.cli.schemas import build_schema
 from phyagentos.protocol.documents.markdown import render_table
 
-BEGIN, END = "<!-- fields -->\n", "<!-- /fields -->\n"
 _PLAIN = {
     "string": "text",
     "integer": "whole number",
@@ -35,16 +33,6 @@ def list_fields(structure: dict[str, Any], definitions: dict[str, Any]) -> dict[
         name: (_describe_type(each, definitions), _describe_default(each, is_needed=name in needed), _describe(each))
         for name, each in structure["properties"].items()
     }
-
-
-def renew_pages(folder: Path) -> list[Path]:
-    """Put the tables of today between the marks of every page, `<kind>.md`; returns the pages."""
-    pages = sorted(path for path in folder.glob("*.md") if BEGIN in path.read_text(encoding="utf-8"))
-    for path in pages:
-        before, _, rest = path.read_text(encoding="utf-8").partition(BEGIN)
-        text = f"{before}{BEGIN}\n{render_fields(path.stem)}\n{END}{rest.partition(END)[2]}"
-        path.write_text(text, encoding="utf-8")
-    return pages
 
 
 def iter_structures(schema: dict[str, Any], definitions: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

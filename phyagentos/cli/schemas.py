@@ -5,7 +5,7 @@ front matter with one more key, `blocks`: heading -> YAML block. `protocol/schem
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,25 +32,6 @@ def build_schema(kind: str) -> dict[str, Any]:
     if kind not in builders:
         raise DefinitionError.unknown("UNKNOWN_SCHEMA", "paos schema", kind, builders)
     return builders[kind]()
-
-
-def write_schemas(folder: Path) -> list[Path]:
-    """Write `<kind>.schema.json` for every kind; returns the paths."""
-    folder.mkdir(parents=True, exist_ok=True)
-    return _write(folder, {f"{kind}.schema.json": render_schema(kind) for kind in names_of_schemas()})
-
-
-def write_documents(folder: Path) -> list[Path]:
-    """Write every document as it is in a new workspace; returns the paths."""
-    from phyagentos.store.views.pristine import render_pristine
-
-    return _write(folder, render_pristine())
-
-
-def _write(folder: Path, texts: Mapping[str, str]) -> list[Path]:
-    for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return [folder / name for name in texts]
 
 
 def _builders() -> dict[str, Callable[[], dict[str, Any]]]:

@@ -34,23 +34,12 @@ def list_names(kind: Listing, run_python: RunPython = False) -> None:
 
 def show_schema(
     kind: Annotated[str | None, typer.Argument(help="goal_graph, tree, skill, scene, target, sessions, …")] = None,
-    write: Annotated[Path | None, typer.Option(help="Write every schema into this folder instead.")] = None,
-    pristine: Annotated[
-        Path | None, typer.Option(help="Write every document, as it is in a new workspace, into this folder instead.")
-    ] = None,
-    pages: Annotated[Path | None, typer.Option(help="Renew the tables of every page in this folder instead.")] = None,
     fields: Annotated[bool, typer.Option("--fields", help="As a Markdown table of its fields.")] = False,
 ) -> None:
     """Print the JSON Schema of an authored file or a document; without a kind, the kinds."""
     from phyagentos.cli import field_tables, schemas
 
-    if write is not None or pristine is not None or pages is not None:
-        written = schemas.write_schemas(write) if write is not None else []
-        written += schemas.write_documents(pristine) if pristine is not None else []
-        written += field_tables.renew_pages(pages) if pages is not None else []
-        for path in written:
-            print_note(f"wrote {path}")
-    elif kind is None:
+    if kind is None:
         print_result("\n".join(schemas.names_of_schemas()))
     elif fields:
         print_result(field_tables.render_fields(kind))

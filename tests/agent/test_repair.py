@@ -309,11 +309,8 @@ def test_where_the_grasp_reaches_no_place_another_one_is_tried(shipped):
 
 
 def test_where_no_path_leads_from_the_grasp_to_its_place_another_one_is_tried(shipped):
-    found = make_event("plan_place", labels=["site1.yaw+000"])
-    blocked = make_event("move_to", "FAILURE", "a/carry")
-    carried = propose(make_case(shipped, Cause.NO_PLAN, trace=(*PLACING[:-1], found, blocked)))
-    assert carried.kind is AlternativeKind.OTHER_GRASP
-    assert carried.revision.strategy == Strategy(avoid_grasps=("yaw+000",))
+    blocked = (make_event("plan_place", labels=["site1.yaw+000"]), make_event("move_to", "FAILURE", "a/carry"))
+    assert propose(make_case(shipped, Cause.NO_PLAN, trace=PLACING[:-1] + blocked)).kind is AlternativeKind.OTHER_GRASP
     hover = (PLACING[0], make_event("move_to", "FAILURE", "a/hover"))
     assert propose(make_case(shipped, Cause.NO_PLAN, trace=hover)).kind is AlternativeKind.GIVE_UP
 

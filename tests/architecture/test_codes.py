@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 import phyagentos
-from phyagentos.cli.error_codes import render_codes
 from phyagentos.codes import CODES
 
 PACKAGE = Path(phyagentos.__file__).parent
@@ -66,10 +65,6 @@ def test_every_row_is_raised_somewhere(found):
     names, endings = found
     silent = {name for name in set(CODES) - names if not any(name.endswith(ending) for ending in endings)}
     assert not silent, "nothing raises them"
-
-
-def test_the_page_of_the_docs_is_current():
-    assert (ROOT / "docs/error_codes.md").read_text(encoding="utf-8") == render_codes()
 
 
 def test_a_code_is_explained_and_a_misspelt_one_gets_the_nearest():

@@ -1,19 +1,10 @@
-"""`paos describe`, and the pages of docs/reference/ that say the same."""
+"""`paos describe` tells what the code declares."""
 
 import json
-from pathlib import Path
 
 import pytest
 
-from phyagentos.cli.describing import KINDS, render_pages
 from phyagentos.cli.outcome import ExitCode
-
-PAGES = Path(__file__).resolve().parents[2] / "docs" / "reference"
-
-
-@pytest.mark.parametrize("page", [f"{kind}.md" for kind in KINDS])
-def test_the_reference_is_what_the_code_declares(page):
-    assert (PAGES / page).read_text(encoding="utf-8") == render_pages()[page], "run `make schemas`"
 
 
 @pytest.mark.parametrize(

@@ -1,18 +1,15 @@
 """Every document has a page, and no page can rot: its fields and its excerpt are those of the model."""
 
 import re
-import shutil
-import subprocess
-import sys
 
 import pytest
 
-from phyagentos.cli.field_tables import BEGIN, END, render_fields, renew_pages
-from phyagentos.cli.schemas import names_of_schemas
+from phyagentos.cli.field_tables import render_fields
 from phyagentos.protocol.documents.document import iter_blocks
 from phyagentos.protocol.documents.log import read_log
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.store.document_registry import FORMATS, check_document
+from tools.write_reference import BEGIN, END, render_all, renew_pages
 
 from .values import check_schema
 
@@ -64,8 +61,7 @@ def test_pages_are_renewed_between_their_marks(tmp_path):
     page.write_text(f"# before\n\n{BEGIN}old\n{END}\n# after\n")
     (tmp_path / "other.md").write_text("# nothing to renew\n")
 
-    assert renew_pages(tmp_path) == [page]
-    assert page.read_text() == f"# before\n\n{BEGIN}\n{render_fields('sensors')}\n{END}\n# after\n"
+    assert renew_pages(tmp_path) == {page: f"# before\n\n{BEGIN}\n{render_fields('sensors')}\n{END}\n# after\n"}
 
 
 @pytest.mark.parametrize("file", NAMES)
@@ -75,16 +71,11 @@ def test_links_between_pages_lead_somewhere(root, file):
         assert (folder / target).exists(), target
 
 
-def test_one_command_writes_schemas_documents_and_pages_as_they_are(root, tmp_path):
-    protocol, pages = tmp_path / "protocol", tmp_path / "pages"
-    protocol.mkdir()
-    shutil.copytree(root / "docs" / "documents", pages)
-    command = [sys.executable, "-m", "phyagentos", "schema", "--write", str(protocol / "schemas")]
-    subprocess.run([*command, "--pristine", str(protocol), "--pages", str(pages)], check=True, capture_output=True)
+def test_one_command_writes_schemas_documents_and_pages_as_they_are(root):
+    written = render_all(root)
 
-    for path in (*protocol.glob("*.md"), *protocol.glob("schemas/*")):
-        assert path.read_bytes() == (root / path.relative_to(tmp_path)).read_bytes(), "run `make schemas`"
-    for path in pages.iterdir():
-        assert path.read_bytes() == (root / "docs" / "documents" / path.name).read_bytes(), "run `make schemas`"
-    assert len(list(protocol.glob("schemas/*"))) == len(names_of_schemas())
-    assert len(list(protocol.glob("*.md"))) == len(FORMATS)
+    for path, text in written.items():
+        assert path.read_text(encoding="utf-8") == text, "run `make schemas`"
+    for folder in ("protocol/schemas", "docs/reference"):
+        assert set((root / folder).iterdir()) <= set(written), f"{folder} holds what nothing writes"
+    assert {root / "protocol" / name for name in FORMATS} <= set(written)
