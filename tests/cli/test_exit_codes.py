@@ -148,7 +148,7 @@ def test_problems_of_lint_are_json(paos, tmp_path):
     assert "MISSING_KEY" in {problem["code"] for problem in json.loads(result.out)["problems"]}
 
 
-@pytest.mark.parametrize("command", [("init",), ("run", "tidy_table", "-w"), ("watch", "-w"), ("describe", "--write")])
+@pytest.mark.parametrize("command", [("init",), ("run", "tidy_table", "-w"), ("watch", "-w")])
 def test_a_place_that_cannot_be_written_is_a_user_error(paos, tmp_path, command):
     (tmp_path / "file").write_text("")
     result = paos(*command, tmp_path / "file" / "below")
