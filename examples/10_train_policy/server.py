@@ -43,9 +43,7 @@ class Tracker:
     velocity_rad_s: np.ndarray = field(default_factory=lambda: VELOCITY_RAD_S)
     acceleration_rad_s2: np.ndarray = field(default_factory=lambda: ACCELERATION_RAD_S2)
     stiffness_rad_s: float = STIFFNESS_RAD_S
-    _sent: np.ndarray = field(
-        default_factory=lambda: np.zeros((0, 2, 7))
-    )  # (n, 2, 7) after each row of the latest chunk
+    _sent: np.ndarray = field(default_factory=lambda: np.zeros((0, 2, 7)))  # after each row of the latest chunk
     _began: int = 0  # rows that had been carried out before it
 
     def follow(self, wanted_rad: np.ndarray, rows_done: int, measured_rad: np.ndarray) -> np.ndarray:

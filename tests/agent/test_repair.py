@@ -310,9 +310,10 @@ def test_where_the_grasp_reaches_no_place_another_one_is_tried(shipped):
 
 def test_where_no_path_leads_from_the_grasp_to_its_place_another_one_is_tried(shipped):
     blocked = (make_event("plan_place", labels=["site1.yaw+000"]), make_event("move_to", "FAILURE", "a/carry"))
-    assert propose(make_case(shipped, Cause.NO_PLAN, trace=PLACING[:-1] + blocked)).kind is AlternativeKind.OTHER_GRASP
-    hover = (PLACING[0], make_event("move_to", "FAILURE", "a/hover"))
-    assert propose(make_case(shipped, Cause.NO_PLAN, trace=hover)).kind is AlternativeKind.GIVE_UP
+    aside = (make_event("plan_place", labels=["site4.yaw+000"]), make_event("move_to", label="site4.yaw+000"))
+    for trace in (PLACING[:-1] + blocked, aside + PLACING, aside + PLACING[:-1] + blocked):
+        assert propose(make_case(shipped, Cause.NO_PLAN, trace=trace)).kind is AlternativeKind.OTHER_GRASP
+    assert propose(make_case(shipped, Cause.NO_PLAN, trace=PLACING[:1] + blocked[1:])).kind is AlternativeKind.GIVE_UP
 
 
 def make_full_tray(**more: Any) -> dict[str, Any]:

@@ -1,15 +1,20 @@
 """Every document has a page, and no page can rot: its fields and its excerpt are those of the model."""
 
 import re
+import shutil
+import subprocess
+import sys
 
 import pytest
 
+from phyagentos.cli.describing import KINDS
 from phyagentos.cli.field_tables import render_fields
+from phyagentos.cli.schemas import names_of_schemas
 from phyagentos.protocol.documents.document import iter_blocks
 from phyagentos.protocol.documents.log import read_log
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.store.document_registry import FORMATS, check_document
-from tools.write_reference import BEGIN, END, render_all, renew_pages
+from tools.write_reference import BEGIN, END, renew_pages
 
 from .values import check_schema
 
@@ -71,11 +76,14 @@ def test_links_between_pages_lead_somewhere(root, file):
         assert (folder / target).exists(), target
 
 
-def test_one_command_writes_schemas_documents_and_pages_as_they_are(root):
-    written = render_all(root)
+def test_one_command_writes_schemas_documents_and_pages_as_they_are(root, tmp_path):
+    shutil.copytree(root / "docs" / "documents", tmp_path / "docs" / "documents")
+    subprocess.run([sys.executable, root / "tools" / "write_reference.py", "--root", tmp_path], check=True)
 
-    for path, text in written.items():
-        assert path.read_text(encoding="utf-8") == text, "run `make schemas`"
-    for folder in ("protocol/schemas", "docs/reference"):
-        assert set((root / folder).iterdir()) <= set(written), f"{folder} holds what nothing writes"
-    assert {root / "protocol" / name for name in FORMATS} <= set(written)
+    written = [path for path in tmp_path.rglob("*") if path.is_file()]
+    for path in written:
+        assert path.read_bytes() == (root / path.relative_to(tmp_path)).read_bytes(), "run `make schemas`"
+    assert len(list((tmp_path / "protocol" / "schemas").iterdir())) == len(names_of_schemas())
+    assert len(list((tmp_path / "protocol").glob("*.md"))) == len(FORMATS)
+    assert {path.name for path in (tmp_path / "docs" / "reference").iterdir()} == {f"{kind}.md" for kind in KINDS}
+    assert (tmp_path / "docs" / "error_codes.md").is_file()

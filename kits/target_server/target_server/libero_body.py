@@ -39,9 +39,8 @@ GRIP_STEP_M = 0.01  # of the opening in one step
 FORCE_N = 20.0  # of a finger: its motor's limit
 SQUEEZE_M = 0.04  # of the opening, at which both motors reach it
 SETTLE_STEPS = 10  # after an initial state is set, as the benchmark's own evaluation does
-FIXTURES_SEED = (
-    0  # where fixtures stand is drawn at each reset, and no part of an initial state; 0 as in its evaluation
-)
+# Where fixtures stand is drawn at each reset, and no part of an initial state; its evaluation draws with 0.
+FIXTURES_SEED = 0
 SHARES = 2001  # of a travel at which it is asked whether that is open
 LAG_S = 2.0 / np.sqrt(150.0)  # by which the controller is behind a steady motion: damping over stiffness
 MOST_M, MOST_RAD = 0.05, 0.5  # an action of 1

@@ -108,12 +108,15 @@ def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
 def _find_grasp_in_the_way(miss: Miss) -> str:
     """The grasp of a thing that could be taken and not be brought to its place; empty where no grasp would be.
 
-    A site is planned for what is held: what fails then, or on the way to it, may be the hand's.
+    A site is planned for what is held: what fails then, or on the way to it, may be the hand's. What was set down
+    before that grasp says nothing of it.
     """
-    has_planned = any(event.role is Role.PLAN_SITE for event in miss.trace)
-    if not has_planned or find_label(miss.trace, Role.PLAN_SITE) or FULL in miss.codes:
+    grasps = [index for index, event in enumerate(miss.trace) if event.role is Role.PLAN_GRASP and event.is_success]
+    since = miss.trace[grasps[-1] :] if grasps else ()
+    has_planned = any(event.role is Role.PLAN_SITE for event in since)
+    if not has_planned or find_label(since, Role.PLAN_SITE) or FULL in miss.codes:
         return ""
-    return find_label(miss.trace, Role.PLAN_GRASP)
+    return find_label(since, Role.PLAN_GRASP)
 
 
 def revise_requires(miss: Miss, of_skill: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

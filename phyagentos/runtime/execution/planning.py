@@ -36,7 +36,7 @@ STOOD_MAX_S = 1.5  # of such waiting for one that stands, as no gripper does for
 WAITED_MAX_S = 20.0  # in all, by any; a session of manipulation takes less
 HOMEWARD = 0.45  # of the velocity limits: what is held stays in the fingers
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
-LOST_SHARE, LOST_M = 0.5, 0.004  # of its opening, and at most: a drive whose fingers lost a thing closes them by that
+LOST_SHARE, LOST_M = 0.5, 0.004  # fingers that lost a thing close by this share of their opening, at most by so much
 
 
 class PlanningLeaf(Leaf, Generic[AnswerT]):
@@ -245,7 +245,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
     _pressed_n = 0.0  # allowed of the contact with which the motion began, as long as it lasts
     _held: str | None = None
     _lost_periods = 0
-    _least_m = 0.0  # opening of a drive that has not closed on nothing, whatever force it feels
+    _least_m = 0.0  # fingers that are open wider than this have not closed on nothing
     _judged: Step | None = None  # the latest step for which it was asked whether the entity is held
 
     def on_arrived(self, motion: Motion) -> Status:

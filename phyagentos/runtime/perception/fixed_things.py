@@ -25,10 +25,8 @@ SEARCH_M, SEARCH_RAD = 0.04, 0.6  # wider spans than these are searched
 LINK_M = 0.03  # between the visible parts of one body
 CLUSTERS, TURN_STEP_RAD = 4, np.pi / 4  # starts of a search
 GATE_M = 0.0065  # a search that leaves more than this has not found it
-OPENINGS, OWN_M = (
-    24,
-    0.02,
-)  # at which a part of a mechanism is looked for; from its surface there a point may be its own
+OPENINGS = 24  # of its travel, at which a part of a mechanism is looked for
+OWN_M = 0.02  # from its surface there, a point may be its own
 
 Start = tuple[Array, Array]
 
