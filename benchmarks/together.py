@@ -119,6 +119,9 @@ def main() -> int:
     parser.add_argument("run", type=Path, help="folder of a run of two_arms or fetch_and_sort")
     run = parser.parse_args().run
     records = [record for record in read_records(run) if record.ended == "over"]
+    if not records or records[0].task not in EXAMPLES:
+        found = records[0].task if records else "no episode that ended"
+        parser.error(f"{run} holds {found}; expected a run of {' or '.join(EXAMPLES)}")
     example = EXAMPLES[records[0].task]
     spans: dict[str, dict[int, float]] = {"together": {}, "in_turn": {}}
     table = Table("seed", "together, s", "in turn, s", "nearest, mm", title=records[0].task)
