@@ -87,8 +87,8 @@ class Arm:
     """Where a state of the simulation has the arm: views, which follow it.
 
     Attributes:
-        q: (7,) joint positions, `qd` velocities, `fingers_m` (2,) positions of both fingers.
-        site_m: (3,) the controller's site in the world; `site` (3, 3) its rotation.
+        q: (7,) joint positions [rad], `qd` velocities [rad/s], `fingers_m` (2,) positions of both fingers [m].
+        site_m: (3,) the controller's site in the world [m]; `site` (3, 3) its rotation.
     """
 
     q: Array
@@ -214,7 +214,7 @@ class LiberoBody(Body):
         self._read_model()
 
     def build_observations(self, builds: bool) -> None:
-        """Whether a step builds the environment's own observations, which this body does not read: 8 % of its time."""
+        """Whether a step builds the environment's own observations: 4 to 8 % of its time, and not read here."""
         for name in self._env.env.observation_names:
             self._env.env.modify_observable(name, "enabled", builds)
 

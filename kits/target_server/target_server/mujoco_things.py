@@ -23,11 +23,8 @@ SURFACE_M = 0.1  # room above such a surface
 FLOOR_M = (-0.03, 0.05)  # where the solid that carries what stands on a mark is looked for, beside its middle
 COVERED_M = 0.002  # what is seen nearer to a solid is of it
 SAMPLE_M, SAMPLES = 0.002, 12000  # distance of points of a surface, and how many a mesh has at most
-CELL_M, CELLS, CELL_POINTS = (
-    0.016,
-    20,
-    8,
-)  # side of what one flat box covers, and how many of a row; fewer points are none
+CELL_M, CELLS = 0.016, 20  # side of what one flat box covers, and how many of a row at most
+CELL_POINTS = 8  # fewer points are no box
 THIN_M, FLAT_BY_M = 0.0005, 0.0025  # half of the least thickness of such a box, and the greatest
 _KINDS = {mujoco.mjtGeom.mjGEOM_BOX: "box", mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
           mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule", mujoco.mjtGeom.mjGEOM_SPHERE: "sphere"}  # fmt: skip
