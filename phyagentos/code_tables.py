@@ -29,6 +29,7 @@ MODEL_MISSING        A target names a model file that is not there.
 MODEL_UNREADABLE     MuJoCo cannot read a model file.
 ALIKE                A goal names one of several things that look alike; a warning.
 NAME_MISMATCH        A name differs from that of its file or folder.
+NOTHING_SEEN         A node decides on what is seen, and no session before it sees anything.
 NOTHING_TO_ACCEPT    A node, or the goal, holds nothing by which it could be accepted.
 NOT_ALIKE            Things that are called interchangeable have different forms or colours.
 NOT_A_KEY            A port is wired to something that is no key of a tree.
@@ -93,6 +94,7 @@ YAML_SYNTAX          The text is not YAML, holds a value that does not fit its f
 """
 
 OPERATION = """
+CONTRADICTS_DONE  An amendment changes or takes out what has begun already.
 ENVIRONMENT_MISSING A Python environment that a suite declares is not there, or lacks a package.
 EXTRA_MISSING     A command needs packages of an extra that is not installed.
 GOAL_DIFFERS      A goal of this name was begun with another graph.

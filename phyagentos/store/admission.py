@@ -37,6 +37,12 @@ class GoalEvent(StrEnum):
     """A person asked for it; the first record of every goal."""
     GOAL_COMPILED = "goal_compiled"
     """Its graph is known."""
+    AMENDMENT_ASKED = "amendment_asked"
+    """A person wants another graph for it."""
+    GOAL_AMENDED = "goal_amended"
+    """Its graph has changed: what was still open became other nodes."""
+    AMENDMENT_REFUSED = "amendment_refused"
+    """The wanted graph contradicts what has begun."""
     NODE_READY = "node_ready"
     """Everything the node waits for is done."""
     CHILD_OF = "child_of"
@@ -65,8 +71,9 @@ _AGENT, _RUNTIME = Side.AGENT, Side.RUNTIME  # an enumeration takes its time to 
 _PENDING = SessionState.PENDING.value
 _SUBMITTED, _VERDICT = GoalEvent.GOAL_SUBMITTED.value, GoalEvent.GOAL_VERDICT.value
 _OF_BOTH = frozenset({GoalEvent.BUDGET_SPENT.value})
-_BY_OPERATOR = frozenset({_SUBMITTED, GoalEvent.GOAL_CANCELLED.value})
-_OF_GOALS = _BY_OPERATOR | _OF_BOTH | {GoalEvent.GOAL_COMPILED.value, _VERDICT}
+_BY_OPERATOR = frozenset({_SUBMITTED, GoalEvent.GOAL_CANCELLED.value, GoalEvent.AMENDMENT_ASKED.value})
+_CHANGES = {each.value for each in (GoalEvent.GOAL_COMPILED, GoalEvent.GOAL_AMENDED, GoalEvent.AMENDMENT_REFUSED)}
+_OF_GOALS = _BY_OPERATOR | _OF_BOTH | _CHANGES | {_VERDICT}
 _OF_NODES = frozenset(event.value for event in GoalEvent) - _OF_GOALS | _OF_BOTH
 _FORGETTABLE = frozenset({*FINAL_STATES, GoalEvent.GOAL_VERDICT})
 

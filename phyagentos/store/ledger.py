@@ -9,6 +9,8 @@ what it forgot see `history`. Bodies that it reads:
 - `goal_submitted`: `graph`, `seed`, `objective`.
 - `goal_compiled`: `nodes` (name -> mapping with `objective`, `skill`, `target`, `after`, `on_failure`), `accept`,
   `constraints`.
+- `amendment_asked`: `file`, `reason`. `goal_amended`: `file`, `nodes`, `removed`, `accept`, `constraints`, `reason`.
+  `amendment_refused`: `file`, `reason`. Files are names of graphs in `goals/`.
 - `node_ready`, `node_done`, `node_blocked`, `node_skipped`, `node_rescued`, `invalidated`, `node_waits`, `child_of`:
   `reason`; the latter three also `child`, `parent`, `relation`, `after`: the next session of the node, see `Replan`.
 - `budget_spent`: `replans` (how many, 1 by default), `reason`.
@@ -81,6 +83,7 @@ _NODE_STATES = {
     GoalEvent.NODE_SKIPPED.value: NodeState.SKIPPED,
     GoalEvent.NODE_RESCUED.value: NodeState.RESCUED,
 }
+_OF_COURSE = ("state", "sessions", "replans", "reason")  # of a node; the rest is as compiled
 
 
 class Ledger:
@@ -288,6 +291,13 @@ class Ledger:
                 goal.nodes |= {name: _read_node(node) for name, node in body.get("nodes", {}).items()}
                 goal.objective = str(body.get("objective", goal.objective))
                 goal.accept, goal.constraints = tuple(body.get("accept", ())), tuple(body.get("constraints", ()))
+            case GoalEvent.AMENDMENT_ASKED:
+                goal.asked = (*goal.asked, str(body.get("file", "")))
+            case GoalEvent.GOAL_AMENDED | GoalEvent.AMENDMENT_REFUSED:
+                goal.asked = tuple(file for file in goal.asked if file != body.get("file"))
+                goal.changes = (*goal.changes, str(body.get("reason", "")))
+                if record.ev == GoalEvent.GOAL_AMENDED:
+                    _amend(goal, body)
             case GoalEvent.BUDGET_SPENT:
                 goal.replans += int(body.get("replans", 1))
             case GoalEvent.GOAL_VERDICT:
@@ -352,6 +362,23 @@ def _add_replan(replans: tuple[Replan, ...], new: Replan) -> tuple[Replan, ...]:
         return (*replans, new)
     after = tuple(dict.fromkeys((*replans[-1].after, *new.after)))
     return (*replans[:-1], msgspec.structs.replace(new, after=after))
+
+
+def _amend(goal: GoalStatus, body: Mapping[str, Any]) -> None:
+    """Another graph: nodes that had begun go on as they stand."""
+    goal.file = str(body.get("file", ""))
+    for name in body.get("removed", ()):
+        old = goal.nodes.pop(name, None)
+        if old is not None and old.sessions:  # its sessions stay the goal's
+            goal.nodes[name] = msgspec.structs.replace(
+                old, state=NodeState.SKIPPED, after=(), on_failure=(), reason="taken out of the graph"
+            )
+    for name, authored in body.get("nodes", {}).items():
+        node, old = _read_node(authored), goal.nodes.get(name)
+        if old is not None and (old.sessions or old.state is NodeState.SKIPPED):
+            node = msgspec.structs.replace(node, **{key: getattr(old, key) for key in _OF_COURSE})
+        goal.nodes[name] = node
+    goal.accept, goal.constraints = tuple(body.get("accept", ())), tuple(body.get("constraints", ()))
 
 
 def _read_node(node: Any) -> NodeStatus:

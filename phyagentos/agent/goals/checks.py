@@ -41,10 +41,11 @@ class Checks:
         for role, target in self.spec.targets.items():
             if target != ANY and target not in self.catalogue.targets:
                 yield self.located.unknown("UNKNOWN_TARGET", ("targets", role), target, [*self.catalogue.targets, ANY])
-        for node in self.nodes.values() if not self.spec.accept else ():
-            if node.on_failure:  # only the goal's own acceptance can say that it is met although a node failed
+        for node in self.nodes.values():
+            if node.on_failure and not self.spec.accept:  # only the goal's own can say that it is met all the same
                 path: Path = (*node.path, "after")
                 yield self.located.problem("NOTHING_TO_ACCEPT", path, "an edge on failure", "'accept' of the goal")
+            yield from self._check_conditions(node)
         yield from self._check_worlds()
         yield from self._check_interchangeable()
         for name, text in self.spec.described.items():
@@ -115,6 +116,19 @@ class Checks:
             address=address,
         )
 
+    def _check_conditions(self, node: Node) -> Iterator[Problem]:
+        """What is decided on what is seen needs a session before it that looks, and a predicate of its variable."""
+        path: Path = (*node.path, "when" if node.spec.when else "foreach")
+        if (node.spec.when or node.is_open) and not node.predecessors:
+            hint = "Let it come after a node that looks: `inspect`, or any other session."
+            yield self.located.problem("NOTHING_SEEN", path, "no node before it", "'after'", hint)
+        for key, text in node.spec.foreach.items():
+            if isinstance(text, str) and (found := set(REFERENCE.findall(text))) != {key}:
+                given = ", ".join(f"${{{name}}}" for name in sorted(found)) or "no variable"
+                yield self.located.problem(
+                    "UNKNOWN_REFERENCE", (*path, key), f"{given} in {text!r}", f"${{{key}}} and no other variable"
+                )
+
     def _check_worlds(self) -> Iterator[Problem]:
         """Targets of the goal's worlds: known, in one world each, and there by their own profile."""
         placed: dict[str, str] = {}
@@ -170,7 +184,11 @@ class Checks:
     def _iter_predicates(self) -> Iterator[tuple[Path, str]]:
         yield from ((("constraints", index), text) for index, text in enumerate(self.spec.constraints))
         for node in self.nodes.values():
+            yield from (
+                ((*node.path, "foreach", key), text) for key, text in node.spec.foreach.items() if isinstance(text, str)
+            )
             for key, texts in (
+                ("when", node.spec.when),
                 ("requires", node.spec.requires),
                 ("hold", node.spec.hold),
                 ("accept", node.spec.accept),

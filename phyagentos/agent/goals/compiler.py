@@ -153,8 +153,11 @@ class SessionCompiler:
         return LookaheadRequest(samples=asked.samples, threshold=threshold, seed=seed)
 
     def preview(self) -> tuple[Session, ...]:
-        """The first session of every node, in the order of the graph; data edges stay as they are written."""
-        return tuple(self.compile_node(name) for name in self.graph.order)
+        """The first session of every node, in the order of the graph; data edges stay as they are written.
+
+        A node that fans out over what is seen has none before it is ready.
+        """
+        return tuple(self.compile_node(name) for name in self.graph.order if not self.graph.nodes[name].is_open)
 
 
 @dataclass(frozen=True, slots=True)

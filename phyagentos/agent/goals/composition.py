@@ -17,7 +17,7 @@ import pydantic
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.checks import iter_mismatches
 from phyagentos.agent.goals.expansion import iter_strings, substitute_value
-from phyagentos.agent.goals.spec import NAME_MAX, NODE_NAME, REFERENCE, GoalSpec, GraphParameter, Include
+from phyagentos.agent.goals.spec import NAME_MAX, NODE_NAME, REFERENCE, AnyOf, GoalSpec, GraphParameter, Include
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.schema import Address, Located, read_yaml, salvage
@@ -48,7 +48,7 @@ class Composer:
     Attributes:
         flat: The graph without includes and without references to parameters; its form is not checked yet.
         bundle: As authored, with included graphs in their places, so that it needs no other file.
-        groups: Include -> its nodes.
+        groups: Include, or choice among alternatives -> its nodes.
         problems: Found so far.
     """
 
@@ -102,15 +102,38 @@ class Composer:
                 inner = self._include(replace(located, data={"sessions": {name: node}}), path, scope)
                 bundled[name] = bundled[name] | {"include": inner or node["include"]}
                 continue
-            self.flat.data["sessions"][full] = node
-            if scope.prefix:
-                self.flat.origins["sessions", full] = (located, path)
-            if scope.prefix and isinstance(node, dict):
-                self.flat.data["sessions"][full] = node = {**scope.defaults, **node}
-                edges = [each for each in scope.edges if each[0]["on"] == "failure" or not node.get("after")]
-                self._extend(node, ("sessions", full, "after"), edges)
-                self._extend(node, ("sessions", full, "hold"), scope.holds)
+            if isinstance(node, dict) and "any_of" in node:
+                self._add_alternatives(replace(located, data={"sessions": {name: node}}), path, full, scope)
+                continue
+            self._add_node(located, path, full, node, scope)
         return as_dict(located.data) | {"sessions": bundled}
+
+    def _add_node(self, located: Located, path: Address, full: str, node: Any, scope: _Scope) -> None:
+        """Adds one node, with what its include gives to it."""
+        self.flat.data["sessions"][full] = node
+        if scope.prefix:
+            self.flat.origins["sessions", full] = (located, path)
+        if scope.prefix and isinstance(node, dict):
+            self.flat.data["sessions"][full] = node = {**scope.defaults, **node}
+            edges = [each for each in scope.edges if each[0]["on"] == "failure" or not node.get("after")]
+            self._extend(node, ("sessions", full, "after"), edges)
+            self._extend(node, ("sessions", full, "hold"), scope.holds)
+
+    def _add_alternatives(self, located: Located, path: Address, full: str, scope: _Scope) -> None:
+        """Adds a node for each alternative; a later one waits for the failure of all before it."""
+        spec, problems = salvage(AnyOf, located, path)
+        self.problems += problems
+        names = [f"{full}-{number}" for number in range(1, len(spec.any_of) + 1)] if spec is not None else []
+        self.groups[full] = tuple(names)
+        authored = located.data["sessions"][path[1]]
+        for index, name in enumerate(names):
+            where, node = (*path, "any_of", index), dict(authored["any_of"][index])
+            failures: list[Item] = [({"node": each, "on": "failure"}, (located, where)) for each in names[:index]]
+            for key in ("after", "requires", "hold", "accept"):
+                shared = [(item, (located, (*path, key, place))) for place, item in enumerate(authored.get(key) or ())]
+                self._extend(node, ("sessions", name, key), [*shared, *(failures if key == "after" else ())])
+            self._add_node(located, where, name, node, scope)
+            self.flat.origins["sessions", name] = (located, where)
 
     def _include(self, outer: Located, path: Address, scope: _Scope) -> Any:
         """Adds the nodes of one include; returns the bundle of its graph."""

@@ -53,6 +53,16 @@ class Node:
         return tuple(dict.fromkeys((*self.after, *itertools.chain(*self.on_failure))))
 
     @property
+    def is_open(self) -> bool:
+        """Whether it stands for nodes that are known once it is ready: it fans out over what is seen then."""
+        return any(isinstance(values, str) for values in self.spec.foreach.values())
+
+    @property
+    def is_conditional(self) -> bool:
+        """Whether what is seen once it is ready decides on it."""
+        return self.is_open or bool(self.spec.when)
+
+    @property
     def path(self) -> Path:
         """Where it stands in the file."""
         return ("sessions", self.authored)
@@ -112,7 +122,7 @@ def iter_strings(value: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
 def _iter_fan_out(
     name: str, node: NodeSpec, located: Located, problems: list[Problem]
 ) -> Iterator[tuple[str, NodeSpec]]:
-    if not node.foreach:
+    if not node.foreach or any(isinstance(values, str) for values in node.foreach.values()):
         if len(name) > NODE_MAX:
             expected = f"names that make one of at most {NODE_MAX} letters"
             problems.append(located.problem("INVALID_NAME", ("sessions", name), repr(name), expected))
@@ -166,7 +176,7 @@ def _iter_data_edges(
         path = ("sessions", authored, *inner)
         for match in REFERENCE.finditer(text):
             reference = match[1]
-            if reference in node.arguments:
+            if reference in node.arguments or reference in node.foreach:
                 continue
             source, _, output = reference.partition(".outputs.")
             members = known.get(source, ())

@@ -148,7 +148,7 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
         choices=choices,
         dag=dag,
         order=order,
-        brought=(brought := _find_brought(choices, catalogue)),
+        brought=(brought := _find_brought({n: c for n, c in choices.items() if not nodes[n].is_open}, catalogue)),
         kept=_find_kept(spec, nodes, choices, {thing for thing, _ in brought.values()}),
         warnings=tuple(checks.iter_warnings()),
         bundle=composed.bundle if composed.bundle != written.data else None,

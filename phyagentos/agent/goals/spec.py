@@ -109,7 +109,9 @@ class NodeSpec(Authored):
         target: A role of `targets`, a name in TARGETS.md, or `any`.
         arguments: Arguments of the skill (`with`); may hold `${variable}` and `${node.outputs.name}`.
         after: Nodes that must be done before; `{node: x, on: failure}` for one that must have failed.
-        foreach: Variable -> values; one node per value (per combination when there are several variables).
+        foreach: Variable -> values; one node per value (per combination when there are several variables). Instead of
+            values a predicate with the variable: everything that is seen to fit once the node is ready.
+        when: What must be true once the node is ready; else it is left out, and what waits for it goes on.
         requires: Preconditions, beside those of the skill.
         hold: Conditions that must hold all through, beside those of the skill and the goal's constraints.
         accept: Acceptance criteria, beside what the skill guarantees.
@@ -126,7 +128,8 @@ class NodeSpec(Authored):
     target: str = "any"
     arguments: dict[str, Any] = pydantic.Field(default_factory=dict, alias="with")
     after: tuple[Edge, ...] = ()
-    foreach: dict[str, tuple[str | int | float | bool, ...]] = {}
+    foreach: dict[str, tuple[str | int | float | bool, ...] | str] = {}
+    when: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
     hold: tuple[str, ...] = ()
     accept: tuple[str, ...] = ()
@@ -160,6 +163,26 @@ class Include(Authored):
     arguments: dict[str, Any] = pydantic.Field(default_factory=dict, alias="with")
     after: tuple[Edge, ...] = ()
     accept: tuple[str, ...] | None = None
+
+
+class AnyOf(Authored):
+    """Alternatives as a node: each runs when those before it have failed, and one of them has to succeed.
+
+    The second alternative of node `red` is the node `red-2`.
+
+    Attributes:
+        any_of: Nodes without edges, the preferred one first.
+        after: Edges to each of them.
+        requires: Preconditions of each.
+        hold: Conditions that must hold all through each.
+        accept: Acceptance criteria of each.
+    """
+
+    any_of: tuple[dict[str, Any], ...] = pydantic.Field(min_length=2)
+    after: tuple[Edge, ...] = ()
+    requires: tuple[str, ...] = ()
+    hold: tuple[str, ...] = ()
+    accept: tuple[str, ...] = ()
 
 
 class GoalSpec(Authored):
@@ -196,6 +219,6 @@ class GoalSpec(Authored):
 
 
 class GoalFile(GoalSpec):
-    """One goal graph as authored: `sessions` may hold includes."""
+    """One goal graph as authored: `sessions` may hold includes and alternatives."""
 
-    sessions: dict[str, NodeSpec | Include] = pydantic.Field(min_length=1)  # type: ignore[assignment]  # only wider
+    sessions: dict[str, NodeSpec | Include | AnyOf] = pydantic.Field(min_length=1)  # type: ignore[assignment]  # only wider

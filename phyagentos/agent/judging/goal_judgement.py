@@ -187,7 +187,8 @@ def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str])
         verdict, reason = Verdict.FAILURE, f"{missed[0].text} is {missed[0].truth}: {missed[0].because}"
     else:
         verdict = Verdict.SUCCESS
-        nodes = "every node" if not graph.rescuers else "every node on a branch that was taken"
+        is_whole = not graph.rescuers and not any(node.is_conditional for node in graph.nodes.values())
+        nodes = "every node" if is_whole else "every node on a branch that was taken"
         reason = f"{nodes} is done and all {len(criteria)} criteria of the goal are true"
     return Outcome(verdict=verdict, reason=reason, criteria=criteria, now=evidence.all.now)
 

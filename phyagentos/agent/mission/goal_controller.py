@@ -11,10 +11,12 @@ from typing import Any
 
 import msgspec
 
+from phyagentos.agent.goals.amendment import describe_node
 from phyagentos.agent.goals.compiler import Revision, SessionCompiler
 from phyagentos.agent.judging.goal_judgement import Evidence, carry_conditions, judge_goal
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.agent.memory.advice import Advisor
+from phyagentos.agent.mission.changes import Changes
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.mission.recovery import Recovery, is_look
@@ -69,11 +71,19 @@ class GoalController:
             policy=policy,
             restores=policy.restores and verifier.mode is VerificationMode.RECOVERY,
         )
+        self._changes = Changes(facts=self._facts, drafter=self._drafter, evidence=evidence, recovery=self._recovery)
+        self._conditional = tuple(name for name in self.graph.order if self.graph.nodes[name].is_conditional)
+        self._file = self.status.file if self.goal in ledger.goals else ""
 
     @property
     def status(self) -> GoalStatus:
         """The goal as it stands."""
         return self._ledger.goals[self.goal]
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether the goal has another graph by now."""
+        return self.status.file != self._file
 
     @property
     def is_over(self) -> bool:
@@ -83,17 +93,7 @@ class GoalController:
     def open(self) -> list[Entry]:
         """The goal, its graph, and the sessions of every node without predecessors."""
         spec = self.graph.spec
-        nodes = {
-            name: {
-                "objective": node.spec.objective,
-                "skill": self.graph.choices[name].skill,
-                "target": self.graph.choices[name].target,
-                "after": list(node.after),
-                **({"on_failure": node.on_failure} if node.on_failure else {}),
-                "reasons": list(self.graph.choices[name].reasons),
-            }
-            for name, node in self.graph.nodes.items()
-        }
+        nodes = {name: describe_node(self.graph, name) for name in self.graph.nodes}
         asked = {"graph": spec.goal, "seed": self._seed, "objective": spec.objective, "scene": spec.scene}
         judged = {"accept": list(spec.accept), "constraints": list(spec.constraints)}
         names = list(nodes)
@@ -111,7 +111,11 @@ class GoalController:
             return []
         if self.status.is_cancelled:
             return self.cancel()
-        return self._keep_to_budget(self._judge_ended() or self._look_at_changed() or self._finish())
+        if self.status.asked:
+            return self._changes.answer(self.status.asked[0])
+        return self._keep_to_budget(
+            self._judge_ended() or self._look_at_changed() or self._look_at_conditional() or self._finish()
+        )
 
     def iter_live(self) -> Iterator[SessionStatus]:
         """Sessions of this goal that are not final."""
@@ -223,7 +227,20 @@ class GoalController:
         if self._facts.is_left_out(name):
             why = "its branch is not taken: what it waits for was not done either"
             return [self._drafter.note(name, GoalEvent.NODE_SKIPPED, why)]
-        return self._start((name,), {}) if latest is None else self._recovery.go_on(latest)
+        if latest is not None:
+            return self._recovery.go_on(latest)
+        if self._changes.is_conditional(name):
+            found = self._changes.decide(name, is_quiet=not self.worklist.has_live())
+            if found is not None:
+                return found
+        return self._start((name,), {})
+
+    def _look_at_conditional(self) -> list[Entry]:
+        """What follows for the first ready node whose condition could not be told while other sessions lived."""
+        if self.worklist.has_live():
+            return []
+        waiting = (name for name in self._conditional if self._facts.get_state(name) in _OPEN)
+        return next((found for name in waiting if (found := self._look_at(name, set()))), [])
 
     def _start(self, names: Iterable[str], fresh: Mapping[str, Mapping[str, Any]]) -> list[Entry]:
         """Sessions for ready nodes; `fresh` are outputs not yet in the records."""
@@ -309,6 +326,7 @@ class GoalController:
             name
             for name in self.worklist.dag.find_next(node)
             if not self.graph.rescuers
+            and name not in self._conditional
             and self._facts.get_state(name) is NodeState.WAITING
             and self.worklist.dag.count_open(name) <= len(fresh)
             and fresh.keys() >= set(self.worklist.dag.find_open(name))

@@ -52,11 +52,21 @@ class GoalFacts:
         """Whether of all that a node waits for, or takes an output of, nothing was to be done."""
         node = self.graph.nodes[name]
         skipped = {each for each in node.after if self.get_state(each) is NodeState.SKIPPED}
-        return bool(skipped) and (skipped >= set(node.after) or any(edge.node in skipped for edge in node.data))
+        left_out = {each for each in skipped if not self._was_unneeded(each)}
+        return bool(left_out and left_out >= set(node.after)) or any(edge.node in skipped for edge in node.data)
+
+    def _was_unneeded(self, name: str) -> bool:
+        """Whether a node that was left out was so by its own condition, so that what waits for it goes on."""
+        is_conditional = self.graph.nodes[name].is_conditional
+        return is_conditional and self.is_taken(name) is True and not self.is_left_out(name)
 
     def is_rescued(self, name: str) -> bool | None:
         """Whether the branches on the failure of a node succeeded; None while one is open."""
-        states = {self.get_state(each) for each in self.graph.rescuers.get(name, ())}
+        rescuers = self.graph.rescuers.get(name, ())
+        found = {each: self.is_rescued(each) for each in rescuers if self.get_state(each) is NodeState.BLOCKED}
+        states = {self.get_state(each) for each in rescuers if not found.get(each, False)}
+        if None in found.values():
+            return None
         return NodeState.BLOCKED not in states and NodeState.DONE in states if states <= _OVER else None
 
     def find_first_cause(self) -> dict[str, str]:

@@ -132,10 +132,14 @@ class Mission:
         if not is_spent(goal, self.ledger, self._journal):
             _LOG.warning("continues goal %s", goal)
         catalogue = Catalogue.of_workspace(self._workspace)
-        graph = read_goal_graph(self._workspace.goal_file_of(goal), catalogue)
-        seed = self.ledger.goals[goal].seed
-        compiler = SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=seed)
-        return self._pursue(self._make_controller(compiler))
+        return self._pursue(self._continue(goal, catalogue))
+
+    def _continue(self, goal: GoalId, catalogue: Catalogue) -> GoalController:
+        """The controller of a goal from its records, with the graph that it has now."""
+        status = self.ledger.goals[goal]
+        file = self._workspace.goals / status.file if status.file else self._workspace.goal_file_of(goal)
+        graph = read_goal_graph(file, catalogue)
+        return self._make_controller(SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=status.seed))
 
     def _report_past(self, goal: GoalId) -> MissionReport:
         """Report of a goal that the ledger has evicted."""
@@ -179,6 +183,8 @@ class Mission:
                 self._read(goal)
                 if goal.is_over:
                     break
+                if goal.is_outdated:
+                    goal = self._continue(goal.goal, Catalogue.of_workspace(self._workspace))
                 if entries := goal.cancel() if self._cancelled.is_set() else goal.decide():
                     try:
                         self._journal.commit(entries, durable=False)

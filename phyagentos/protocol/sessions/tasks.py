@@ -116,6 +116,9 @@ class GoalStatus(msgspec.Struct, kw_only=True, omit_defaults=True):
         criteria: What the verdict rests on; the evidence is a path relative to the workspace.
         reason: Why the verdict fell, or the goal was cancelled.
         is_cancelled: Whether an end was requested.
+        file: Name of the graph in `goals/` since it was amended; empty while it is as submitted.
+        asked: Graphs in `goals/` that a person wants instead, and that the agent has not answered yet.
+        changes: Why the graph was changed, or was not where a person had asked for it; the oldest first.
         submitted_at: UTC wall time.
         updated_at: Wall time of the latest record, UTC.
     """
@@ -133,6 +136,9 @@ class GoalStatus(msgspec.Struct, kw_only=True, omit_defaults=True):
     criteria: tuple[Criterion, ...] = ()
     reason: str = ""
     is_cancelled: bool = False
+    file: str = ""
+    asked: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()
     submitted_at: str = ""
     updated_at: str = ""
 

@@ -4,6 +4,7 @@ It holds copies of the trees, skills, scenes and robots it was created with, so 
 workspace.
 """
 
+import hashlib
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -113,6 +114,10 @@ class Workspace:
     def goal_file_of(self, goal: GoalId) -> Path:
         """The goal graph as it was submitted."""
         return self.goals / f"{goal}.yaml"
+
+    def amended_file_of(self, goal: GoalId, content: bytes) -> Path:
+        """Another graph of a goal, named by its content."""
+        return self.goals / f"{goal}.{hashlib.sha256(content).hexdigest()[:12]}.yaml"
 
     def library(self) -> Library:
         """The copies this workspace was created with, and nothing else."""

@@ -1,0 +1,119 @@
+"""Amendments: another graph for a goal that is pursued already, as a difference to the one that it has.
+
+Upstream: a person (`paos amend`), a node that fans out over what is seen, or a plan made anew. What has begun stays as
+it is; everything else may become other nodes.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from phyagentos.agent.goals.expansion import Node
+from phyagentos.agent.goals.graph import GoalGraph
+from phyagentos.errors import Problem
+from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
+from phyagentos.protocol.world.environment import UNNAMED, Environment
+from phyagentos.protocol.world.predicates.predicate import View, parse_predicate, substitute
+from phyagentos.protocol.world.truth import Truth
+
+_SHARED = ("goal", "scene", "targets", "worlds")
+_TAKEN_OUT = frozenset({NodeState.BLOCKED, NodeState.SKIPPED})  # begun, and yet nothing that was done
+
+
+def describe_node(graph: GoalGraph, name: str) -> dict[str, Any]:
+    """A node as the journal holds it."""
+    node, choice = graph.nodes[name], graph.choices[name]
+    return _describe(
+        NodeStatus(
+            objective=node.spec.objective,
+            skill=choice.skill,
+            target=choice.target,
+            after=node.after,
+            on_failure=node.on_failure,
+            reasons=choice.reasons,
+        )
+    )
+
+
+def _describe(node: NodeStatus) -> dict[str, Any]:
+    failing = {"on_failure": [list(edge) for edge in node.on_failure]} if node.on_failure else {}
+    named = {key: getattr(node, key) for key in ("objective", "skill", "target")}
+    return {**named, "after": list(node.after), **failing, "reasons": list(node.reasons)}
+
+
+def find_contradictions(old: GoalGraph, new: GoalGraph, status: GoalStatus) -> Iterator[Problem]:
+    """Why a goal cannot go on with another graph: it is another goal, or what has begun is not in it as it was."""
+    for key in _SHARED:
+        before, after = getattr(old.spec, key), getattr(new.spec, key)
+        if before != after:
+            yield Problem("GOAL_DIFFERS", f"{new.source}: {key}", repr(after), repr(before))
+    for name, node in status.nodes.items():
+        if not node.sessions or name not in old.nodes:
+            continue
+        where, found = f"{new.source}: node {name!r}", f"it is {node.state}, by {node.sessions[-1]}"
+        if name not in new.nodes:
+            if node.state not in _TAKEN_OUT:
+                hint = "Undo it by a node that comes after it."
+                yield Problem("CONTRADICTS_DONE", where, f"{found}, and was taken out", f"node {name!r}", hint)
+        elif changed := [*_iter_changed(old, new, name)]:
+            hint = "Leave it as it is, and add another node."
+            yield Problem("CONTRADICTS_DONE", where, f"{found}; changed: {', '.join(changed)}", "as it was", hint)
+
+
+def _iter_changed(old: GoalGraph, new: GoalGraph, name: str) -> Iterator[str]:
+    before, after = old.nodes[name].spec, new.nodes[name].spec
+    yield from (
+        key for key in type(before).model_fields if key != "after" and getattr(before, key) != getattr(after, key)
+    )
+    if (old.choices[name].skill, old.choices[name].target) != (new.choices[name].skill, new.choices[name].target):
+        yield "what it is carried out with"
+    if not set(new.nodes[name].predecessors) <= set(old.nodes[name].predecessors):
+        yield "what it comes after"
+
+
+def compute_difference(new: GoalGraph, nodes: Mapping[str, NodeStatus]) -> dict[str, Any]:
+    """Body of the record that amends a goal: nodes that are new or changed, names that are gone, acceptance."""
+    changed = {}
+    for name in new.nodes:
+        described = describe_node(new, name)
+        if name not in nodes or described != _describe(nodes[name]):
+            changed[name] = described
+    removed = [name for name in nodes if name not in new.nodes]
+    judged = {"accept": list(new.spec.accept), "constraints": list(new.spec.constraints)}
+    return {"nodes": changed, "removed": removed, **judged}
+
+
+def find_fitting(node: Node, roles: Mapping[str, str], view: View) -> dict[str, list[str]]:
+    """For each variable of a fan-out over what is seen the things of the inventory that fit, sorted by name."""
+    return {
+        key: sorted(name for name in _list_seen(view.now) if _fits(text, {key: name}, roles, view))
+        for key, text in node.spec.foreach.items()
+        if isinstance(text, str)
+    }
+
+
+def _list_seen(world: Environment) -> list[str]:
+    return [name for name, each in world.entities.items() if each.visible and each.kind != UNNAMED]
+
+
+def _fits(text: str, values: Mapping[str, str], roles: Mapping[str, str], view: View) -> bool:
+    return parse_predicate(substitute(text, values)).rename_targets(roles).evaluate(view).truth is Truth.TRUE
+
+
+def set_values(authored: Any, node: Node, values: Mapping[str, list[str]]) -> Any:
+    """The authored graph with values for a fan-out; the node may stand in an included graph, or be an alternative."""
+    return _set(authored, node.authored.split("-"), values)
+
+
+def _set(graph: Any, names: list[str], values: Mapping[str, list[str]]) -> Any:
+    first, *rest = names
+    authored = graph["sessions"][first]
+    if "include" in authored:
+        changed = authored | {"include": _set(authored["include"], rest, values)}
+    elif "any_of" in authored:
+        index = int(rest[0]) - 1
+        alternatives = list(authored["any_of"])
+        alternatives[index] = alternatives[index] | {"foreach": {**alternatives[index]["foreach"], **values}}
+        changed = authored | {"any_of": alternatives}
+    else:
+        changed = authored | {"foreach": {**authored["foreach"], **values}}
+    return graph | {"sessions": graph["sessions"] | {first: changed}}

@@ -1,0 +1,143 @@
+"""Changes of a goal's graph while it is pursued: asked for by a person, or decided on what is seen.
+
+A change is one record with the difference, and a file in `goals/` with the whole graph, written before it. Whoever
+continues the goal reads that file.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from phyagentos.agent.goals.amendment import compute_difference, find_contradictions, find_fitting, set_values
+from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
+from phyagentos.agent.goals.selector import ANY
+from phyagentos.agent.judging.goal_judgement import Evidence, Seen
+from phyagentos.agent.judging.judges.predicates import evaluate_on
+from phyagentos.agent.mission.drafting import Drafter, join
+from phyagentos.agent.mission.goal_facts import GoalFacts
+from phyagentos.agent.mission.recovery import Recovery
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.durable_files import replace_durably
+from phyagentos.protocol.documents.schema import read_yaml
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.predicates.predicate import View, parse_predicate, substitute
+from phyagentos.protocol.world.truth import Truth
+from phyagentos.store.admission import Entry, GoalEvent
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Changes:
+    """Decides on changes of one goal's graph."""
+
+    facts: GoalFacts
+    drafter: Drafter
+    evidence: Evidence
+    recovery: Recovery
+
+    def answer(self, file: str) -> list[Entry]:
+        """The graph in `goals/` that a person wants, taken over or refused."""
+        try:
+            wanted = read_goal_graph(self._workspace.goals / file, self.drafter.compiler.catalogue)
+            problems = [*find_contradictions(self.facts.graph, wanted, self.facts.ledger.goals[self.facts.goal])]
+        except DefinitionError as error:
+            problems = list(error.problems)
+        if problems:
+            why = join(map(str, problems))
+            return [self._note(GoalEvent.AMENDMENT_REFUSED, {"file": file, "reason": f"refused: {why}"})]
+        return [self._amend(wanted, file, "as a person asked for")]
+
+    def is_conditional(self, name: str) -> bool:
+        """Whether what is seen decides on a node once it is ready."""
+        return self.facts.graph.nodes[name].is_conditional and not self.facts.get_ids(name)
+
+    def decide(self, name: str, *, is_quiet: bool) -> list[Entry] | None:
+        """What follows for a ready node whose condition is decided on what is seen.
+
+        Args:
+            name: Of the node.
+            is_quiet: Whether no session lives, so that one may look.
+
+        Returns:
+            None where the node may become a session; empty while its condition cannot be told.
+        """
+        seen = self._find_seen(name)
+        criteria = self._judge(name, seen)
+        false = [each for each in criteria if each.truth is Truth.FALSE]
+        unknown = [each for each in criteria if each.truth is Truth.UNKNOWN]
+        if false:
+            return [self._leave_out(name, f"{false[0].text} is false: {false[0].because}")]
+        if unknown and not is_quiet:
+            return []
+        if unknown:
+            looks = self.recovery.look_for(unknown, seen.now) if seen.now is not None else []
+            why = f"its condition cannot be told: {unknown[0].text}: {unknown[0].because}"
+            return looks or [self.drafter.note(name, GoalEvent.NODE_BLOCKED, why)]
+        return self._fan_out(name, seen) if self.facts.graph.nodes[name].is_open else None
+
+    def _fan_out(self, name: str, seen: Seen) -> list[Entry]:
+        """The nodes that a fan-out becomes, or its end where nothing fits."""
+        node = self.facts.graph.nodes[name]
+        asked = "; ".join(text for text in node.spec.foreach.values() if isinstance(text, str))
+        fitting = find_fitting(node, self._roles, self._view(name, seen)) if seen.now is not None else {}
+        if not fitting or not all(fitting.values()):
+            return [self._leave_out(name, f"nothing is seen that fits {asked}")]
+        authored = set_values(read_yaml(self._find_file()).data, node, fitting)
+        content = yaml.safe_dump(authored, sort_keys=False, allow_unicode=True).encode()
+        file = self._workspace.amended_file_of(self.facts.goal, content)
+        replace_durably(file, content)
+        try:
+            graph = read_goal_graph(file, self.drafter.compiler.catalogue)
+        except DefinitionError as error:
+            return [self.drafter.note(name, GoalEvent.NODE_BLOCKED, str(error))]
+        names = ", ".join(each for each in graph.nodes if each not in self.facts.graph.nodes)
+        return [self._amend(graph, file.name, f"{name} becomes {names}: seen to fit {asked}")]
+
+    def _amend(self, graph: GoalGraph, file: str, reason: str) -> Entry:
+        nodes = self.facts.ledger.goals[self.facts.goal].nodes
+        return self._note(GoalEvent.GOAL_AMENDED, {"file": file, **compute_difference(graph, nodes), "reason": reason})
+
+    def _leave_out(self, name: str, why: str) -> Entry:
+        return self.drafter.note(name, GoalEvent.NODE_SKIPPED, why)
+
+    def _judge(self, name: str, seen: Seen) -> list[Criterion]:
+        node = self.facts.graph.nodes[name]
+        filled = (parse_predicate(substitute(text, node.spec.arguments)) for text in node.spec.when)
+        texts = [predicate.rename_targets(self._roles).text for predicate in filled]
+        if seen.now is None:
+            return [
+                Criterion(text=each, kind="accept", truth=Truth.UNKNOWN, because="nothing was seen") for each in texts
+            ]
+        view = self._view(name, seen)
+        return [evaluate_on(text, "accept", view, seen.now_file) for text in texts]
+
+    def _view(self, name: str, seen: Seen) -> View:
+        assert seen.now is not None  # the caller has looked
+        target = self.facts.graph.choices[name].target
+        agreed = self.facts.graph.spec.interchangeable
+        return View(now=seen.now, initial=seen.initial, target=target, interchangeable=agreed)
+
+    def _find_seen(self, name: str) -> Seen:
+        """The first and the latest snapshot on the node's target; without one there, those of all."""
+        for status in self.facts.find_ended():
+            self.evidence.take_in(status)
+        own = self.evidence.by_target.get(self.facts.graph.choices[name].target)
+        return own if own is not None and own.now is not None else self.evidence.all
+
+    def _find_file(self) -> Path:
+        file = self.facts.ledger.goals[self.facts.goal].file
+        return self._workspace.goals / file if file else self._workspace.goal_file_of(self.facts.goal)
+
+    @property
+    def _roles(self) -> Mapping[str, str]:
+        return {role: target for role, target in self.facts.graph.spec.targets.items() if target != ANY}
+
+    @property
+    def _workspace(self) -> Workspace:
+        return Workspace(self.evidence.root)
+
+    def _note(self, event: GoalEvent, body: dict[str, Any]) -> Entry:
+        return Entry(f"goal:{self.facts.goal}", event, body)

@@ -1,0 +1,359 @@
+"""Graphs that change while they are pursued: fan-outs over what is seen, conditions, alternatives, amendments."""
+
+import re
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from phyagentos.agent.goals.amendment import compute_difference, describe_node
+from phyagentos.agent.goals.compiler import SessionCompiler
+from phyagentos.agent.goals.graph import check_goal_graph, read_goal_graph
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import GoalId
+from phyagentos.protocol.sessions.tasks import NodeState, iter_edges, iter_steps
+from phyagentos.store.admission import Entry
+from phyagentos.store.journal import Journal
+from phyagentos.store.ledger import Ledger
+
+from .conftest import make_world, put, succeed
+from .test_mission import slip
+
+HEAD = """
+    goal: changing
+    objective: As it comes.
+    scene: table
+    targets: {arm: panda}
+    defaults: {max_replans: 0}
+    sessions:
+      first:
+        skill: pick_and_place
+        with: {object: red_cube, destination: red_tray}
+    """
+EACH = """
+      each:
+        after: [first]
+        foreach: {thing: "inside(${thing}, red_tray)"}
+        skill: pick_and_place
+        with: {object: "${thing}", destination: green_tray}
+      last:
+        after: [each]
+        skill: pick_and_place
+        with: {object: blue_cube, destination: blue_tray}
+    accept: ["count(inside(*, green_tray)) == %d"]
+    """
+MAYBE = """
+      maybe:
+        after: [first]
+        when: ["%s"]
+        skill: pick_and_place
+        with: {object: green_cube, destination: green_tray}
+      last:
+        after: [maybe]
+        skill: pick_and_place
+        with: {object: blue_cube, destination: blue_tray}
+    """
+EITHER = """
+      either:
+        after: [first]
+        accept: ["inside(green_cube, green_tray)"]
+        any_of:
+          - {skill: pick_and_place, with: {object: green_cube, destination: green_tray}}
+          - {skill: pick_and_place, with: {object: green_cube, destination: green_tray, speed: 0.5}}
+          - {skill: pick_and_place, with: {object: green_cube, destination: green_tray, speed: 0.2}}
+      last:
+        after: [either]
+        skill: pick_and_place
+        with: {object: blue_cube, destination: blue_tray}
+    accept: ["inside(green_cube, green_tray)"]
+    """
+
+
+def states(report):
+    return {name: str(state) for name, state in report.nodes.items()}
+
+
+def ran(stage):
+    return [session.node for session in stage.runtime.ran]
+
+
+def two_in_red_tray():
+    world = put(make_world(), "yellow_cube", (0.6, 0.3, 0.03))
+    return put(world, "red_cube", (0.4, 0.3, 0.02))
+
+
+def test_a_fan_out_over_what_is_seen_becomes_its_nodes_once_it_is_ready(make_stage, write_graph):
+    stage = make_stage(world=two_in_red_tray())
+    report = stage.pursue(write_graph(HEAD + EACH % 2))
+    assert report.verdict == "success"
+    assert states(report) == dict.fromkeys(("first", "last", "each-red_cube", "each-yellow_cube"), "done")
+    assert ran(stage) == ["first", "each-red_cube", "each-yellow_cube", "last"]
+
+
+def test_the_records_draw_the_graph_that_a_fan_out_became(make_stage, write_graph):
+    stage = make_stage(world=two_in_red_tray())
+    mission = stage.make_mission()
+    mission.run(write_graph(HEAD + EACH % 2), seed=7)
+    goal = mission.ledger.goals[GoalId("changing-7")]
+    assert {step.name for step in iter_steps(goal)} == {"first", "each-red_cube", "each-yellow_cube", "last"}
+    edges = {(edge.before, edge.step) for edge in iter_edges(goal)}
+    assert edges == {(a, f"each-{c}_cube") for a in ("first",) for c in ("red", "yellow")} | {
+        (f"each-{c}_cube", "last") for c in ("red", "yellow")
+    }
+    assert goal.changes == ("each becomes each-red_cube, each-yellow_cube: seen to fit inside(${thing}, red_tray)",)
+    kept = yaml.safe_load((stage.workspace.goals / goal.file).read_text())
+    assert kept["sessions"]["each"]["foreach"] == {"thing": ["red_cube", "yellow_cube"]}
+
+
+def test_a_fan_out_to_which_nothing_fits_is_left_out_and_what_waits_for_it_goes_on(make_stage, write_graph):
+    text = (HEAD + EACH % 0).replace("inside(${thing}, red_tray)", "inside(${thing}, blue_tray)")
+    report = make_stage().pursue(write_graph(text))
+    assert report.verdict == "success"
+    assert states(report) == {"first": "done", "each": "skipped", "last": "done"}
+
+
+@pytest.mark.parametrize(
+    ("when", "state"), [("inside(red_cube, red_tray)", "done"), ("holding(arm, blue_cube)", "skipped")]
+)
+def test_a_condition_decides_on_what_is_seen_and_what_waits_goes_on_either_way(make_stage, write_graph, when, state):
+    stage = make_stage()
+    report = stage.pursue(write_graph(HEAD + MAYBE % when))
+    assert report.verdict == "success"
+    assert states(report) == {"first": "done", "maybe": state, "last": "done"}
+
+
+def test_a_condition_that_cannot_be_told_blocks_its_node_and_says_why(make_stage, write_graph):
+    world = make_world()
+    world.entities.pop("yellow_cube")
+    stage = make_stage(world=world)
+    report = stage.pursue(write_graph(HEAD + MAYBE % "inside(yellow_cube, red_tray)"))
+    assert report.verdict == "failure"
+    assert report.reason.startswith(
+        "node maybe cannot be done: its condition cannot be told: inside(yellow_cube, red_tray)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("script", "expected"),
+    [
+        ({}, ("done", "skipped", "skipped")),
+        ({"either-1": slip}, ("rescued", "done", "skipped")),
+        ({"either-1": slip, "either-2": slip}, ("rescued", "rescued", "done")),
+        ({"either-1": slip, "either-2": slip, "either-3": slip}, ("blocked", "blocked", "blocked")),
+    ],
+)
+def test_of_alternatives_each_runs_when_those_before_it_have_failed(make_stage, write_graph, script, expected):
+    stage = make_stage(script)
+    report = stage.pursue(write_graph(HEAD + EITHER))
+    found = states(report)
+    assert tuple(found[f"either-{number}"] for number in (1, 2, 3)) == expected
+    assert found["last"] == ("blocked" if len(script) == 3 else "done")
+    assert report.verdict == ("failure" if len(script) == 3 else "success")
+
+
+def test_a_mistake_in_an_alternative_is_reported_where_it_stands(catalogue, write_graph):
+    text = (HEAD + EITHER).replace("speed: 0.2", "spede: 0.2")
+    (problem,) = check_goal_graph(write_graph(text), catalogue)
+    assert problem.code == "UNKNOWN_PARAMETER"
+    assert problem.address.endswith("graph.yaml:17:85")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "line"),
+    [
+        ("after: [first]\n        foreach", "foreach", "NOTHING_SEEN", 12),
+        ("inside(${thing}, red_tray)", "inside(*, red_tray)", "UNKNOWN_REFERENCE", 13),
+        ("inside(${thing}, red_tray)", "inside(${thing}, tub)", "UNKNOWN_ENTITY", 13),
+        ("inside(${thing}, red_tray)", "inside(${thing}", "PREDICATE_SYNTAX", 13),
+    ],
+)
+def test_a_fan_out_over_what_is_seen_is_checked_before_anything_runs(catalogue, write_graph, old, new, code, line):
+    text = HEAD + EACH % 1
+    assert old in text
+    problems = check_goal_graph(write_graph(text.replace(old, new)), catalogue)
+    assert [(each.code, each.address.split(":")[-2]) for each in problems] == [(code, str(line))]
+
+
+WANTED = """
+      next:
+        after: [first]
+        skill: pick_and_place
+        with: {object: green_cube, destination: green_tray}
+    """
+OTHER = """
+      other:
+        after: [first]
+        skill: pick_and_place
+        with: {object: blue_cube, destination: blue_tray}
+    """
+
+
+def ask(stage, graph, goal="changing-7"):
+    """What `paos amend` leaves: the wanted graph, and a record."""
+    content = graph.read_bytes()
+    file = stage.workspace.amended_file_of(GoalId(goal), content)
+    file.write_bytes(content)
+    operator = Journal(stage.workspace.root, side=Side.OPERATOR, by="paos amend", clock=SystemClock(), durable=False)
+    operator.commit([Entry(f"goal:{goal}", "amendment_asked", {"file": file.name})])
+    operator.close()
+
+
+@pytest.fixture
+def amend(make_stage, write_graph):
+    """Pursues a graph that a person wants to be another one while a session runs."""
+
+    def run(old, new, at="first", script=None):
+        stage = make_stage(script)
+        wanted, own = write_graph(new, "wanted.yaml"), stage.runtime.script.get(at)
+
+        def play(world, session):
+            ask(stage, wanted)
+            return (own or succeed)(world, session)
+
+        stage.runtime.script[at] = play
+        mission = stage.make_mission()
+        return mission.run(write_graph(old), seed=7), mission.ledger.goals[GoalId("changing-7")], stage
+
+    return run
+
+
+def test_an_amendment_takes_out_what_is_open_and_adds_other_nodes(amend):
+    report, goal, stage = amend(HEAD + WANTED, HEAD + OTHER)
+    assert report.verdict == "success"
+    assert (states(report), ran(stage)) == ({"first": "done", "other": "done"}, ["first", "other"])
+    assert (goal.asked, goal.changes) == ((), ("as a person asked for",))
+
+
+def test_an_amendment_that_contradicts_what_has_begun_is_refused_with_the_reason(amend):
+    changed = (HEAD + OTHER).replace("red_cube", "yellow_cube")
+    report, goal, stage = amend(HEAD + WANTED, changed)
+    assert (report.verdict, ran(stage)) == ("success", ["first", "next"])
+    (reason,) = goal.changes
+    assert re.search(
+        r"^refused: .*node 'first': CONTRADICTS_DONE: found it is active, by changing-7\.first; changed: arguments",
+        reason,
+    ), reason
+
+
+def test_what_has_begun_cannot_be_taken_out(amend):
+    gone = HEAD.replace("first:", "begun:") + OTHER.replace("[first]", "[begun]")
+    report, goal, _ = amend(HEAD + WANTED, gone)
+    assert report.verdict == "success"
+    assert (
+        "node 'first': CONTRADICTS_DONE: found it is active, by changing-7.first, and was taken out" in goal.changes[0]
+    )
+
+
+def test_an_amendment_that_cannot_run_is_refused_with_its_problems(amend):
+    report, goal, _ = amend(
+        HEAD + WANTED,
+        (HEAD + OTHER).replace("pick_and_place\n        with: {object: blue", "jump\n        with: {object: blue"),
+    )
+    assert report.verdict == "success"
+    assert "UNKNOWN_SKILL" in goal.changes[0] or "unknown" in goal.changes[0]
+
+
+def test_another_scene_is_another_goal(amend):
+    _, goal, _ = amend(
+        HEAD + WANTED, (HEAD + OTHER).replace("As it comes.", "Else.").replace("goal: changing", "goal: changed")
+    )
+    assert "goal" in goal.changes[0]
+    assert goal.changes[0].startswith("refused: ")
+
+
+def test_a_node_that_cannot_be_done_may_be_taken_out_and_what_it_blocked_goes_on(amend):
+    slow = """
+      slow:%s
+        skill: pick_and_place
+        with: {object: yellow_cube, destination: blue_tray}
+    accept: ["inside(blue_cube, blue_tray)"]
+    """
+    blocked = OTHER.replace("[first]", "[next]")
+    old = HEAD + WANTED + blocked + slow % "\n        after: [{node: next, on: failure}]"
+    again = WANTED.replace("next:", "again:") + OTHER.replace("[first]", "[again]") + slow % ""
+    report, goal, _ = amend(old, HEAD + again, at="slow", script={"next": slip})
+    assert goal.changes == ("as a person asked for",)
+    assert states(report) == {"first": "done", "next": "skipped", "other": "done", "slow": "done", "again": "done"}
+    assert report.verdict == "success"
+
+
+def test_a_goal_goes_on_with_its_amended_graph_after_its_agent_has_died(make_stage, write_graph):
+    stage = make_stage(world=two_in_red_tray())
+    stage.runtime.script["each-red_cube"] = lambda world, session: (_ for _ in ()).throw(KeyboardInterrupt)
+    mission = stage.make_mission()
+    with pytest.raises(KeyboardInterrupt):
+        mission.run(write_graph(HEAD + EACH % 2), seed=7)
+    stage.runtime.script.clear()
+    stage.runtime.on_change(None, None)
+    report = stage.make_mission().resume(GoalId("changing-7"))
+    assert (report.verdict, report.nodes["last"]) == ("success", "done")
+
+
+def test_an_amendment_that_was_asked_for_without_an_agent_is_answered_by_the_next_one(make_stage, write_graph):
+    stage = make_stage()
+    stage.runtime.script["first"] = lambda world, session: (_ for _ in ()).throw(KeyboardInterrupt)
+    with pytest.raises(KeyboardInterrupt):
+        stage.pursue(write_graph(HEAD + WANTED))
+    ask(stage, write_graph(HEAD + OTHER, "wanted.yaml"))
+    stage.runtime.script.clear()
+    report = stage.make_mission().resume(GoalId("changing-7"))
+    assert states(report) == {"first": "done", "other": "done"}
+
+
+NODES = {f"n{index}": cube for index, cube in enumerate(("red", "green", "blue", "yellow"))}
+
+
+def write_nodes(names, edges):
+    sessions = {
+        name: {
+            "skill": "pick_and_place",
+            "with": {"object": f"{NODES[name]}_cube", "destination": "red_tray"},
+            "after": [before for before, after in edges if after == name and before in names],
+        }
+        for name in names
+    }
+    head = {"goal": "g", "objective": "o", "scene": "table", "targets": {"arm": "panda"}}
+    return yaml.safe_dump(head | {"sessions": sessions})
+
+
+EDGES = st.sets(st.sampled_from([(a, b) for a in NODES for b in NODES if a < b]))
+NAMES = st.sets(st.sampled_from(sorted(NODES)), min_size=1)
+
+
+@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(old=NAMES, new=NAMES, edges=EDGES, more=EDGES)
+def test_a_goal_with_an_amended_graph_has_the_nodes_of_that_graph(catalogue, old, new, edges, more, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("graphs")
+    graphs = []
+    for name, names, given_edges in (("old", old, edges), ("new", new, more)):
+        file = folder / f"{name}.yaml"
+        file.write_text(write_nodes(sorted(names), given_edges))
+        graphs.append(read_goal_graph(file, catalogue))
+    ledger = Ledger()
+    journal = Journal(folder, side=Side.AGENT, by="agent", clock=SystemClock(), durable=False)
+    first, second = graphs
+    nodes = {name: describe_node(first, name) for name in first.nodes}
+    records = journal.commit(
+        [Entry("goal:g-1", "goal_submitted", {}), Entry("goal:g-1", "goal_compiled", {"nodes": nodes})]
+    )
+    for record in records:
+        ledger.apply(record)
+    difference = compute_difference(second, ledger.goals[GoalId("g-1")].nodes)
+    for record in journal.commit([Entry("goal:g-1", "goal_amended", difference)]):
+        ledger.apply(record)
+    journal.close()
+    after = ledger.goals[GoalId("g-1")].nodes
+    assert {name: (set(node.after), node.state) for name, node in after.items()} == {
+        name: (set(node.after), NodeState.WAITING) for name, node in second.nodes.items()
+    }
+    assert set(difference["nodes"]) == {
+        n for n in second.nodes if n not in first.nodes or describe_node(first, n) != describe_node(second, n)
+    }
+
+
+def test_a_fan_out_over_what_is_seen_has_no_session_before_it_is_ready(catalogue, write_graph):
+    graph = read_goal_graph(write_graph(HEAD + EACH % 1), catalogue)
+    compiler = SessionCompiler(graph=graph, catalogue=catalogue, goal=GoalId("changing-7"), seed=7)
+    assert [session.node for session in compiler.preview()] == ["first", "last"]
