@@ -84,6 +84,10 @@ COMMANDS: dict[str, tuple[str, str]] = {  # name -> module and function, and the
         "editing:edit",
         "Edit SESSIONS.md, with or without a runtime: limits and priority of pending sessions, ends, new sessions.",
     ),
+    "amend": (
+        "amending:amend",
+        "Change the graph of a goal that is pursued: what has begun stays, everything else may become other nodes.",
+    ),
     "judge": ("editing:judge", "Judge the executed sessions without a goal, which no agent looks at."),
     "doctor": (
         "doctor:examine_machine",

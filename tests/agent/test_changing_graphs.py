@@ -153,11 +153,43 @@ def test_of_alternatives_each_runs_when_those_before_it_have_failed(make_stage, 
     assert report.verdict == ("failure" if len(script) == 3 else "success")
 
 
+def test_alternatives_whose_condition_is_false_are_all_left_out_and_what_waits_goes_on(make_stage, write_graph):
+    text = (HEAD + EITHER).replace("        any_of:", '        when: ["holding(arm, red_cube)"]\n        any_of:')
+    report = make_stage({"either-1": slip}).pursue(
+        write_graph(text.replace('green_cube, green_tray)"]', 'blue_cube, blue_tray)"]'))
+    )
+    assert [states(report)[f"either-{number}"] for number in (1, 2, 3)] == ["skipped"] * 3
+    assert (report.verdict, states(report)["last"]) == ("success", "done")
+
+
 def test_a_mistake_in_an_alternative_is_reported_where_it_stands(catalogue, write_graph):
     text = (HEAD + EITHER).replace("speed: 0.2", "spede: 0.2")
     (problem,) = check_goal_graph(write_graph(text), catalogue)
     assert problem.code == "UNKNOWN_PARAMETER"
     assert problem.address.endswith("graph.yaml:17:85")
+
+
+def test_a_choice_among_fewer_than_two_alternatives_is_refused(catalogue, write_graph):
+    text = (
+        HEAD
+        + """
+      either:
+        after: [first]
+        any_of: []
+    accept: ["inside(green_cube, green_tray)"]
+    """
+    )
+    (problem,) = check_goal_graph(write_graph(text), catalogue)
+    assert (problem.code, problem.address.split(":")[-2]) == ("INVALID_VALUE", "13")
+
+
+def test_what_a_predicate_names_is_not_among_what_fits_it(make_stage, write_graph):
+    tray_in_itself = "inside(${thing}, red_tray) or visible(${thing}) and inside(red_cube, red_tray)"
+    text = (HEAD + EACH % 1).replace("inside(${thing}, red_tray)", tray_in_itself)
+    stage = make_stage()
+    stage.pursue(write_graph(text))
+    assert {"each-red_tray", "each-red_cube"}.isdisjoint(ran(stage))
+    assert "each-green_cube" in ran(stage)
 
 
 @pytest.mark.parametrize(

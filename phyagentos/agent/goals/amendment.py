@@ -12,10 +12,11 @@ from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
 from phyagentos.protocol.world.environment import UNNAMED, Environment
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate, substitute
+from phyagentos.protocol.world.predicates.predicate import View, iter_entities, parse_predicate, substitute
 from phyagentos.protocol.world.truth import Truth
 
 _SHARED = ("goal", "scene", "targets", "worlds")
+_NEW = NodeStatus()
 _TAKEN_OUT = frozenset({NodeState.BLOCKED, NodeState.SKIPPED})  # begun, and yet nothing that was done
 
 
@@ -75,7 +76,10 @@ def compute_difference(new: GoalGraph, nodes: Mapping[str, NodeStatus]) -> dict[
     changed = {}
     for name in new.nodes:
         described = describe_node(new, name)
-        if name not in nodes or described != _describe(nodes[name]):
+        known = nodes.get(name, _NEW)
+        if known.sessions:  # its objective is that of its sessions
+            described["objective"] = known.objective
+        if described != _describe(known) or known is _NEW:
             changed[name] = described
     removed = [name for name in nodes if name not in new.nodes]
     judged = {"accept": list(new.spec.accept), "constraints": list(new.spec.constraints)}
@@ -96,6 +100,8 @@ def _list_seen(world: Environment) -> list[str]:
 
 
 def _fits(text: str, values: Mapping[str, str], roles: Mapping[str, str], view: View) -> bool:
+    if any(name in values.values() for name in iter_entities(parse_predicate(text, template=True))):
+        return False  # a tray is not among the things in it
     return parse_predicate(substitute(text, values)).rename_targets(roles).evaluate(view).truth is Truth.TRUE
 
 

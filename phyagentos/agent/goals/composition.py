@@ -129,7 +129,7 @@ class Composer:
         for index, name in enumerate(names):
             where, node = (*path, "any_of", index), dict(authored["any_of"][index])
             failures: list[Item] = [({"node": each, "on": "failure"}, (located, where)) for each in names[:index]]
-            for key in ("after", "requires", "hold", "accept"):
+            for key in ("after", "when", "requires", "hold", "accept"):
                 shared = [(item, (located, (*path, key, place))) for place, item in enumerate(authored.get(key) or ())]
                 self._extend(node, ("sessions", name, key), [*shared, *(failures if key == "after" else ())])
             self._add_node(located, where, name, node, scope)

@@ -173,6 +173,7 @@ class AnyOf(Authored):
     Attributes:
         any_of: Nodes without edges, the preferred one first.
         after: Edges to each of them.
+        when: Conditions of each.
         requires: Preconditions of each.
         hold: Conditions that must hold all through each.
         accept: Acceptance criteria of each.
@@ -180,6 +181,7 @@ class AnyOf(Authored):
 
     any_of: tuple[dict[str, Any], ...] = pydantic.Field(min_length=2)
     after: tuple[Edge, ...] = ()
+    when: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
     hold: tuple[str, ...] = ()
     accept: tuple[str, ...] = ()

@@ -201,6 +201,8 @@ def salvage(model: type[ModelT], located: Located, path: Address = ()) -> tuple[
     for _ in range(SALVAGE_ROUNDS):
         try:
             return validate(model, replace(located, data=data), path), problems
+        except KeyError:  # the value at the path is gone as a whole
+            break
         except DefinitionError as error:
             cause = error.__cause__
             data = data if problems else copy.deepcopy(data)

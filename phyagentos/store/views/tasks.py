@@ -25,7 +25,7 @@ _HEAD = """# Tasks
 The goals of this workspace, newest first: what was asked, how each node of the graph stands, and why the verdict fell.
 
 - **Written by** the agent, from the goal and node records of the journal in `sessions/`, which is the truth.
-- **An edit is lost** with the next rendering. To end a goal use `paos cancel`; to change one, submit another.
+- **An edit is lost** with the next rendering. To end a goal use `paos cancel`; to change one `paos amend`.
 - **A node** becomes a session only when it is ready; the runtime never sees the graph. What each session did is in
   `SESSIONS.md`, what it saw in its folder under `evidence/`. The graph as submitted is `goals/<goal id>.yaml`.
 
@@ -80,6 +80,7 @@ def render_task(goal: tasks.GoalStatus, ledger: Ledger) -> str:
     ]
     named = (("Accepted when", goal.accept), ("All through", goal.constraints))
     lines += [f"**{name}:** {', '.join(f'`{each}`' for each in texts)}" for name, texts in named if texts]
+    lines += [f"**Changed:** {why}" for why in goal.changes]
     lines += _format_advice(goal, ledger)
     parts = [f"## {goal.id}\n", "".join(f"- {flatten(line)}\n" for line in lines)]
     if goal.nodes:
