@@ -34,7 +34,7 @@ Wait = Annotated[float, typer.Option("--wait", min=0.0, help="Longest wait for t
 
 def amend(
     goal: Annotated[str, typer.Argument(metavar="GOAL", help="Its id, as TASK.md shows it.")],
-    graph: Annotated[Path, typer.Argument(metavar="FILE", help="The whole graph as it shall be.")],
+    graph: Annotated[Path, typer.Argument(help="The whole graph as it shall be.")],
     workspace: Space,
     set_: Overrides = None,
     wait_s: Wait = 10.0,

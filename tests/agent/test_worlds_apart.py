@@ -44,6 +44,7 @@ def judge(accept, *constraints, worlds=None, **heights_m):
     choices = {id: SimpleNamespace(target=f"{id}_arm") for id in heights_m}
     graph = SimpleNamespace(
         rescuers={},
+        nodes={},
         spec=SimpleNamespace(
             accept=(accept,), constraints=constraints, targets={}, worlds=worlds or {}, interchangeable=()
         ),

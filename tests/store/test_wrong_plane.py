@@ -25,8 +25,9 @@ BODIES = {"review": {"attempt": {"verdict": "success", "criteria": [], "is_revie
 ROWS = [
     (source.value, row.trigger, side, row) for row in SESSION_TRANSITIONS for source in row.sources for side in Side
 ]
-GOAL_EVENTS = ("goal_compiled", "budget_spent", "goal_verdict", "goal_cancelled")
-OF_OPERATOR = ("goal_submitted", "goal_cancelled")
+AMENDMENTS = ("amendment_asked", "goal_amended", "amendment_refused")
+GOAL_EVENTS = ("goal_compiled", "budget_spent", "goal_verdict", "goal_cancelled", *AMENDMENTS)
+OF_OPERATOR = ("goal_submitted", "goal_cancelled", "amendment_asked")
 
 
 def read_bytes(journal) -> bytes:
