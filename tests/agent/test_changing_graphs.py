@@ -1,6 +1,7 @@
 """Graphs that change while they are pursued: fan-outs over what is seen, conditions, alternatives, amendments."""
 
 import re
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import yaml
@@ -332,6 +333,56 @@ def test_an_amendment_that_was_asked_for_without_an_agent_is_answered_by_the_nex
     stage.runtime.script.clear()
     report = stage.make_mission().resume(GoalId("changing-7"))
     assert states(report) == {"first": "done", "other": "done"}
+
+
+@pytest.fixture
+def edit_task(make_stage, write_graph):
+    """Pursues a graph whose TASK.md a person edits before the first session runs."""
+
+    def run(change):
+        stage, clock = make_stage(), SystemClock()
+        stage.runtime.paused = True
+        with ThreadPoolExecutor(1) as pool:
+            mission = stage.make_mission()
+            ending = pool.submit(mission.run, write_graph(HEAD + WANTED), seed=7)
+            until = clock.now_s() + 20.0
+            while not (stage.workspace.task.is_file() and "state: active" in stage.workspace.task.read_text()):
+                assert clock.now_s() < until
+                clock.sleep(0.02)
+            text = stage.workspace.task.read_text()
+            stage.runtime.paused = False
+            assert change(text) != text
+            stage.workspace.task.write_text(change(text))
+            report = ending.result(30.0)
+        return report, mission.ledger.goals[GoalId("changing-7")], stage
+
+    return run
+
+
+def cut_node(text, name):
+    """The YAML of a goal without one of its nodes."""
+    return re.sub(rf"(?m)^  {name}:\n(?:    .*\n)+", "", text)
+
+
+def test_a_node_that_a_person_takes_out_of_the_task_document_is_not_done(edit_task):
+    report, goal, stage = edit_task(lambda text: cut_node(text, "next"))
+    assert (report.verdict, ran(stage), states(report)) == ("success", ["first"], {"first": "done"})
+    assert goal.changes == ("as a person asked for",)
+    assert "**Changed:** as a person asked for" in stage.workspace.task.read_text()
+
+
+def test_what_a_person_wants_accepted_in_the_task_document_decides_the_goal(edit_task):
+    wanted = "accept:\n- inside(red_cube, blue_tray)\nsubmitted_at"
+    report, goal, _ = edit_task(lambda text: text.replace("submitted_at", wanted))
+    assert goal.accept == ("inside(red_cube, blue_tray)",)
+    assert (report.verdict, report.reason.partition(" is ")[0]) == ("failure", "inside(red_cube, blue_tray)")
+
+
+def test_a_state_that_a_person_writes_into_the_task_document_is_refused(edit_task):
+    report, goal, stage = edit_task(lambda text: text.replace("state: active", "state: done"))
+    assert report.verdict == "success"
+    assert ran(stage) == ["first", "next"]
+    assert goal.changes[0].startswith("refused: TASK.md: nodes.first cannot be changed there")
 
 
 NODES = {f"n{index}": cube for index, cube in enumerate(("red", "green", "blue", "yellow"))}

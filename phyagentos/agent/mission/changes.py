@@ -19,6 +19,7 @@ from phyagentos.agent.judging.judges.predicates import evaluate_on
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.mission.recovery import Recovery
+from phyagentos.agent.mission.task_document import TaskEdit
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.schema import read_yaml
@@ -49,6 +50,21 @@ class Changes:
             why = join(map(str, problems))
             return [self._note(GoalEvent.AMENDMENT_REFUSED, {"file": file, "reason": f"refused: {why}"})]
         return [self._amend(wanted, file, "as a person asked for")]
+
+    def ask(self, edit: TaskEdit) -> list[Entry]:
+        """An edit of TASK.md as a graph that a person wants; `answer` follows."""
+        authored = read_yaml(self._find_file()).data
+        sessions = {name: dict(node) for name, node in authored["sessions"].items() if name not in edit.removed}
+        foreign = [*edit.foreign, *({*edit.removed, *edit.after} - authored["sessions"].keys())]
+        if foreign:
+            why = f"TASK.md: {', '.join(foreign)} cannot be changed there; write the graph, and use `paos amend`"
+            return [self._note(GoalEvent.AMENDMENT_REFUSED, {"reason": f"refused: {why}"})]
+        for name, node in sessions.items():
+            edges = [each for each in node.get("after", ()) if isinstance(each, dict)]
+            before = edit.after.get(name, [each for each in node.get("after", ()) if isinstance(each, str)])
+            node["after"] = [*(each for each in before if each not in edit.removed), *edges]
+        file = self._write(authored | edit.judged | {"sessions": sessions})
+        return [self._note(GoalEvent.AMENDMENT_ASKED, {"file": file.name})]
 
     def is_conditional(self, name: str) -> bool:
         """Whether what is seen decides on a node once it is ready."""
@@ -85,16 +101,19 @@ class Changes:
         fitting = find_fitting(node, self._roles, self._view(name, seen)) if seen.now is not None else {}
         if not fitting or not all(fitting.values()):
             return [self._leave_out(name, f"nothing is seen that fits {asked}")]
-        authored = set_values(read_yaml(self._find_file()).data, node, fitting)
-        content = yaml.safe_dump(authored, sort_keys=False, allow_unicode=True).encode()
-        file = self._workspace.amended_file_of(self.facts.goal, content)
-        replace_durably(file, content)
+        file = self._write(set_values(read_yaml(self._find_file()).data, node, fitting))
         try:
             graph = read_goal_graph(file, self.drafter.compiler.catalogue)
         except DefinitionError as error:
             return [self.drafter.note(name, GoalEvent.NODE_BLOCKED, str(error))]
         names = ", ".join(each for each in graph.nodes if each not in self.facts.graph.nodes)
         return [self._amend(graph, file.name, f"{name} becomes {names}: seen to fit {asked}")]
+
+    def _write(self, authored: Any) -> Path:
+        content = yaml.safe_dump(authored, sort_keys=False, allow_unicode=True).encode()
+        file = self._workspace.amended_file_of(self.facts.goal, content)
+        replace_durably(file, content)
+        return file
 
     def _amend(self, graph: GoalGraph, file: str, reason: str) -> Entry:
         nodes = self.facts.ledger.goals[self.facts.goal].nodes

@@ -20,6 +20,7 @@ from phyagentos.agent.mission.changes import Changes
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.mission.recovery import Recovery, is_look
+from phyagentos.agent.mission.task_document import TaskEdit
 from phyagentos.agent.mission.worklist import Worklist
 from phyagentos.agent.repair.case import join_evidence
 from phyagentos.agent.repair.looking import LOOKS_MAX, settle
@@ -116,6 +117,10 @@ class GoalController:
         return self._keep_to_budget(
             self._judge_ended() or self._look_at_changed() or self._look_at_conditional() or self._finish()
         )
+
+    def take_edit(self, edit: TaskEdit) -> list[Entry]:
+        """Records of what a person changed in TASK.md."""
+        return self._changes.ask(edit) if edit.goal == self.goal and not self.is_over else []
 
     def iter_live(self) -> Iterator[SessionStatus]:
         """Sessions of this goal that are not final."""

@@ -6,6 +6,7 @@ The loop holds no state of its own: the controller decides from the records, so 
 import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Protocol
 
@@ -19,11 +20,11 @@ from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.memory.advice import Advisor, NoAdvice
 from phyagentos.agent.mission.goal_controller import GoalController
 from phyagentos.agent.mission.report import MissionReport, build_report
+from phyagentos.agent.mission.task_document import TaskDocument
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.documents.durable_files import replace_durably
-from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.sessions.lifecycle import Fenced, IllegalTransition
 from phyagentos.protocol.sessions.session import GoalId, check_goal_id
 from phyagentos.protocol.sessions.tasks import GoalStatus
@@ -33,7 +34,6 @@ from phyagentos.store.history import Histories
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.turn_marks import TurnMarks
-from phyagentos.store.views.tasks import render_tasks
 from phyagentos.store.watch import Watch
 
 WAIT_S = 0.2  # longest time before a request to cancel is noticed
@@ -178,14 +178,22 @@ class Mission:
 
     def _pursue(self, goal: GoalController) -> MissionReport:
         begin_s, refused = self._clock.now_s(), 0
-        with Watch([self._journal.folder], clock=self._clock) as watch:
+        with (
+            Watch([self._journal.folder], clock=self._clock) as watch,
+            closing(TaskDocument(self._workspace, self._clock)) as task,
+        ):
             while True:
                 self._read(goal)
                 if goal.is_over:
                     break
                 if goal.is_outdated:
                     goal = self._continue(goal.goal, Catalogue.of_workspace(self._workspace))
-                if entries := goal.cancel() if self._cancelled.is_set() else goal.decide():
+                if self._cancelled.is_set():
+                    entries = goal.cancel()
+                else:
+                    edits = task.take()
+                    entries = [each for edit in edits for each in goal.take_edit(edit)] or goal.decide()
+                if entries:
                     try:
                         self._journal.commit(entries, durable=False)
                     except (IllegalTransition, Fenced, IllegalEvent):
@@ -197,13 +205,13 @@ class Mission:
                     watch.drain()  # before the look: what comes after it wakes the wait
                     continue
                 self._turns.note(goal.goal, self.ledger.seq)
-                self._publish()
+                self._publish(task)
                 if not self._wait(watch) and not self._is_runtime_alive(goal.status):
                     self._give_up(goal)
                 if goal.worklist.count_waiting() >= GATHER_FROM:
                     self._clock.sleep(GATHER_S)
-        self._journal.sync()
-        self._publish(at_once=True)
+            self._journal.sync()
+            self._publish(task, at_once=True)
         return build_report(goal.status, self.ledger, self._clock.now_s() - begin_s)
 
     def _wait(self, watch: Watch) -> bool:
@@ -238,13 +246,13 @@ class Mission:
                 observer.on_change(goal.status, self.ledger)
         return len(records)
 
-    def _publish(self, *, at_once: bool = False) -> None:
+    def _publish(self, task: TaskDocument, *, at_once: bool = False) -> None:
         """TASK.md, when something changed and it is time."""
         now_s = self._clock.now_s()
         is_early = now_s < self._next_publish_s and not at_once
-        if is_early or self.ledger.seq == self._published_seq:
+        if is_early or (self.ledger.seq == self._published_seq and not task.is_touched()):
             return
-        publish(self._workspace.task, render_tasks(self.ledger))
+        task.publish(self.ledger)
         self._published_seq = self.ledger.seq
         cost_s = self._clock.now_s() - now_s
         self._next_publish_s = now_s + max(PUBLISH_PERIOD_S, cost_s / PUBLISH_SHARE)

@@ -14,6 +14,7 @@ from phyagentos.protocol.sessions import tasks
 from phyagentos.protocol.sessions.session import SessionId
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.views.criteria import render_criteria
+from phyagentos.store.views.sessions import END_MARK
 
 GOALS_SHOWN = 20  # that have their verdict; the others are all shown
 NODES_DRAWN = 150  # more than a person can follow, and close to what a forge still draws
@@ -25,7 +26,8 @@ _HEAD = """# Tasks
 The goals of this workspace, newest first: what was asked, how each node of the graph stands, and why the verdict fell.
 
 - **Written by** the agent, from the goal and node records of the journal in `sessions/`, which is the truth.
-- **An edit is lost** with the next rendering. To end a goal use `paos cancel`; to change one `paos amend`.
+- **An edit amends an open goal**: of its YAML, nodes that have not begun may be taken out, `after`, `accept` and
+  `constraints` changed. Anything else of its graph changes with `paos amend`; `paos cancel` ends a goal.
 - **A node** becomes a session only when it is ready; the runtime never sees the graph. What each session did is in
   `SESSIONS.md`, what it saw in its folder under `evidence/`. The graph as submitted is `goals/<goal id>.yaml`.
 
@@ -50,7 +52,7 @@ def render_tasks(ledger: Ledger) -> str:
     sections = [render_task(goal, ledger) for goal in shown]
     note = f"{older} older goals are not shown; their records are in `sessions/`, their graphs in `goals/`.\n"
     front = render_front(FrontMatter(phy=tasks.TASK.phy, view=ledger.seq))
-    return f"{front}{_HEAD}{''.join(sections) or _NOTHING}{note if older else ''}"
+    return f"{front}{_HEAD}{''.join(sections) or _NOTHING}{note if older else ''}{END_MARK}"
 
 
 def select_goals(ledger: Ledger) -> tuple[list[tasks.GoalStatus], int]:
