@@ -42,7 +42,7 @@ def test_of_the_goals_that_are_over_the_latest_are_shown_and_of_the_others_all(l
 
     latest = [f"over-{number}" for number in range(GOALS_SHOWN + 2, 3, -1)]
     assert shown == ["open-1", "gone", *latest, "open-0"]
-    assert text.endswith("4 older goals are not shown; their records are in `sessions/`, their graphs in `goals/`.\n")
+    assert "4 older goals are not shown; their records are in `sessions/`, their graphs in `goals/`.\n" in text
 
 
 def test_goals_that_the_ledger_has_forgotten_are_counted(ledger):

@@ -44,7 +44,7 @@ class TaskDocument:
     """TASK.md of one workspace; belongs to one thread."""
 
     def __init__(self, workspace: Workspace, clock: Clock) -> None:
-        self._file = SharedFile(workspace.task, workspace.edits / "TASK", clock)
+        self._file = SharedFile(workspace.task, workspace.edits / workspace.task.stem, clock)
         self._file.adopt()
         self._shown: dict[int, dict[GoalId, GoalStatus]] = {}
         self._edits: list[TaskEdit] = []
