@@ -118,6 +118,7 @@ RUN_DAMAGED       A record of a run cannot be read.
 RUN_DIFFERS       The suite of a run, or a file that it names, has changed since the run began.
 SETUP_FAILED      An environment could not be made.
 SOCKETS_UNSAFE    The folder of the sockets can be used by others.
+TURN_OVER         An agent answers a turn that does not await an answer.
 UNKNOWN_CODE      No error code of this name.
 UNKNOWN_ENTRY     Memory holds no lesson or fact of this name.
 UNKNOWN_FILE      No file of this name.
@@ -128,6 +129,19 @@ UNKNOWN_SCHEMA    No schema of this name.
 UNTRUSTED_PYTHON  A workspace holds Python that is not known from here.
 WATCHED_ALREADY   Another watchdog supervises the workspace.
 WOULD_OVERWRITE   A file stands where one was to be written.
+HIDDEN_TEXT       A proposal holds characters that are not seen as they are.
+NOT_APPROVED      A proposed goal has no approval of exactly its bytes.
+NOT_PERMITTED     A proposed goal does more than the operator's policy permits.
+PROPOSAL_CHANGED  A proposal, or the decision on it, is not about the bytes that its name stands for.
+PROPOSAL_DECIDED  A decision on the proposal was made before; the first one stays.
+PROPOSAL_OPEN     A proposal names another goal graph, whose content could change after an approval.
+TOOL_NOT_OFFERED  The server was started with a level that does not include the tool.
+TOOL_REFUSED      What a tool was asked for cannot be done.
+TOO_LARGE         A proposal, or the arguments of a tool, have too many bytes.
+TOO_MANY_PROPOSALS So many proposals wait for a decision that no other is taken.
+UNKNOWN_PROPOSAL  No proposal of this name.
+UNKNOWN_RESOURCE  No resource of this name may be read.
+UNKNOWN_TOOL      No tool of this name.
 """
 
 STORE = """
@@ -255,6 +269,8 @@ UNKNOWN_ENTITY          A request names something that the world does not hold.
 """
 
 EXECUTION = """
+AGENT_GAVE_UP           The agent that directed a session ended it as failed.
+CALLS_SPENT             The agent that directed a session made every call that it may, and did not finish.
 ALREADY_MET             The acceptance was true before the session, so that nothing was commanded.
 CONTACT                 A guarded motion met something, and stopped.
 COOLING_DOWN            The child of a cooldown ended too short a time ago.

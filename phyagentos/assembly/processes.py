@@ -217,7 +217,14 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     in_force = (workspace.safety, workspace.sensors, workspace.perception, workspace.runtime_contract)
     runner = SessionRunner(
         target=embodiment,
-        skills=SkillLoader(planner=planner, library=library, registry=registry, policies=policies),
+        skills=SkillLoader(
+            planner=planner,
+            library=library,
+            registry=registry,
+            policies=policies,
+            skills=skills,
+            loops=workspace.loops,
+        ),
         bundles=Bundles(workspace.root, settings=in_force, pictures=pictures),
         clock=clock,
         sampling_hz=settings.contract.sampling_hz,

@@ -50,6 +50,8 @@ def rerun_session(root: Path, session: str) -> Rerun:
         shutil.copyfile(recorded.root / name, repeated.root / name)
     (repeated.root / RECORDED_FAULTS).parent.mkdir(exist_ok=True)
     shutil.copyfile(folder / evidence.FAULTS, repeated.root / RECORDED_FAULTS)
+    if (answers := recorded.loops / session).is_dir():  # what an outside agent decided then
+        shutil.copytree(answers, repeated.loops / session)
     with tempfile.TemporaryDirectory(prefix="paos-") as sockets:
         target = status.contract.target
         world = start_world(repeated, target, Path(sockets))

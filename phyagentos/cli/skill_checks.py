@@ -44,7 +44,10 @@ def _check_tree(skill: SkillRuntime, located: Located, library: Library) -> Iter
             yield located.unknown("UNKNOWN_SKILL", (*at, "begins_after"), how.begins_after, known)
         if how.aim and how.aim not in skill.parameters:
             yield located.unknown("UNKNOWN_PARAMETER", (*at, "aim"), how.aim, skill.parameters)
-    if skill.kind == "policy":
+    for index, name in enumerate(skill.loop.tools if skill.loop is not None else ()):
+        if name not in (known := library.names_of_skills()):
+            yield located.unknown("UNKNOWN_SKILL", ("loop", "tools", index), name, known)
+    if skill.kind != "builtin":
         return
     names = library.names_of_trees()
     if skill.tree not in names:

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import pytest
 
+from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.selector import select, unify
 from phyagentos.agent.goals.spec import Promise
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.world.predicates.language import parse
+from tests.agent.conftest import add_skills
 
 
 @pytest.mark.parametrize(
@@ -81,3 +83,18 @@ def test_any_is_first_a_robot_whose_model_is_sure_to_be_here(catalogue):
 
     assert select(wanted, "any", {}, both).target == "panda"
     assert select(wanted, "any", {}, replace(catalogue, targets={"arm": elsewhere})).target == "arm"
+
+
+def test_an_agent_directs_only_where_a_graph_names_it(library):
+    front = """
+        description: As an agent decides.
+        kind: agent_loop
+        parameters: {object: {type: entity}, destination: {type: place}}
+        guarantees: ["inside(${object}, ${destination})"]
+        loop: {tools: [pick_and_place]}
+        """
+    catalogue = Catalogue.read(add_skills(library, {"directed": front}))
+    choice = select(Promise(guarantees="inside(red_cube, red_tray)"), "panda", {}, catalogue)
+    assert choice.skill == "pick_and_place"
+    assert choice.rejected["directed"] == "an agent directs it: name it"
+    assert select("directed", "panda", {}, catalogue).skill == "directed"

@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange
+from phyagentos.protocol.capabilities.agent_loops import AgentLoop
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.skill_runtimes import Needs, Parameter, SkillRuntime
@@ -331,3 +332,32 @@ def test_a_thing_that_is_wanted_in_two_places_at_once_is_refused(accept, apart):
 
     assert [problem.code for problem in problems] == ["CRITERIA_CONTRADICT"] * apart
     assert all("0.010 m apart" in problem.found for problem in problems)
+
+
+def make_directed(*tools: str) -> Preflight:
+    loop = SkillRuntime(skill="find", description="d", kind="agent_loop", loop=AgentLoop(tools=tools))
+    return Preflight(skills={"pick": SKILL, "find": loop}, profile=PROFILE, settings=SETTINGS)
+
+
+def test_the_tools_of_an_agent_stand_in_its_manifest():
+    preflight, session = make_directed("pick"), make_session(skill="find", parameters={})
+
+    assert preflight.find_contract_problems(session) == []
+    plan, tools = preflight.plan(session, describe())
+    assert plan.agent_tools == ("pick",)
+    assert plan.action_path[:2] == ("agent", "guard")
+    assert [tool.name for tool in tools.tools][-1] == "pick"
+    assert "pick" not in tools.expose
+
+
+@pytest.mark.parametrize("tool", ["pikc", "find"])
+def test_a_tool_that_is_no_skill_with_a_tree_is_refused(tool):
+    (problem,) = make_directed(tool).find_contract_problems(make_session(skill="find", parameters={}))
+    assert (problem.code, problem.address) == ("UNKNOWN_SKILL", "g.a: skill.loop.tools")
+
+
+def test_an_agent_may_look_for_what_no_look_has_shown():
+    unseen = msgspec.structs.replace(NOW, entities={}, never_seen=("cube",))
+    session = make_session(skill="find", parameters={}, accept=("inside(cube, shelf)",))
+    assert list(iter_name_problems(session, make_directed("pick").skills["find"], unseen, is_fresh=True)) == []
+    assert codes(iter_name_problems(session, SKILL, unseen, is_fresh=True)) == ["ENTITY_UNKNOWN"]

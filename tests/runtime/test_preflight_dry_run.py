@@ -292,7 +292,7 @@ def test_no_posture_reaches_beyond_the_bound():
 def examine(now, planner, *sessions):
     """What preflight finds of these sessions, one after the other, in a world that stands still."""
     library, clear = Library.open(), lambda *_, **__: []
-    skill = SimpleNamespace(skill="pick_and_place", kind="builtin", tree="pick_and_place")
+    skill = SimpleNamespace(skill="pick_and_place", kind="builtin", loop=None, tree="pick_and_place")
     plan = AdapterPlan(target_adapter="t", skill_runtime="s", tree=skill.tree, observation_path=(), action_path=())
     preflight = SimpleNamespace(
         skills={"pick_and_place": skill}, profile=read_target(library.get_target("panda")), plan=lambda *_: (plan, ()),

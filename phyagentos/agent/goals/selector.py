@@ -138,7 +138,7 @@ def _iter_skills(
         return
     wanted = parse_predicate(skill.guarantees, template=True)
     for name, runtime in sorted(catalogue.skills.items()):
-        found = _fit(wanted, runtime, arguments)
+        found = _fit(wanted, runtime, arguments) if runtime.loop is None else "an agent directs it: name it"
         if isinstance(found, str):
             rejected[name] = found
             continue

@@ -28,14 +28,14 @@ _FITTING = frozenset(
 
 
 def propose_other_skill(case: Case) -> Iterator[Alternative]:
-    """One alternative for each untried skill that promises the same."""
+    """One alternative for each untried skill that promises the same; an agent directs only where it is named."""
     world, target = case.world, case.catalogue.targets.get(case.session.target)
     if case.cause not in _FITTING or world is None or target is None or case.replans_left <= 0:
         return
     tried = {status.contract.skill for status in case.lineage} | {case.session.skill, case.choice.skill}
     promised = find_promises(case)
     for name, skill in sorted(case.catalogue.skills.items()):
-        if name in tried or not promised or next(find_lacks(skill, target), None):
+        if skill.loop is not None or name in tried or not promised or next(find_lacks(skill, target), None):
             continue
         parameters = _cover(promised, skill, world)
         if parameters is None or find_false(skill, parameters, world, case.session):

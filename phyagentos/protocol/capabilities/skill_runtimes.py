@@ -10,9 +10,10 @@ import pydantic
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
+from phyagentos.protocol.capabilities.agent_loops import AgentLoop
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.documents.document import DocumentFormat, split_front_matter
-from phyagentos.protocol.documents.schema import Authored, Located, parse_library_yaml, read_text, validate
+from phyagentos.protocol.documents.schema import Authored, Located, misfit, parse_library_yaml, read_text, validate
 from phyagentos.protocol.settings.operations import Operation
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.predicates.syntax import Variable, iter_calls
@@ -125,8 +126,9 @@ class SkillRuntime(Authored):
     Attributes:
         skill: Its name; also the folder's.
         description: One sentence for people.
-        kind: `builtin` is carried out by a behaviour tree, `policy` by a policy server.
-        tree: Name of the tree; a policy has none.
+        kind: `builtin` is carried out by a behaviour tree, `policy` by a policy server, `agent_loop` is directed by an
+            agent, call by call.
+        tree: Name of the tree of a builtin skill.
         parameters: By name.
         outputs: By name.
         requires: Predicates that must hold before it starts.
@@ -135,12 +137,13 @@ class SkillRuntime(Authored):
         needs: Of its target.
         action_space: How a policy speaks; a tree of leaves speaks the target's own language.
         policy: The policy server of a `policy`.
+        loop: What the agent of an `agent_loop` may do.
         promoted: Ways that have become its default somewhere.
     """
 
     skill: str = pydantic.Field(pattern=r"^[a-z][a-z0-9_]*$")
     description: str
-    kind: Literal["builtin", "policy"] = "builtin"
+    kind: Literal["builtin", "policy", "agent_loop"] = "builtin"
     tree: str
     parameters: dict[str, Parameter] = {}
     outputs: dict[str, Output] = {}
@@ -150,14 +153,21 @@ class SkillRuntime(Authored):
     needs: Needs = Needs()
     action_space: ActionSpace | None = None
     policy: PolicyDescriptor | None = None
+    loop: AgentLoop | None = None
     promoted: tuple[PromotedWay, ...] = ()
 
     @pydantic.model_validator(mode="before")
     @classmethod
-    def _drop_tree_of_policy(cls, data: Any) -> Any:
-        """A policy need not name a tree."""
-        is_policy = isinstance(data, dict) and data.get("kind") == "policy"
-        return {"tree": "", **data} if is_policy else data
+    def _drop_tree(cls, data: Any) -> Any:
+        """Only a builtin skill names a tree."""
+        has_none = isinstance(data, dict) and data.get("kind") in {"policy", "agent_loop"}
+        return {"tree": "", **data} if has_none else data
+
+    @pydantic.model_validator(mode="after")
+    def _check_loop(self) -> "SkillRuntime":
+        if (self.loop is None) is (self.kind == "agent_loop"):
+            raise misfit("", "a block `loop` with `kind: agent_loop`, and with no other kind")
+        return self
 
 
 SKILLRUNTIME = DocumentFormat(

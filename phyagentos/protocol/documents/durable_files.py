@@ -1,6 +1,7 @@
 """Files that a power cut does not take back."""
 
 import os
+import secrets
 from pathlib import Path
 
 
@@ -17,6 +18,21 @@ def replace_durably(path: Path, data: bytes) -> None:
         temporary.unlink(missing_ok=True)
         raise
     sync_folder(path.parent)
+
+
+def create_durably(path: Path, data: bytes) -> bool:
+    """Create a file as a whole; whether there was none of this name, in a folder that is made. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{secrets.token_hex(4)}.tmp")
+    temporary.write_bytes(data)
+    try:
+        path.hardlink_to(temporary)
+    except FileExistsError:
+        return False
+    finally:
+        temporary.unlink()
+    sync_folder(path.parent)
+    return True
 
 
 def sync_folder(folder: Path) -> None:

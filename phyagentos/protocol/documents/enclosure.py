@@ -2,7 +2,7 @@
 
 A workspace may come from elsewhere, so this is examined where it is opened, before anything in it is read or written;
 the many readers and writers behind then need no care of their own. Rejected: a check at each `open`, which the next one
-forgets. What is dropped into `inbox/` and `signals/` while it is in use is left to those who take it from there.
+forgets. What is dropped into `inbox/`, `signals/`, `proposals/` and `loops/` is left to those who take it.
 """
 
 import contextlib
@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 from phyagentos.errors import DefinitionError, Problem
 
 SHOWN = 20  # problems; a folder full of links is told by the first of them
-_DROP_FOLDERS = ("inbox", "signals")  # `new/` and the like in them are not looked into
+_DROP_FOLDERS = ("inbox", "signals", "proposals", "loops")  # `new/` and the like in them are not looked into
 _EDITORS_LOCK = ".#"  # Emacs marks a document that is being edited by such a link to nowhere; nothing opens it
 _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
 

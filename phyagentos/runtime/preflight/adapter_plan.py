@@ -6,6 +6,7 @@ from typing import Any, Literal
 import msgspec
 
 from phyagentos.errors import Problem
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.settings.operations import Operation
 from phyagentos.runtime.targets.wire import Description
@@ -32,6 +33,7 @@ class AdapterPlan(msgspec.Struct, frozen=True, kw_only=True):
         action_path: Towards the target.
         action_bridges: Conversions between action spaces; empty when skill and target share one.
         policy_adapter: Talks to the policy server; empty for a tree.
+        agent_tools: Skills that an agent may invoke where it directs the session.
         validation_mode: `strict`: nothing is repaired silently.
         refused: Why it may not act; granted only to see that its objective is met already. Empty where it may act.
     """
@@ -43,6 +45,7 @@ class AdapterPlan(msgspec.Struct, frozen=True, kw_only=True):
     action_path: tuple[str, ...]
     action_bridges: tuple[str, ...] = ()
     policy_adapter: str = ""
+    agent_tools: tuple[str, ...] = ()
     validation_mode: str = "strict"
     refused: tuple[Problem, ...] = ()
 
@@ -52,6 +55,7 @@ class AdapterPlan(msgspec.Struct, frozen=True, kw_only=True):
                 f"skill    {self.skill_runtime}" + (f" (tree {self.tree})" if self.tree else ""),
                 f"target   {self.target_adapter}",
                 *((f"policy   {self.policy_adapter}",) if self.policy_adapter else ()),
+                *((f"agent    {', '.join(self.agent_tools)}",) if self.agent_tools else ()),
                 f"observes {' > '.join(self.observation_path)}",
                 f"commands {' > '.join(self.action_path)}",
                 f"bridges  {' . '.join(self.action_bridges) or 'identity'}",
@@ -153,6 +157,24 @@ def make_tools(granted: Iterable[Operation], profile: TargetProfile, live: Descr
     return tuple(
         Tool(name=each, description=_PURPOSES[each], arguments=schemas.get(each, _make_object({}))) for each in granted
     )
+
+
+def describe_skill_tool(skill: SkillRuntime) -> Tool:
+    """A skill as a tool of an agent."""
+    point: dict[str, Any] = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+    text: dict[str, Any] = {"type": "string"}
+    shapes: dict[str, dict[str, Any]] = dict.fromkeys(("entity", "place", "posture", "string"), text)
+    shapes |= {
+        "point": point,
+        "points": {"type": "array", "items": point},
+        "entities": {"type": "array", "items": text},
+    }
+    properties = {
+        name: {**shapes.get(each.type, {"type": each.type}), "description": each.description}
+        for name, each in skill.parameters.items()
+    }
+    needed = [name for name, each in skill.parameters.items() if not each.optional and each.default is None]
+    return Tool(name=skill.skill, description=skill.description, arguments=_make_object(properties, needed))
 
 
 def _make_apply(profile: TargetProfile, live: Description) -> dict[str, Any]:

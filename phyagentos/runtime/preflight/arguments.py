@@ -76,10 +76,11 @@ def iter_name_problems(
 ) -> Iterator[Problem]:
     """Arguments that name what is not in the world; in a fresh world, from which nothing is gone, conditions too.
 
-    A skill that only looks may look for what the inventory names and no look has shown.
+    A skill that only looks may look for what the inventory names and no look has shown; so may an agent.
     """
     calls = _find_calls(skill.guarantees) if skill is not None else []
-    unseen = now.never_seen if calls and all(call == "visible" for call in calls) else ()
+    only_looks = bool(calls) and all(call == "visible" for call in calls)
+    unseen = now.never_seen if only_looks or (skill is not None and skill.loop is not None) else ()
     things = now.entities.keys() | set(unseen)
     places = things | now.regions.keys()
     known = {"entity": things, "entities": things, "place": places}

@@ -1,5 +1,6 @@
 """Whether a session fits a target: the checks in order, and the grant. Paper sections 3.4 and 4.5."""
 
+import itertools
 from dataclasses import dataclass, field
 
 import msgspec
@@ -13,7 +14,12 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
 from phyagentos.runtime.actions.bridges.tool_poses import describe_frames
-from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, make_tools
+from phyagentos.runtime.preflight.adapter_plan import (
+    AdapterPlan,
+    TargetToolManifest,
+    describe_skill_tool,
+    make_tools,
+)
 from phyagentos.runtime.preflight.arguments import (
     iter_ambiguity_problems,
     iter_contradictions,
@@ -44,7 +50,8 @@ from phyagentos.runtime.preflight.sensing import iter_frame_problems, iter_sensi
 from phyagentos.runtime.preflight.settings import Settings
 from phyagentos.runtime.targets.wire import Description
 
-RUNNABLE = ("builtin", "policy")
+_MOVERS = {"builtin": "tree", "policy": "policy", "agent_loop": "agent"}  # kind of skill -> what commands
+RUNNABLE = ("builtin", "policy", "agent_loop")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,19 +147,22 @@ class Preflight:
             return known[1], known[2]
         skill = self.skills[session.skill]
         chain = self._compile_bridges(skill)
-        policy = skill.policy
+        policy, tools_of_agent = skill.policy, self._find_agent_tools(skill)
         seen = live.observations if policy is None else tuple(policy.observations)
         plan = AdapterPlan(
             target_adapter=f"target_adapter://{self.profile.kind}/{session.target}",
             skill_runtime=f"skillruntime://{session.skill}",
             tree=skill.tree,
             observation_path=(*seen, f"perception://{self.settings.perception.sensing}"),
-            action_path=("tree" if policy is None else "policy", "guard", *live.actions),
+            action_path=(_MOVERS[skill.kind], "guard", *live.actions),
             action_bridges=tuple(map(str, chain.links)) if isinstance(chain, BridgeChain) else (),
             policy_adapter="" if policy is None else f"policy_adapter://{policy.policy}@{policy.endpoint}",
+            agent_tools=tuple(each.skill for each in tools_of_agent),
         )
-        granted = find_exposed(skill, self.profile, self.settings.contract)
-        tools = TargetToolManifest(expose=granted, tools=make_tools(granted, self.profile, live))
+        exposed = (find_exposed(each, self.profile, self.settings.contract) for each in (skill, *tools_of_agent))
+        granted = tuple(dict.fromkeys(itertools.chain(*exposed)))
+        of_agent = map(describe_skill_tool, tools_of_agent)
+        tools = TargetToolManifest(expose=granted, tools=(*make_tools(granted, self.profile, live), *of_agent))
         self._granted[session.skill, session.target] = live, plan, tools
         return plan, tools
 
@@ -180,6 +190,13 @@ class Preflight:
         problems += iter_ability_problems(skill, profile)
         problems += iter_operation_problems(skill, profile, settings.contract)
         problems += iter_sensing_problems(skill, profile, settings.sensors, settings.perception, settings.contract)
+        for name in skill.loop.tools if skill.loop is not None else ():
+            tool = self.skills.get(name)
+            if tool is None or tool.kind != "builtin":
+                known = (each.skill for each in self.skills.values() if each.kind == "builtin")
+                problems.append(Problem.unknown("UNKNOWN_SKILL", "skill.loop.tools", name, known))
+            else:
+                problems += self._find_skill_problems(tool)
         if skill.kind == "policy":
             problems += iter_policy_problems(skill, profile, settings.sensors, settings.perception.embedded.max_age_s)
         chain = self._compile_bridges(skill)
@@ -187,6 +204,9 @@ class Preflight:
             own = (each for each in chain if skill.action_space or each.address.startswith("target."))
             problems += (_locate_space(skill, each) for each in own)
         return problems
+
+    def _find_agent_tools(self, skill: SkillRuntime) -> tuple[SkillRuntime, ...]:
+        return tuple(self.skills[name] for name in skill.loop.tools) if skill.loop is not None else ()
 
     def _compile_bridges(self, skill: SkillRuntime) -> BridgeChain | tuple[Problem, ...]:
         """From the skill's action space to the target's; compiled once, since neither changes."""

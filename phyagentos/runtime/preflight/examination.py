@@ -159,12 +159,15 @@ class Examiner:
 
     def _find_tree_problems(self, session: Session) -> list[Problem]:
         skill = self.preflight.skills.get(session.skill)
-        if skill is None or skill.kind != "builtin":
-            return []
-        try:
-            return check_tree(skill.tree, self.library, self.registry)
-        except DefinitionError as error:
-            return list(error.problems)
+        known = self.preflight.skills
+        named = skill.loop.tools if skill is not None and skill.loop is not None else (session.skill,)
+        problems: list[Problem] = []
+        for each in (known[name] for name in named if name in known):
+            try:
+                problems += check_tree(each.tree, self.library, self.registry) if each.kind == "builtin" else ()
+            except DefinitionError as error:
+                problems += error.problems
+        return problems
 
     def _find_scene_problems(self, session: Session) -> list[Problem]:
         try:

@@ -1,12 +1,15 @@
 """A target for the sessions of its worker, and how a session's skill is opened on it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from phyagentos.clock import Clock, SystemClock
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime as Skill
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.agent_calls import CallFiles
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.environment import Environment
@@ -18,6 +21,7 @@ from phyagentos.runtime.execution.tree_loader import build_tree
 from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
 from phyagentos.runtime.perception.world_model import WorldModel
 from phyagentos.runtime.policies.policy_runtime import Policies
+from phyagentos.runtime.worker.agent_loop import AgentLoopRuntime
 
 if TYPE_CHECKING:
     from phyagentos.runtime.motion.process import Planner
@@ -45,12 +49,18 @@ class SkillLoader:
     Attributes:
         planner: Answers motion requests; stays warm between sessions.
         policies: Opens skills that a policy server carries out; None without one.
+        skills: SKILLRUNTIME.md, by name, for those that an agent directs.
+        loops: Folder of the files between their sessions and outside agents.
+        clock: For waiting for these.
     """
 
     planner: "Planner"
     library: Library
     registry: LeafRegistry
     policies: Policies | None = None
+    skills: Mapping[str, Skill] = field(default_factory=dict)
+    loops: Path = Path("loops")
+    clock: Clock = field(default_factory=SystemClock)
 
     def open_context(
         self, session: Session, target: Embodiment, initial: Environment, evidence: Path | None = None
@@ -69,12 +79,26 @@ class SkillLoader:
         )
 
     def open(self, session: Session, plan: Mapping[str, Any], context: SkillContext) -> SkillRuntime:
-        """A policy where the adapter plan names one, otherwise a behaviour tree.
+        """A policy where the adapter plan names one, an agent's loop where it names tools, otherwise a behaviour tree.
 
         Raises:
             DefinitionError: The tree is unsound.
         """
         if plan.get("policy_adapter") and self.policies is not None:
             return self.policies.open(session, context)
-        tree = build_tree(str(plan["tree"]), session.parameters, context, self.library, self.registry)
-        return TreeSkillRuntime(tree, context)
+        if (loop := self.skills[session.skill].loop if plan.get("agent_tools") else None) is not None:
+            tools = {name: self.skills[name] for name in loop.tools}
+            return AgentLoopRuntime(
+                loop=loop,
+                tools=tools,
+                context=context,
+                open_tree=self._open_tree,
+                files=CallFiles(self.loops / session.id),
+                clock=self.clock,
+            )
+        return self._open_tree(str(plan["tree"]), context)
+
+    def _open_tree(self, tree: str, context: SkillContext) -> SkillRuntime:
+        """The tree of the context's session."""
+        built = build_tree(tree, context.session.parameters, context, self.library, self.registry)
+        return TreeSkillRuntime(built, context)
