@@ -114,14 +114,27 @@ def run_agent(
     goal: str | None = None,
     verify: VerificationMode | None = None,
     memory: Path | None = None,
+    restrict: Callable[[Catalogue], Catalogue] | None = None,
+    is_runtime_alive: Callable[[GoalStatus], bool] | None = None,
 ) -> MissionReport:
     """The agent plane: pursue one goal to its verdict; continues it when the workspace already knows it.
 
     `overrides` maps dotted paths to YAML values (`targets.arm` -> `panda`). With the id of a `goal` that has a verdict,
-    that is reported and nothing begins anew. `verify` and `memory` are those of `open_agent`.
+    that is reported and nothing begins anew. `verify`, `memory` and `is_runtime_alive` are those of `open_agent`; with
+    `restrict`, which narrows what the goal may use, experience is not asked: it may name other means.
     """
     workspace = open_project(root, find_project(graph))
-    with open_agent(workspace, SystemClock(), verify=verify, memory=memory) as agent:
+    use = MemoryUse.LEARN if restrict is None else MemoryUse.NONE
+    with open_agent(
+        workspace,
+        SystemClock(),
+        verify=verify,
+        memory=memory,
+        memory_use=use,
+        is_runtime_alive=is_runtime_alive,
+    ) as agent:
+        if restrict is not None:
+            agent.mission.restrict = restrict
         _cancel_on_signal(agent.mission.cancel)
         collect_rarely()
         return agent.mission.run(graph, seed=seed, overrides=overrides, goal=GoalId(goal) if goal else None)

@@ -97,6 +97,15 @@ COMMANDS: dict[str, tuple[str, str]] = {  # name -> module and function, and the
         "error_codes:show_codes",
         "Explain an error code: phase, meaning, who acts, whether trying again can help.",
     ),
+    "approve": (
+        "approving:approve",
+        "Let a proposed goal run: shows it, asks, writes the approval, carries it out to its verdict.",
+    ),
+    "deny": ("approving:deny", "Refuse a proposed goal; that is recorded, and who proposed it is told why."),
+    "mcp": (
+        "mcp_server:serve",
+        "Serve the tools of a workspace to an agent, over stdio or HTTP, until it hangs up or Ctrl-C.",
+    ),
     "verify": (
         "verification:verify",
         "Add a judgement to a session that has its verdict; erases none and changes no state.",

@@ -52,12 +52,13 @@ def compile_graph(
     if mermaid:
         print_result(render_mermaid(compiled))
     elif as_json:
-        print_json({"goal": compiled.name, "sessions": _describe_nodes(compiled)})
+        print_json({"goal": compiled.name, "sessions": describe_nodes(compiled)})
     else:
         _print_graph(compiled)
 
 
-def _describe_nodes(graph: "GoalGraph") -> list[dict[str, Any]]:
+def describe_nodes(graph: "GoalGraph") -> list[dict[str, Any]]:
+    """The sessions that a graph would make, as data."""
     return [
         {
             "node": name,
@@ -78,7 +79,7 @@ def _print_graph(graph: "GoalGraph") -> None:
     print_result(f"{graph.name}: {graph.spec.objective}")
     for name, parameter in graph.spec.parameters.items():
         print_result(f"  --set {name}={parameter.default}: {parameter.type}  {parameter.description}".rstrip())
-    for node in _describe_nodes(graph):
+    for node in describe_nodes(graph):
         arguments = ", ".join(f"{key}={value}" for key, value in node["parameters"].items())
         waits = [*node["after"], *(f"{' or '.join(edge)} on failure" for edge in node["on_failure"])]
         after = f"  after {', '.join(waits)}" if waits else ""

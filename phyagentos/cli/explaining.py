@@ -22,6 +22,15 @@ Subject = Annotated[str, typer.Argument(metavar="SESSION|NODE|GOAL", help=f"The 
 
 def why(workspace: Space, subject: Subject = "", as_json: AsJson = False) -> None:
     """Explain a verdict: the layer, the leaf and the number that decided it; of a goal or node, the first cause."""
+    found, lines = explain(workspace, subject)
+    if as_json:
+        print_json({"found": found, "explanation": lines.splitlines()})
+    else:
+        print_result(lines)
+
+
+def explain(workspace: Path, subject: str) -> tuple[object, str]:
+    """The goal, node or session that is called so, the latest goal without a name; and why it stands as it does."""
     from phyagentos.cli.history import read_ledger
     from phyagentos.cli.why import explain_goal, explain_node, explain_session
 
@@ -29,18 +38,12 @@ def why(workspace: Space, subject: Subject = "", as_json: AsJson = False) -> Non
     latest = dict(list(ledger.goals.items())[-1:])
     goal = ledger.goals.get(GoalId(subject)) if subject else _get_goal("", workspace, latest)
     holder, name = find_node(subject, ledger.goals)
-    found: object
     if goal is not None:
-        found, lines = goal, explain_goal(place, ledger, goal)
-    elif holder is not None and not holder.nodes[name].sessions:
-        found, lines = holder.nodes[name], explain_node(place, ledger, holder, name)
-    else:
-        id = get_session(subject, ledger.sessions)
-        found, lines = ledger.sessions[id], explain_session(place, ledger, id)
-    if as_json:
-        print_json({"found": found, "explanation": lines.splitlines()})
-    else:
-        print_result(lines)
+        return goal, explain_goal(place, ledger, goal)
+    if holder is not None and not holder.nodes[name].sessions:
+        return holder.nodes[name], explain_node(place, ledger, holder, name)
+    id = get_session(subject, ledger.sessions)
+    return ledger.sessions[id], explain_session(place, ledger, id)
 
 
 def find_node(text: str, goals: Mapping[GoalId, GoalStatus]) -> tuple[GoalStatus | None, str]:

@@ -87,14 +87,14 @@ def find_warnings(path: Path) -> list[Problem]:
         return []
 
 
-def lint_file(path: Path, *, runs_python: bool = False) -> list[Problem]:
-    """Every problem of one file; an unknown kind is one."""
+def lint_file(path: Path, *, runs_python: bool = False, library: Library | None = None) -> list[Problem]:
+    """Every problem of one file, seen from its project or from a given library; an unknown kind is one."""
     try:
         read_text(path)  # what cannot be read has no kind, and its path may lead nowhere
         kind = find_kind(path)
         if kind is None:
             return [_unknown_kind(path)]
-        _check(kind, path, open_library(path), runs_python=runs_python)
+        _check(kind, path, library or open_library(path), runs_python=runs_python)
     except DefinitionError as error:
         return list(error.problems)
     return []

@@ -1,6 +1,6 @@
 """Commands about memory: `memory show`, `memory why`, `memory forget`."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -33,27 +33,29 @@ def show(
     """Lessons in force and what was counted, the most useful first."""
     from phyagentos.protocol.sessions.memory_entries import Standing
 
-    with _opened(workspace) as memory:
+    version, entries = recall(workspace, words or ())
+    shown = [each for each in entries if everything or each.state is Standing.ACTIVE]
+    if as_json:
+        print_json({"version": version, "entries": shown})
+        return
+    for each in shown:
+        mark = "" if each.state is Standing.ACTIVE else f" [{each.state}{': ' + each.reason if each.reason else ''}]"
+        print_result(f"{each.id}{mark}\n    {each.statement}\n    {each.supported} for, {each.contradicted} against")
+    hidden = len(entries) - len(shown)
+    more = f"; {hidden} more with --all" if hidden else ""
+    print_note(f"{len(shown)} entr{'y' if len(shown) == 1 else 'ies'} of {version}{more}")
+
+
+def recall(root: Path, words: Sequence[str] = ()) -> "tuple[str, list[MemoryEntry]]":
+    """The version of a memory, and its entries about all of these words, the most useful first; all without any."""
+    with _opened(root) as memory:
         entries: list[MemoryEntry] = [*memory.experience.list_lessons(), *memory.experience.list_facts()]
         if words:
             found = {lesson.id for lesson in memory.search(" ".join(words))}
             texts = {each.id: f"{each.id} {each.statement}".lower() for each in entries}
             found |= {id for id, text in texts.items() if all(word.lower() in text for word in words)}
             entries = [each for each in entries if each.id in found]
-        shown = [each for each in entries if everything or each.state is Standing.ACTIVE]
-        if as_json:
-            print_json({"version": memory.version, "entries": shown})
-            return
-        for each in shown:
-            mark = (
-                "" if each.state is Standing.ACTIVE else f" [{each.state}{': ' + each.reason if each.reason else ''}]"
-            )
-            print_result(
-                f"{each.id}{mark}\n    {each.statement}\n    {each.supported} for, {each.contradicted} against"
-            )
-        hidden = len(entries) - len(shown)
-        more = f"; {hidden} more with --all" if hidden else ""
-        print_note(f"{len(shown)} entr{'y' if len(shown) == 1 else 'ies'} of {memory.version}{more}")
+        return memory.version, entries
 
 
 def why(entry: Entry, workspace: Space, as_json: AsJson = False) -> None:

@@ -41,14 +41,10 @@ def preflight(
     trust_python: TrustPython = False,
 ) -> int:
     """Check every session against its live target, without moving anything: plan and tools, or every problem."""
-    from phyagentos.assembly.examination import Examination
-
-    order = _find_session(subject, workspace) or _read_graph(Path(subject), workspace, seed, parse_overrides(set_))
+    order = _find_session(subject, workspace) or read_order(Path(subject), workspace, seed, parse_overrides(set_))
     if workspace is not None:
         admit_python(workspace, is_trusted=trust_python)
-    with Examination.open(order.library, order.source) as examination:
-        found = examination.examine([_settle(each) for each in order.sessions])
-    reports = [_report(session, found[session.id], order) for session in order.sessions]
+    reports = check_sessions(order)
     if as_json:
         print_json({"subject": subject, "sessions": reports})
     else:
@@ -59,8 +55,17 @@ def preflight(
     return int(ExitCode.REJECTED if refused else ExitCode.GOAL_MET)
 
 
+def check_sessions(order: "Order") -> list[dict[str, Any]]:
+    """What each session would be granted, or why it would be refused, by real processes that move nothing."""
+    from phyagentos.assembly.examination import Examination
+
+    with Examination.open(order.library, order.source) as examination:
+        found = examination.examine([_settle(each) for each in order.sessions])
+    return [_report(session, found[session.id], order) for session in order.sessions]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Order:
+class Order:
     """What is to be checked.
 
     Attributes:
@@ -76,7 +81,8 @@ class _Order:
     forecasts: Mapping[str, dict[str, Any]]
 
 
-def _read_graph(path: Path, root: Path | None, seed: int, overrides: Mapping[str, str]) -> _Order:
+def read_order(path: Path, root: Path | None, seed: int, overrides: Mapping[str, str]) -> Order:
+    """The sessions of a goal graph, as the workspace at `root`, or what ships, would have them."""
     from phyagentos.agent.goals.catalogue import Catalogue
     from phyagentos.agent.goals.compiler import SessionCompiler
     from phyagentos.agent.goals.graph import read_goal_graph
@@ -89,10 +95,10 @@ def _read_graph(path: Path, root: Path | None, seed: int, overrides: Mapping[str
     goal = GoalId(graph.name)
     sessions = SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=seed).preview()
     after = {str(session.id): graph.nodes[session.node].predecessors for session in sessions}
-    return _Order(library=library, source=source, sessions=sessions, after=after, forecasts={})
+    return Order(library=library, source=source, sessions=sessions, after=after, forecasts={})
 
 
-def _find_session(subject: str, root: Path | None) -> _Order | None:
+def _find_session(subject: str, root: Path | None) -> Order | None:
     """The order for a session of a workspace; None when a goal graph is meant."""
     from phyagentos.cli.forecasts import find_forecast
     from phyagentos.cli.history import read_ledger
@@ -110,9 +116,7 @@ def _find_session(subject: str, root: Path | None) -> _Order | None:
     source, session = Workspace.open(root), known[id].contract
     forecast = find_forecast(source.evidence_of(session.id))
     forecasts = {str(id): forecast} if forecast is not None else {}
-    return _Order(
-        library=source.library(), source=source, sessions=(session,), after={str(id): ()}, forecasts=forecasts
-    )
+    return Order(library=source.library(), source=source, sessions=(session,), after={str(id): ()}, forecasts=forecasts)
 
 
 def _settle(session: Session) -> Session:
@@ -125,7 +129,7 @@ def _settle(session: Session) -> Session:
     return msgspec.structs.replace(session, parameters=arguments, **conditions)
 
 
-def _report(session: Session, checked: "Checked", order: _Order) -> dict[str, Any]:
+def _report(session: Session, checked: "Checked", order: Order) -> dict[str, Any]:
     """One session as data."""
     from phyagentos.runtime.preflight.findings import describe_problem
 

@@ -40,32 +40,33 @@ def cancel(
     session: Annotated[str, typer.Argument(metavar="SESSION|GOAL|all")], workspace: Space = None, reason: Reason = ""
 ) -> None:
     """Ask for an end: the robot is halted, then the session is cancelled; of a goal, every session of it."""
-    _reach(workspace, lambda each: _cancel(session, each, reason))
+    _reach(workspace, lambda each: end(session, each, reason))
 
 
-def _cancel(session: str, workspace: Path, reason: str) -> None:
+def end(session: str, workspace: Path, reason: str, by: str = "paos cancel") -> str:
+    """Ask for the end of a session, of a goal, or of all; what was done."""
     from phyagentos.cli.history import read_ledger
 
     ledger = (
         Ledger() if session == "all" else read_ledger(workspace, parts=_READ)
     )  # a damaged journal must not hold up a stop
     if (goal := ledger.goals.get(GoalId(session))) is not None:
-        _cancel_goal(goal, workspace, reason)
+        done = [_cancel_goal(goal, workspace, reason, by)]
         for status in ledger.live_sessions():
             if status.contract.goal == goal.id:
-                _drop(Signal(kind="cancel", session=status.contract.id, by="paos cancel", reason=reason), workspace)
-        return
-    _request("cancel", session, workspace, reason)
+                done += [_drop(Signal(kind="cancel", session=status.contract.id, by=by, reason=reason), workspace)]
+        return "\n".join(done)
+    return request("cancel", session, workspace, reason, by)
 
 
 def pause(session: Which, workspace: Space = None, reason: Reason = "") -> None:
     """Let a running session rest at the end of its present motion, until `resume`; its time limits go on."""
-    _reach(workspace, lambda each: _request("pause", session, each, reason))
+    _reach(workspace, lambda each: request("pause", session, each, reason))
 
 
 def resume(session: Which, workspace: Space = None) -> None:
     """Let a paused session go on."""
-    _reach(workspace, lambda each: _request("resume", session, each))
+    _reach(workspace, lambda each: request("resume", session, each))
 
 
 def estop(
@@ -75,7 +76,7 @@ def estop(
 ) -> None:
     """Stop every target at once; it stays latched, over restarts, until `--reset`, which needs --workspace."""
     if not reset:
-        _reach(workspace, lambda each: _latch(Workspace.open(each, _WRITTEN).signals.parent, reason))
+        _reach(workspace, lambda each: stop_all(each, reason))
     elif workspace is None:
         raise Exit(ExitCode.INVALID_INPUT, "paos estop --reset: name the workspace that may move again: --workspace")
     else:
@@ -83,24 +84,26 @@ def estop(
         print_result(f"reset; the former latch is kept in {kept}")
 
 
-def _latch(signals: Path, reason: str) -> None:
+def stop_all(workspace: Path, reason: str, by: str = "paos estop") -> str:
+    """Latch the emergency stop of a workspace; what was done. Raises ExecutionError `LATCH_UNWRITABLE`."""
+    signals, doubt = Workspace.open(workspace, _WRITTEN).signals.parent, ""
     try:
-        latches.latch(signals, latches.Latch(by="paos estop", reason=reason, at=SystemClock().wall_iso()))
+        latches.latch(signals, latches.Latch(by=by, reason=reason, at=SystemClock().wall_iso()))
     except OSError as error:
         if not latches.is_latched(signals):
             raise ExecutionError("LATCH_UNWRITABLE", f"{signals}: {error}; use the stop of the robot itself") from error
-        print_result(f"latched, but the disk did not confirm it ({error}): a restart of the machine may forget it")
+        doubt = f"latched, but the disk did not confirm it ({error}): a restart of the machine may forget it\n"
     again = f"`paos estop --reset --reason … -w {signals.parent}` lets targets move again"
-    print_result(f"latched: {signals / latches.LATCH}; {again}")
+    return f"{doubt}latched: {signals / latches.LATCH}; {again}"
 
 
-def _reach(workspace: Path | None, act: Callable[[Path], None]) -> None:
-    """Act on the given workspace; without, on every one that runs, where at least one must know the session."""
+def _reach(workspace: Path | None, act: Callable[[Path], str]) -> None:
+    """Act on the given workspace, or on every one that runs, where at least one must know the session; print it."""
     places = [workspace] if workspace is not None else find_running()
     failed: list[Exit | ExecutionError] = []
     for each in places:
         try:
-            act(each)
+            print_result(act(each))
         except (Exit, ExecutionError) as error:  # the others are to stop all the same
             failed.append(error)
     if not places:
@@ -110,17 +113,17 @@ def _reach(workspace: Path | None, act: Callable[[Path], None]) -> None:
             raise each_error
 
 
-def _cancel_goal(goal: GoalStatus, workspace: Path, reason: str) -> None:
+def _cancel_goal(goal: GoalStatus, workspace: Path, reason: str, by: str) -> str:
     """Record that it is to end; one that was cancelled before may still have sessions that live."""
     if goal.verdict:
         raise Exit(ExitCode.INVALID_INPUT, f"{goal.id}: its verdict {goal.verdict!r} is final")
-    with contextlib.closing(Journal(workspace, side=Side.OPERATOR, by="paos cancel", clock=SystemClock())) as journal:
+    with contextlib.closing(Journal(workspace, side=Side.OPERATOR, by=by, clock=SystemClock())) as journal:
         ledger = journal.open_ledger()
         if not goal.is_cancelled:
-            body = {"reason": reason or "asked for by paos cancel"}
+            body = {"reason": reason or f"asked for by {by}"}
             journal.commit([Entry(f"{GOAL_PREFIX}{goal.id}", GoalEvent.GOAL_CANCELLED, body)])
         cancel_unheld(goal.id, ledger, journal)
-    print_result(f"cancelled goal {goal.id}")
+    return f"cancelled goal {goal.id}"
 
 
 def cancel_unheld(goal: GoalId, ledger: Ledger, journal: Journal) -> None:
@@ -154,10 +157,14 @@ def _find(session: str, workspace: Path) -> str:
     return id
 
 
-def _request(kind: Literal["cancel", "pause", "resume"], session: str, workspace: Path, reason: str = "") -> None:
-    _drop(Signal(kind=kind, session=_find(session, workspace), by=f"paos {kind}", reason=reason), workspace)
+def request(
+    kind: Literal["cancel", "pause", "resume"], session: str, workspace: Path, reason: str = "", by: str = ""
+) -> str:
+    """Drop a request about a session, or all; what was done."""
+    signal = Signal(kind=kind, session=_find(session, workspace), by=by or f"paos {kind}", reason=reason)
+    return _drop(signal, workspace)
 
 
-def _drop(signal: Signal, workspace: Path) -> None:
+def _drop(signal: Signal, workspace: Path) -> str:
     path = drop_signal(Workspace.open(workspace, _WRITTEN).signals, signal, SystemClock())
-    print_result(f"asked to {signal.kind} {signal.session}: {path}")
+    return f"asked to {signal.kind} {signal.session}: {path}"

@@ -1,5 +1,6 @@
 """Whole missions over the journal, with a runtime that moves a synthetic world."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -7,7 +8,7 @@ import pytest
 
 from phyagentos.agent.mission.mission import SYNC_AFTER_S, WAIT_S
 from phyagentos.clock import SystemClock
-from phyagentos.errors import ExecutionError, Problem
+from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.sessions.lifecycle import SessionState, Side
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.strategy import Strategy
@@ -410,3 +411,21 @@ def test_the_reason_of_a_goal_tells_the_first_cause_before_the_last(make_stage, 
     first, last = report.sessions[0].reason, report.sessions[-1].reason
     assert first.rstrip(".") not in last
     assert report.reason == f"node red cannot be done: {first.rstrip('.')}; in the end: {last}"
+
+
+def test_what_is_not_permitted_is_neither_compiled_nor_used_in_a_repair(make_stage, tidy):
+    stage, seen = make_stage(script={"red": slip}), []
+    mission = stage.make_mission()
+
+    def restrict(catalogue):
+        seen.append(catalogue)
+        return replace(catalogue, skills={"pick_and_place": catalogue.skills["pick_and_place"]})
+
+    mission.restrict = restrict
+    assert mission.run(tidy, seed=7).verdict == "success"
+    assert len(seen[0].skills) > 1
+    assert {session.skill for session in stage.runtime.ran} == {"pick_and_place"}
+
+    mission.restrict = lambda catalogue: replace(catalogue, skills={})
+    with pytest.raises(DefinitionError, match="UNKNOWN_SKILL"):
+        mission.run(tidy, seed=8)

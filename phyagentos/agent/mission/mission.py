@@ -87,6 +87,7 @@ class Mission:
         self._published_seq = -1
         self._is_durable = True  # what was recorded last, as far as this process knows
         self.ledger = journal.open_ledger()
+        self.restrict: Callable[[Catalogue], Catalogue] = lambda whole: whole  # what goals may use, repairs included
 
     def run(
         self, graph_file: Path, *, seed: int, overrides: Mapping[str, str] | None = None, goal: GoalId | None = None
@@ -103,7 +104,7 @@ class Mission:
             DefinitionError: With every problem of the graph; `INVALID_NAME`; `GOAL_DIFFERS`. Nothing was recorded.
             ExecutionError: `RUNTIME_LOST`, or an error of the journal.
         """
-        catalogue = Catalogue.of_workspace(self._workspace)
+        catalogue = self._read_catalogue()
         graph = read_goal_graph(graph_file, catalogue, overrides)
         self._read()
         chosen = choose_goal(f"{graph.name}-{seed}", self.ledger, self._journal) if goal is None else goal
@@ -131,7 +132,7 @@ class Mission:
             return self._report_past(goal)
         if not is_spent(goal, self.ledger, self._journal):
             _LOG.warning("continues goal %s", goal)
-        catalogue = Catalogue.of_workspace(self._workspace)
+        catalogue = self._read_catalogue()
         return self._pursue(self._continue(goal, catalogue))
 
     def _continue(self, goal: GoalId, catalogue: Catalogue) -> GoalController:
@@ -152,6 +153,9 @@ class Mission:
     def cancel(self) -> None:
         """Cancel live sessions and halt their targets. Callable from any thread."""
         self._cancelled.set()
+
+    def _read_catalogue(self) -> Catalogue:
+        return self.restrict(Catalogue.of_workspace(self._workspace))
 
     def _make_controller(self, compiler: SessionCompiler) -> GoalController:
         self.ledger.keep_goal(compiler.goal)  # the report comes after the verdict
@@ -187,7 +191,7 @@ class Mission:
                 if goal.is_over:
                     break
                 if goal.is_outdated:
-                    goal = self._continue(goal.goal, Catalogue.of_workspace(self._workspace))
+                    goal = self._continue(goal.goal, self._read_catalogue())
                 if self._cancelled.is_set():
                     entries = goal.cancel()
                 else:

@@ -1,0 +1,1 @@
+"""What an agent outside of this process may use: tools by level, proposals, and who approves them."""

@@ -1,0 +1,174 @@
+"""Proposed goals: files in `proposals/new/` of a workspace, and the decisions on them, which bind their bytes.
+
+A proposal is named after the SHA-256 of its bytes, so a changed file no longer has its own name. That name is also the
+id of its goal: the journal takes a goal once, so no approval can be used twice. A decision is a file of the operator's
+side in `proposals/decisions/`; no tool writes there, and nothing starts a robot because a file appears there.
+"""
+
+import contextlib
+import hashlib
+import os
+import re
+import unicodedata
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Any, Literal
+
+import pydantic
+import yaml
+
+from phyagentos.agent.goals.spec import NODE_NAME
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.durable_files import create_durably
+from phyagentos.protocol.documents.regular_files import read_regular
+from phyagentos.protocol.documents.schema import Authored, ModelT, parse_yaml, validate
+from phyagentos.protocol.sessions.session import GoalId
+
+PROPOSAL_MAX = 1 << 18  # bytes
+WAITING_MAX = 100  # proposals without a decision; a person reads no more
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,79}-[0-9a-f]{16}")
+_HIDDEN = frozenset({"Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp"})  # Unicode categories: they show other than they are
+
+
+class Proposal(Authored):
+    """A goal that is asked for from outside, by whom, and who shall decide.
+
+    Attributes:
+        graph: The goal graph as it would run: overrides applied, included graphs in their places.
+    """
+
+    proposal: Literal[1] = 1
+    goal: str = pydantic.Field(pattern=NODE_NAME, max_length=80)
+    seed: int = pydantic.Field(ge=0, lt=2**63)
+    by: str = pydantic.Field(max_length=80)
+    at: str = pydantic.Field(max_length=40)
+    reason: str = pydantic.Field(default="", max_length=2000)
+    decider: Literal["person", "policy"] = "person"
+    graph: dict[str, Any]
+
+
+class Decision(Authored):
+    """What was decided on a proposal, by a user of this machine or a policy file, named with its SHA-256."""
+
+    decision: Literal["approved", "denied"]
+    proposal: str
+    sha256: str
+    by: str
+    at: str
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Proposed:
+    """A proposal as it stands on the disk: its name, its own bytes with their SHA-256, and what they say."""
+
+    name: GoalId
+    data: bytes
+    sha256: str
+    proposal: Proposal
+
+
+def encode_proposal(proposal: Proposal) -> Proposed:
+    """The canonical bytes of a proposal, and the name that they give it; raises `TOO_LARGE` or `HIDDEN_TEXT`."""
+    content = proposal.model_dump(mode="json")
+    letters = {each for text in _iter_texts(content) for each in text if each not in "\n\t"}
+    if hidden := [f"U+{ord(each):04X}" for each in sorted(letters) if unicodedata.category(each) in _HIDDEN]:
+        expected = "text that is seen as it is"
+        raise DefinitionError.of("HIDDEN_TEXT", proposal.goal, ", ".join(hidden[:8]), expected)
+    data = _dump(proposal)
+    if len(data) > PROPOSAL_MAX:
+        raise DefinitionError.of("TOO_LARGE", proposal.goal, f"{len(data)} bytes", f"at most {PROPOSAL_MAX}")
+    digest = hashlib.sha256(data).hexdigest()
+    return Proposed(GoalId(f"{proposal.goal}-{digest[:16]}"), data, digest, proposal)
+
+
+class Proposals:
+    """The folder `proposals/` of a workspace."""
+
+    def __init__(self, folder: Path) -> None:
+        self._new, self._decisions = folder / "new", folder / "decisions"
+
+    def put(self, proposed: Proposed) -> None:
+        """Write a proposal; raises DefinitionError `TOO_MANY_PROPOSALS`."""
+        if len(waiting := self.list_waiting()) >= WAITING_MAX:
+            raise DefinitionError.of("TOO_MANY_PROPOSALS", proposed.name, f"{len(waiting)} wait", "decisions on them")
+        create_durably(self._new / f"{proposed.name}.yaml", proposed.data)
+
+    def list_waiting(self) -> list[str]:
+        """Names of proposals without a decision, oldest file first."""
+        files = [path for path in self._new.glob("*.yaml") if not path.is_symlink() and _NAME.fullmatch(path.stem)]
+        waiting = [path for path in files if not os.path.lexists(self._decisions / path.name)]
+        return [path.stem for path in sorted(waiting, key=lambda path: (path.lstat().st_mtime_ns, path.name))]
+
+    def iter_readable(self) -> Iterator[Proposed]:
+        """What waits and is as it was written; `paos approve` lists the others with what is wrong."""
+        for name in self.list_waiting():
+            with contextlib.suppress(DefinitionError):
+                yield self.read(name)
+
+    def has(self, name: str) -> bool:
+        """Whether a proposal is called so."""
+        return _NAME.fullmatch(name) is not None and os.path.lexists(self._new / f"{name}.yaml")
+
+    def read(self, name: str) -> Proposed:
+        """One proposal; its bytes are read once, and everything that follows is about these.
+
+        Raises:
+            DefinitionError: `UNKNOWN_PROPOSAL`; `PROPOSAL_CHANGED` unless they are those that its name stands for.
+        """
+        if not self.has(name):
+            raise DefinitionError.unknown("UNKNOWN_PROPOSAL", str(self._new), name[:100], self.list_waiting())
+        proposal, data = _read(self._new / f"{name}.yaml", Proposal)
+        proposed = encode_proposal(proposal)
+        if proposed.data != data or proposed.name != name:
+            expected = "the bytes that its name stands for"
+            raise DefinitionError.of("PROPOSAL_CHANGED", name, "other bytes", expected, "Propose it again.")
+        return proposed
+
+    def decide(
+        self, proposed: Proposed, decision: Literal["approved", "denied"], *, by: str, at: str, reason: str
+    ) -> None:
+        """Write the decision on a proposal; the first one stays: raises DefinitionError `PROPOSAL_DECIDED`."""
+        facts = Decision(decision=decision, proposal=proposed.name, sha256=proposed.sha256, by=by, at=at, reason=reason)
+        if not create_durably(self._decisions / f"{proposed.name}.yaml", _dump(facts)):
+            raise DefinitionError.of("PROPOSAL_DECIDED", proposed.name, "another decision", "the first one stays")
+
+    def find_decision(self, proposed: Proposed) -> Decision | None:
+        """The decision on exactly these bytes, None while it waits; raises DefinitionError `PROPOSAL_CHANGED`."""
+        path = self._decisions / f"{proposed.name}.yaml"
+        if not os.path.lexists(path):
+            return None
+        decision, _ = _read(path, Decision)
+        if (decision.proposal, decision.sha256) != (proposed.name, proposed.sha256):
+            expected = f"a decision on {proposed.sha256}"
+            raise DefinitionError.of("PROPOSAL_CHANGED", str(path), f"one on {decision.sha256}", expected)
+        return decision
+
+    def count_approvals(self, by: str, since: str) -> int:
+        """Approvals of one decider since a wall time."""
+        found = [_read(path, Decision)[0] for path in self._decisions.glob("*.yaml")]
+        return sum(each.decision == "approved" and each.by == by and each.at >= since for each in found)
+
+
+def _iter_texts(value: Any) -> Iterator[str]:
+    """Every text in plain data, keys included."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for each in chain(value, value.values()) if isinstance(value, dict) else value:
+            yield from _iter_texts(each)
+
+
+def _read(path: Path, model: type[ModelT]) -> tuple[ModelT, bytes]:
+    try:
+        data = read_regular(path, PROPOSAL_MAX, follow=False)
+        return validate(model, parse_yaml(data.decode(), path.name)), data
+    except (OSError, UnicodeDecodeError) as error:
+        raise DefinitionError.of("UNREADABLE_FILE", str(path), str(error)) from error
+
+
+def _dump(value: Authored) -> bytes:
+    """YAML for people and for hashes: the same values give the same bytes."""
+    return yaml.safe_dump(value.model_dump(mode="json"), sort_keys=False, allow_unicode=True, width=100).encode()

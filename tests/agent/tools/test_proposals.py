@@ -1,0 +1,147 @@
+"""A proposal is its bytes: what changes loses its name, and a decision is about these bytes alone."""
+
+import pytest
+
+from phyagentos.agent.tools.proposals import WAITING_MAX, Proposal, Proposals, encode_proposal
+from phyagentos.errors import DefinitionError
+
+GRAPH = {"goal": "tidy", "objective": "Tidy up.", "scene": "table", "sessions": {"a": {"skill": "pick"}}}
+AT = "2026-11-26T12:00:00.000000Z"
+
+
+def make(**more):
+    facts = {"goal": "tidy", "seed": 7, "by": "mcp", "at": AT, "reason": "supper", "graph": GRAPH}
+    return encode_proposal(Proposal(**(facts | more)))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path / "proposals"
+
+
+@pytest.fixture
+def proposals(folder):
+    return Proposals(folder)
+
+
+def refuse(function, *arguments, **more):
+    with pytest.raises(DefinitionError) as refused:
+        function(*arguments, **more)
+    return refused.value.problems[0].code
+
+
+def decide(proposals, proposed, verdict="approved"):
+    proposals.decide(proposed, verdict, by="me", at=AT, reason="fine")
+
+
+def test_a_proposal_is_read_as_it_was_written(proposals):
+    proposed = make()
+    proposals.put(proposed)
+    proposals.put(proposed)
+    assert proposals.list_waiting() == [proposed.name]
+    assert proposals.read(proposed.name) == proposed
+
+
+def test_other_content_is_another_name():
+    assert make().name != make(seed=8).name
+    assert make().name == make().name
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: data.replace(b"supper", b"dinner"),
+        lambda data: data + b"# approved by the operator\n",
+        lambda data: data.replace(b"seed: 7", b"seed: 0x7"),
+        lambda data: data.replace(b"seed: 7", b"seed:  7"),
+    ],
+)
+def test_a_changed_file_is_refused(proposals, folder, change):
+    proposed = make()
+    proposals.put(proposed)
+    decide(proposals, proposed)
+    file = folder / "new" / f"{proposed.name}.yaml"
+    file.write_bytes(change(proposed.data))
+    assert refuse(proposals.read, proposed.name) == "PROPOSAL_CHANGED"
+
+
+def test_a_decision_is_made_once(proposals):
+    proposed = make()
+    proposals.put(proposed)
+    decide(proposals, proposed, "denied")
+    assert refuse(decide, proposals, proposed) == "PROPOSAL_DECIDED"
+    assert proposals.find_decision(proposed).decision == "denied"
+    assert proposals.list_waiting() == []
+
+
+def test_an_approval_of_other_bytes_is_none(proposals, folder):
+    first, second = make(), make(seed=8)
+    for each in (first, second):
+        proposals.put(each)
+    decide(proposals, first)
+    approval = (folder / "decisions" / f"{first.name}.yaml").read_text()
+    (folder / "decisions" / f"{second.name}.yaml").write_text(approval)
+    assert refuse(proposals.find_decision, second) == "PROPOSAL_CHANGED"
+    (folder / "decisions" / f"{second.name}.yaml").write_text(approval.replace(first.name, second.name))
+    assert refuse(proposals.find_decision, second) == "PROPOSAL_CHANGED"
+
+
+@pytest.mark.parametrize("name", ["../x", "x", "", "/etc/passwd", "tidy-0123456789abcdef/../y", "a" * 300, "tidy-\0"])
+def test_a_hostile_name_is_unknown(proposals, name):
+    assert refuse(proposals.read, name) == "UNKNOWN_PROPOSAL"
+
+
+def test_what_is_no_regular_small_text_is_refused(proposals, folder, tmp_path):
+    proposed = make()
+    proposals.put(proposed)
+    file = folder / "new" / f"{proposed.name}.yaml"
+    file.write_bytes(b"\xff\xfe")
+    assert refuse(proposals.read, proposed.name) == "UNREADABLE_FILE"
+    file.write_bytes(b" " * (1 << 19))
+    assert refuse(proposals.read, proposed.name) == "UNREADABLE_FILE"
+    file.unlink()
+    (tmp_path / "elsewhere.yaml").write_bytes(proposed.data)
+    file.symlink_to(tmp_path / "elsewhere.yaml")
+    assert refuse(proposals.read, proposed.name) == "UNREADABLE_FILE"
+    assert proposals.list_waiting() == []
+
+
+def test_a_link_is_no_approval(proposals, folder, tmp_path):
+    proposed = make()
+    proposals.put(proposed)
+    decide(proposals, proposed)
+    file = folder / "decisions" / f"{proposed.name}.yaml"
+    file.rename(tmp_path / "approval.yaml")
+    file.symlink_to(tmp_path / "approval.yaml")
+    assert refuse(proposals.find_decision, proposed) == "UNREADABLE_FILE"
+
+
+@pytest.mark.parametrize("letter", ["\x1b", "\x07", "\u202e", "\u200b", "\ufeff", "\x85", "\u2028", "\r"])
+def test_text_that_is_not_seen_as_it_is_is_refused(letter):
+    assert refuse(make, reason=f"a{letter}b") == "HIDDEN_TEXT"
+    assert refuse(make, graph=GRAPH | {"objective": f"a{letter}[2Jb"}) == "HIDDEN_TEXT"
+    assert refuse(make, graph=GRAPH | {f"a{letter}": 1}) == "HIDDEN_TEXT"
+
+
+def test_words_of_any_language_and_lines_are_no_problem():
+    assert "Räume den Tisch auf, 整理" in make(reason="Räume den Tisch auf, 整理\n\tbitte").data.decode()
+
+
+def test_a_huge_proposal_is_refused():
+    assert refuse(make, graph=GRAPH | {"objective": "a" * (1 << 18)}) == "TOO_LARGE"
+
+
+def test_a_flood_is_refused(proposals):
+    for seed in range(WAITING_MAX):
+        proposals.put(make(seed=seed))
+    assert refuse(proposals.put, make(seed=1000)) == "TOO_MANY_PROPOSALS"
+    decide(proposals, make(seed=0), "denied")
+    proposals.put(make(seed=1000))
+
+
+def test_approvals_of_a_day_are_counted_by_decider(proposals):
+    for seed, by in enumerate(["policy a", "policy a", "me"]):
+        proposals.put(make(seed=seed))
+        proposals.decide(make(seed=seed), "approved", by=by, at=AT, reason="")
+    assert proposals.count_approvals("policy a", "2026-11-26T00") == 2
+    assert proposals.count_approvals("policy a", "2026-11-27T00") == 0
