@@ -38,6 +38,7 @@ NOT_A_NODE           A value of a tree is no node.
 NOT_A_NUMBER         A comparison needs a number.
 NOT_A_PREDICATE      A condition of a tree is no predicate.
 NOT_A_WIRING         The ports of a node are no mapping.
+NOT_PLANNABLE        No plan is made for a predicate of this form.
 NOT_COMPARED         A number stands without a comparison, or a truth with one.
 NO_CANDIDATE         No skill and target together guarantee what is asked.
 NO_SERIAL_CHAIN      The model's arm is no serial chain from base to tool.

@@ -44,6 +44,10 @@ COMMANDS: dict[str, tuple[str, str]] = {  # name -> module and function, and the
         "authoring:compile_graph",
         "Show the DAG and the sessions that a goal graph would make; start nothing.",
     ),
+    "plan": (
+        "planning:plan",
+        "Plan a goal by the effects of skills: sessions, their order, and why; start nothing.",
+    ),
     "init": ("scaffolding:init", "Make a place of your own: a goal graph, a scene and a skill that run at once."),
     "describe": ("describing:describe", "Describe a leaf, skill, predicate, fault or setting by its own declaration."),
     "list": ("showing:list_names", "Print the names that can be used here, one a line."),

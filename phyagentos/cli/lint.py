@@ -23,6 +23,7 @@ class FileKind(StrEnum):
     """What an authored file can be."""
 
     GOAL_GRAPH = "goal graph"
+    WANTED = "goal without a plan"
     TREE = "tree"
     SKILL = "skill"
     SCENE = "scene"
@@ -107,7 +108,11 @@ def find_kind(path: Path) -> FileKind | None:
         return known.get(path.name)
     if path.name in SETTINGS_FILES:
         return FileKind.SETTINGS
+    from phyagentos.agent.goals.wanted import is_wanted
+
     keys = _read_keys(path)
+    if is_wanted(dict.fromkeys(keys)) and "accept" in keys:  # without one, a graph that is only begun
+        return FileKind.WANTED
     found = next((kind for key, kind in _KEYS.items() if key in keys), None)
     if found is not None:
         return found
@@ -160,6 +165,11 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             from phyagentos.agent.goals.graph import check_goal_graph
 
             problems = check_goal_graph(path, Catalogue.read(library))
+        case FileKind.WANTED:
+            from phyagentos.agent.goals.catalogue import Catalogue
+            from phyagentos.agent.planning.wanted_file import read_wanted
+
+            read_wanted(path, Catalogue.read(library))
         case FileKind.SKILL:
             from phyagentos.cli.skill_checks import check_skill
 

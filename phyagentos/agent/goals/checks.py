@@ -58,7 +58,7 @@ class Checks:
                 yield from error.problems
         targets = {*self.spec.targets, *self.catalogue.targets, "target"}
         for path, text in self._iter_predicates():
-            yield from self._check_predicate(path, text, targets)
+            yield from self.check_predicate(path, text, targets)
 
     def check_bindings(self, dag: "nx.DiGraph[str]", order: Iterable[str]) -> tuple[dict[str, Choice], list[Problem]]:
         """Skill and target of each node in the order of the graph, and the problems of these and their arguments."""
@@ -198,7 +198,8 @@ class Checks:
                 yield (*node.path, "skill", "guarantees"), node.spec.skill.guarantees
         yield from ((("accept", index), text) for index, text in enumerate(self.spec.accept))
 
-    def _check_predicate(self, path: Path, text: str, targets: Iterable[str]) -> Iterator[Problem]:
+    def check_predicate(self, path: Path, text: str, targets: Iterable[str]) -> Iterator[Problem]:
+        """Problems of one predicate: its form, and names that neither the scene nor `targets` holds."""
         in_node = path[0] == "sessions"
         try:
             predicate = parse_predicate(text, address=self.located.address_of(path), template=in_node)

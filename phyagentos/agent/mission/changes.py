@@ -6,23 +6,19 @@ continues the goal reads that file.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import yaml
-
-from phyagentos.agent.goals.amendment import compute_difference, find_contradictions, find_fitting, set_values
-from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
+from phyagentos.agent.goals.amendment import find_contradictions, find_fitting, set_values
+from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.agent.goals.selector import ANY
 from phyagentos.agent.judging.goal_judgement import Evidence, Seen
 from phyagentos.agent.judging.judges.predicates import evaluate_on
+from phyagentos.agent.mission.amending import Amender
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.mission.recovery import Recovery
 from phyagentos.agent.mission.task_document import TaskEdit
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.documents.durable_files import replace_durably
-from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.predicates.predicate import View, parse_predicate, substitute
@@ -49,11 +45,11 @@ class Changes:
         if problems:
             why = join(map(str, problems))
             return [self._note(GoalEvent.AMENDMENT_REFUSED, {"file": file, "reason": f"refused: {why}"})]
-        return [self._amend(wanted, file, "as a person asked for")]
+        return [self._amender.note(wanted, file, "as a person asked for")]
 
     def ask(self, edit: TaskEdit) -> list[Entry]:
         """An edit of TASK.md as a graph that a person wants; `answer` follows."""
-        authored = read_yaml(self._find_file()).data
+        authored = self._amender.read_authored()
         sessions = {name: dict(node) for name, node in authored["sessions"].items() if name not in edit.removed}
         foreign = [*edit.foreign, *({*edit.removed, *edit.after} - authored["sessions"].keys())]
         if foreign:
@@ -63,7 +59,7 @@ class Changes:
             edges = [each for each in node.get("after", ()) if isinstance(each, dict)]
             before = edit.after.get(name, [each for each in node.get("after", ()) if isinstance(each, str)])
             node["after"] = [*(each for each in before if each not in edit.removed), *edges]
-        file = self._write(authored | edit.judged | {"sessions": sessions})
+        file = self._amender.write(authored | edit.judged | {"sessions": sessions})
         return [self._note(GoalEvent.AMENDMENT_ASKED, {"file": file.name})]
 
     def is_conditional(self, name: str) -> bool:
@@ -101,23 +97,13 @@ class Changes:
         fitting = find_fitting(node, self._roles, self._view(name, seen)) if seen.now is not None else {}
         if not fitting or not all(fitting.values()):
             return [self._leave_out(name, f"nothing is seen that fits {asked}")]
-        file = self._write(set_values(read_yaml(self._find_file()).data, node, fitting))
+        file = self._amender.write(set_values(self._amender.read_authored(), node, fitting))
         try:
             graph = read_goal_graph(file, self.drafter.compiler.catalogue)
         except DefinitionError as error:
             return [self.drafter.note(name, GoalEvent.NODE_BLOCKED, str(error))]
         names = ", ".join(each for each in graph.nodes if each not in self.facts.graph.nodes)
-        return [self._amend(graph, file.name, f"{name} becomes {names}: seen to fit {asked}")]
-
-    def _write(self, authored: Any) -> Path:
-        content = yaml.safe_dump(authored, sort_keys=False, allow_unicode=True).encode()
-        file = self._workspace.amended_file_of(self.facts.goal, content)
-        replace_durably(file, content)
-        return file
-
-    def _amend(self, graph: GoalGraph, file: str, reason: str) -> Entry:
-        nodes = self.facts.ledger.goals[self.facts.goal].nodes
-        return self._note(GoalEvent.GOAL_AMENDED, {"file": file, **compute_difference(graph, nodes), "reason": reason})
+        return [self._amender.note(graph, file.name, f"{name} becomes {names}: seen to fit {asked}")]
 
     def _leave_out(self, name: str, why: str) -> Entry:
         return self.drafter.note(name, GoalEvent.NODE_SKIPPED, why)
@@ -146,13 +132,13 @@ class Changes:
         own = self.evidence.by_target.get(self.facts.graph.choices[name].target)
         return own if own is not None and own.now is not None else self.evidence.all
 
-    def _find_file(self) -> Path:
-        file = self.facts.ledger.goals[self.facts.goal].file
-        return self._workspace.goals / file if file else self._workspace.goal_file_of(self.facts.goal)
-
     @property
     def _roles(self) -> Mapping[str, str]:
         return {role: target for role, target in self.facts.graph.spec.targets.items() if target != ANY}
+
+    @property
+    def _amender(self) -> Amender:
+        return Amender(facts=self.facts, workspace=self._workspace)
 
     @property
     def _workspace(self) -> Workspace:

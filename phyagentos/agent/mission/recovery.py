@@ -12,8 +12,10 @@ from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import find_missing_evidence
+from phyagentos.agent.mission.amending import Amender
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts, is_forecast_refusal
+from phyagentos.agent.mission.planning_anew import Replanner
 from phyagentos.agent.repair import clearing, looking
 from phyagentos.agent.repair.after_lookahead import revise_refused
 from phyagentos.agent.repair.alternative import AlternativeKind
@@ -27,6 +29,7 @@ from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
+from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.predicates.syntax import iter_calls
@@ -44,6 +47,7 @@ _REFUSALS = {  # of preflight: what a repair can answer; no means gives a destin
     "NO_FREE_SITE": Cause.NO_PLAN,
     "TARGET_UNAVAILABLE": Cause.TARGET_LOST,
 }
+_OF_WORLD = {Cause.NO_PLAN, Cause.PLACED_WRONG, Cause.WITHOUT_EFFECT}  # another way through the world may help
 _NEVER_CARRIED = {"TOO_WIDE", "TOO_HEAVY"}  # nobody looks for a thing that cannot be carried wherever it is
 
 
@@ -102,7 +106,7 @@ class Recovery:
         if miss is None:
             return self._restore_for(refused) or blocked
         entries = self._repair(node, miss)
-        return blocked if _is_end(entries) else entries
+        return [*entries[:-1], *blocked] if _is_end(entries) else entries
 
     def go_on(self, latest: SessionStatus) -> list[Entry]:
         """Continue a node whose latest session is over: its restoration is done, or preflight refused it."""
@@ -170,11 +174,31 @@ class Recovery:
 
     def _repair(self, node: str, miss: Miss, *, restores: bool = True) -> list[Entry]:
         """Records of the policy's choice; the last one blocks the node when it gives up."""
+        if planned := self._plan_anew(node, miss, miss.reason, only_unmet=True):
+            return planned
         decision = self.policy.choose(self._make_case(node, miss))
         revision = decision.chosen.revision
         if revision is None:
-            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, join((miss.reason, *decision.reasons)))]
+            why = join((miss.reason, *decision.reasons))
+            return self._plan_anew(node, miss, why) or [self.drafter.note(node, GoalEvent.NODE_BLOCKED, why)]
         return self._submit(node, revision, miss, decision.reasons, restores=restores)
+
+    def _plan_anew(self, node: str, miss: Miss, reason: str, *, only_unmet: bool = False) -> list[Entry]:
+        """The end of a node, after the rest of the goal that is planned anew; empty where no plan can make up for it.
+
+        A plan costs a replan of the node. `only_unmet` asks for one where the session lacks something of the world.
+        """
+        if not self.restores or miss.cause not in _OF_WORLD or miss.world is None or not self.facts.has_replans(node):
+            return []
+        amender = Amender(facts=self.facts, workspace=Workspace(self.evidence.root))
+        replanner = Replanner(facts=self.facts, drafter=self.drafter, amender=amender)
+        unmet = replanner.find_unmet(miss.session, miss.world) if only_unmet else ()
+        planned = replanner.plan(node, miss.world) if unmet or not only_unmet else []
+        if not planned:
+            return []
+        why = join((reason, *(f"it needs {text}" for text in unmet)))
+        spent = self.drafter.note(node, GoalEvent.BUDGET_SPENT, f"{miss.cause}: planned anew")
+        return [*planned, spent, self.drafter.note(node, GoalEvent.NODE_BLOCKED, why)]
 
     def _revise_refused(self, refused: SessionStatus) -> list[Entry]:
         """The best child by look-ahead; empty when there is none."""

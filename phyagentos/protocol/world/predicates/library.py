@@ -114,6 +114,7 @@ class PredicateDefinition:
         lasting: Whether it describes a lasting state (`inside`) rather than a passing fact (`holding`, `moved`).
         at_rest: Whether it is unknown while a thing that it names moves.
         by_name: True when `measure` takes the names of entities and looks itself.
+        excludes: Other predicates that are false of the same thing where this one is true.
     """
 
     name: str
@@ -124,6 +125,7 @@ class PredicateDefinition:
     lasting: bool = True
     at_rest: bool = False
     by_name: bool = False
+    excludes: tuple[str, ...] = ()
     description: str = ""
 
     @property

@@ -1,0 +1,150 @@
+"""Sixty generated goals: planned, each plan judged by an independent validator, some of them run on physics.
+
+    python benchmarks/planning_goals.py
+    python benchmarks/planning_goals.py --execute 20
+    python benchmarks/planning_goals.py --count 12 --execute 2 -v
+
+A goal of a solvable family is reachable by construction and needs 3 to 12 sessions; of an unsolvable one the reason is
+known. Time is that of the whole answer: facts, operators, plan, order, or proof; the first one holds the imports. With
+`--execute`, goal graphs that take a closed drawer for an open one are run as well: the rest has to be planned anew.
+"""
+
+import argparse
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from time import perf_counter
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.outcome import format_outcome
+from benchmarks.planning_goals_parts.kinematics import find_fault
+from benchmarks.planning_goals_parts.worlds import SOLVABLE, UNSOLVABLE, Task, write_forgotten, write_task
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.graph import read_goal_graph
+from phyagentos.bench.report import Ask
+from phyagentos.protocol.capabilities.library import Library
+
+STEPS = range(3, 13)
+FORGOTTEN = 3  # goal graphs that take a closed drawer for an open one
+Planned = tuple[Path, Task]
+
+
+def main() -> int:
+    """Exit code 0 where every asked figure holds."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=60, help="goals; a fifth of them cannot be reached")
+    parser.add_argument("--execute", type=int, default=0, help="plans that are run on physics as well")
+    parser.add_argument("--seed", type=int, default=0, help="of the first goal of each family")
+    parser.add_argument("-v", "--verbose", action="store_true", help="a line for each goal")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="planning_goals_") as folder:
+        return run(Path(folder), options)
+
+
+def run(folder: Path, options: argparse.Namespace) -> int:
+    """Draw, answer, judge, and run some; print the table and the outcome."""
+    tasks = list(draw_tasks(options.count, options.seed, folder))
+    rows, times, graphs = {}, [], []
+    for task in tasks:
+        row = rows.setdefault(task.family, {"goals": 0, "answered": 0, "valid": 0, "sessions": []})
+        row["goals"] += 1
+        answered, fault, sessions, elapsed_s = answer(task, folder, graphs)
+        times.append(elapsed_s)
+        row["answered"] += answered
+        row["valid"] += answered and not fault
+        row["sessions"] += [sessions] if sessions else []
+        if options.verbose or fault or not answered:
+            said = fault or ("" if answered else "wrong answer")
+            print(f"{task.wanted.goal:<14} {elapsed_s:6.3f} s  {sessions:>2} sessions  {said}", flush=True)
+    executed = [execute(graph, task.seed) for graph, task in spread(graphs, options.execute)]
+    table = Table("family", "goals", "answered rightly", "valid", "sessions")
+    for family, row in rows.items():
+        span = f"{min(row['sessions'])} to {max(row['sessions'])}" if row["sessions"] else ""
+        table.add_row(family, *(str(row[key]) for key in ("goals", "answered", "valid")), span)
+    Console().print(table)
+    figures = {
+        "goals": float(len(tasks)),
+        "solved": mean(row["answered"] / row["goals"] for family, row in rows.items() if family in SOLVABLE),
+        "said_unsolvable": mean(row["answered"] / row["goals"] for family, row in rows.items() if family in UNSOLVABLE),
+        "valid": mean(row["valid"] / row["goals"] for row in rows.values()),
+        "median_s": statistics.median(times),
+        "slowest_s": max(times),
+    }
+    asked = {name: Ask(1.0, at_least=True) for name in ("solved", "said_unsolvable", "valid")} | {
+        "median_s": Ask(1.0, at_least=False)
+    }
+    if executed:
+        again = [execute(write_forgotten(seed, folder), seed) for seed in range(FORGOTTEN)]
+        figures |= {"executed": float(len(executed)), "met_on_physics": mean(executed), "met_anew": mean(again)}
+        asked |= {name: Ask(1.0, at_least=True) for name in ("met_on_physics", "met_anew")}
+    line, holds = format_outcome(figures, asked)
+    print(line)
+    return 0 if holds else 1
+
+
+def draw_tasks(count: int, seed: int, folder: Path) -> Iterator[Task]:
+    """Goals of every family, four of five solvable and of 3 to 12 sessions."""
+    unsolvable = count // 5
+    for families, share in ((SOLVABLE, count - unsolvable), (UNSOLVABLE, unsolvable)):
+        for index in range(share):
+            family = list(families)[index % len(families)]
+            yield write_task(family, seed + index // len(families), folder)
+
+
+def answer(task: Task, folder: Path, graphs: list[Planned]) -> tuple[bool, str, int, float]:
+    """Whether the answer is right, what is wrong with the plan, its sessions, and the time."""
+    catalogue = Catalogue.read(Library.open(folder))
+    start = perf_counter()
+    from phyagentos.agent.planning.graph_file import write_graph
+    from phyagentos.agent.planning.planned import PlannedGoal, plan_goal
+
+    planned = plan_goal(task.wanted, catalogue, task.world)
+    elapsed_s = perf_counter() - start
+    if not isinstance(planned, PlannedGoal):
+        is_right = planned.is_proven and task.lack in {missing.lack.value for missing in planned.missing}
+        said = "" if is_right else "; ".join(missing.describe() for missing in planned.missing)
+        return is_right, said, 0, elapsed_s
+    if task.lack:
+        return False, "a plan for what cannot be reached", len(planned.steps), elapsed_s
+    path = folder / "goal_graphs" / f"{task.wanted.goal}.yaml"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(write_graph(planned), encoding="utf-8")
+    graph = read_goal_graph(path, catalogue)
+    graphs.append((path, task))
+    fault = find_fault(task.wanted, graph, task.world, task.seed)
+    if len(planned.steps) not in STEPS:
+        fault = fault or "not of 3 to 12 sessions"
+    return True, fault, len(planned.steps), elapsed_s
+
+
+def spread(graphs: list[Planned], count: int) -> list[Planned]:
+    """So many, of every family alike."""
+    return sorted(graphs, key=lambda each: each[1].seed)[:count]
+
+
+def execute(path: Path, seed: int) -> bool:
+    """Whether `paos run` meets the goal on physics."""
+    workspace = path.parents[1] / "workspaces" / path.stem
+    command = [sys.executable, "-m", "phyagentos", "run", str(path), "-w", str(workspace), "--seed", str(seed)]
+    done = subprocess.run([*command, "--quiet", "--no-pictures"], capture_output=True, text=True, check=False)
+    last = [line for line in done.stdout.splitlines() if line.startswith("goal ")]
+    print(
+        f"physics {path.stem:<14} {'met' if done.returncode == 0 else f'exit {done.returncode}'}  {last[:1]}",
+        flush=True,
+    )
+    return done.returncode == 0
+
+
+def mean(values: Iterable[float]) -> float:
+    """1 without values: nothing was missed."""
+    found = [float(value) for value in values]
+    return sum(found) / len(found) if found else 1.0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Parts of `planning_goals.py`."""

@@ -1,0 +1,152 @@
+"""The planner that ships: bounded planning as answer set programming by clingo; `planning.lp` is the encoding.
+
+Rounds of independent operators are added until a goal is reached; of the plans with the fewest rounds, one of least
+cost is taken. That there is no plan is proven by relaxed reachability, or by induction: no path of so many different
+states ends in the goal, wherever it begins. Limits count conflicts, not time: an answer is the same everywhere.
+"""
+
+from collections.abc import Iterable, Iterator
+from importlib.resources import files
+
+import clingo
+from typing_extensions import override
+
+from phyagentos.agent.planning.problem import (
+    Fact,
+    NotFound,
+    Operator,
+    Plan,
+    Planner,
+    PlanningProblem,
+    ProvenUnsolvable,
+)
+
+ROUNDS_MAX = 24
+CONFLICTS_MAX = 200_000  # of one round's search
+CONFLICTS_BETTER = 10_000  # to find a cheaper plan than the first one
+CONFLICTS_PROOF, ROUNDS_PROOF = 20_000, 6  # of the proof that there is none
+
+
+class AnswerSetPlanner(Planner):
+    """Fewest rounds first, then least cost."""
+
+    @override
+    def solve(self, problem: PlanningProblem) -> Plan | ProvenUnsolvable | NotFound:
+        operators, unreachable = _reach(problem)
+        if unreachable:
+            return ProvenUnsolvable(unreachable)
+        program = _describe(problem, operators)
+        paths, proof = _Search(program), _Search(program, free=True)
+        for rounds in range(ROUNDS_MAX + 1):
+            found = paths.find(rounds, CONFLICTS_MAX)
+            if found is None:
+                return NotFound(rounds)
+            if found:
+                return _read_plan(found, operators, problem, rounds)
+            if rounds <= ROUNDS_PROOF and proof.find(rounds, CONFLICTS_PROOF) == []:
+                return ProvenUnsolvable()
+        return NotFound(ROUNDS_MAX + 1)
+
+
+class _Search:
+    """One program with a growing number of rounds; `free` begins it anywhere and keeps its states apart."""
+
+    def __init__(self, program: str, *, free: bool = False) -> None:
+        options = ["--opt-strategy=bb,dec", "--seed=1", "--configuration=trendy", "--warn=none"]
+        self._control, self._free, self._rounds = clingo.Control(options), free, -1
+        self._control.add("base", [], program)
+        self._control.add("base", [], (files(__package__) / "planning.lp").read_text(encoding="utf-8"))
+
+    def find(self, rounds: int, conflicts: int) -> list[clingo.Symbol] | None:
+        """The chosen operators and what was reached after so many rounds; empty without a plan, None at the limit."""
+        control, number = self._control, clingo.Number
+        for t in range(self._rounds + 1, rounds + 1):
+            parts = [("base", [])] if t == 0 else [("step", [number(t)])]
+            parts += [("simple", [number(t)])] if self._free and t else []
+            control.ground([*parts, ("check", [number(t)])])
+            control.assign_external(clingo.Function("free"), self._free)
+            if t:
+                control.release_external(clingo.Function("query", [number(t - 1)]))
+        self._rounds = rounds
+        control.assign_external(clingo.Function("query", [number(rounds)]), True)
+        best: list[clingo.Symbol] = []
+        for limit in (conflicts,) if self._free else (conflicts, CONFLICTS_BETTER):
+            control.configuration.solve.solve_limit = str(limit)  # type: ignore[union-attr]
+            control.configuration.solve.opt_mode = "opt" if best else "ignore"  # type: ignore[union-attr]
+            with control.solve(yield_=True) as handle:
+                for model in handle:
+                    best = [*model.symbols(atoms=True)]
+                result = handle.get()
+            if not best:
+                return [] if result.unsatisfiable else None
+        return best
+
+
+def _reach(problem: PlanningProblem) -> tuple[list[Operator], tuple[Fact, ...]]:
+    """Operators that can ever be used if nothing is undone, and literals of the goal that can then never come true."""
+    possible = {(fact, True) for fact in problem.initial}
+    known = {fact for operator in problem.operators for fact in (*operator.requires, *operator.changes)}
+    known |= {fact for stage in problem.stages for each in stage for fact, _ in each.literals}
+    possible |= {(fact, False) for fact in known - problem.initial}
+    usable: dict[str, Operator] = {}
+    while more := [
+        each for each in problem.operators if each.name not in usable and possible.issuperset(each.requires.items())
+    ]:
+        usable |= {each.name: each for each in more}
+        possible.update(change for each in more for change in each.changes.items())
+    short = (
+        each
+        for each in (condition for stage in problem.stages for condition in stage)
+        if sum(literal in possible for literal in each.literals) < each.least
+    )
+    unreachable = {fact: None for each in short for fact, value in each.literals if (fact, value) not in possible}
+    return [each for each in problem.operators if each.name in usable], tuple(unreachable)
+
+
+def _describe(problem: PlanningProblem, operators: list[Operator]) -> str:
+    """The problem as facts of a logic program; facts and operators are numbers."""
+    changed = dict.fromkeys(fact for each in operators for fact in each.changes)
+    named = dict.fromkeys([*changed, *sorted(problem.initial)])
+    named |= dict.fromkeys(fact for stage in problem.stages for each in stage for fact, _ in each.literals)
+    number = {fact: index for index, fact in enumerate(named)}
+    lines = [*_iter_operators(operators, number, changed.keys()), *_iter_goal(problem, number)]
+    lines += [f"init({number[fact]})." for fact in problem.initial if fact in number]
+    for index, capacity in enumerate(problem.capacities):
+        lines.append(f"capacity({index},{capacity.most}).")
+        lines += [f"weight({index},{number[f]},{w})." for f, w in capacity.weights.items() if f in number]
+    for index, group in enumerate(problem.exclusive):
+        lines.append(f"exclusive({index})." + f" exact({index})." * (group in problem.exact))
+        lines += [f"member({index},{number[fact]})." for fact in sorted(group) if fact in number]
+    return "\n".join(lines)
+
+
+def _iter_operators(operators: list[Operator], number: dict[Fact, int], changed: Iterable[Fact]) -> Iterator[str]:
+    moving = set(changed)
+    for index, each in enumerate(operators):
+        yield f"operator({index}). cost({index},{each.cost})."
+        yield from (f"require({index},{number[f]},{value:d})." for f, value in each.requires.items() if f in moving)
+        yield from (f"change({index},{number[fact]},{value:d})." for fact, value in each.changes.items())
+
+
+def _iter_goal(problem: PlanningProblem, number: dict[Fact, int]) -> Iterator[str]:
+    yield f"last({len(problem.stages) - 1})."
+    for index, stage in enumerate(problem.stages):
+        yield f"stage({index})."
+        for place, each in enumerate(stage):
+            yield f"condition({index},{place},{each.least},{each.most})."
+            yield from (f"literal({index},{place},{number[fact]},{value:d})." for fact, value in each.literals)
+
+
+def _read_plan(symbols: list[clingo.Symbol], operators: list[Operator], problem: PlanningProblem, rounds: int) -> Plan:
+    chosen = sorted((s.arguments[1].number, s.arguments[0].number) for s in symbols if s.match("do", 2))
+    first = [
+        min(
+            t
+            for t in range(rounds + 1)
+            if clingo.Function("reached", [clingo.Number(index), clingo.Number(t)]) in names
+        )
+        for names in [frozenset(symbols)]
+        for index in range(len(problem.stages))
+    ]
+    before = tuple(sum(t <= at for t, _ in chosen) for at in first[:-1])
+    return Plan(tuple(operators[index] for _, index in chosen), (*before, len(chosen)))

@@ -1,0 +1,250 @@
+"""From a goal, a world and skills to a planning problem; nothing in it is authored by hand."""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.selector import ANY, find_lacks
+from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.planning.goal_facts import is_held, make_fact, read_conditions, relates
+from phyagentos.agent.planning.operators import Scope, list_operators
+from phyagentos.agent.planning.problem import Capacity, Condition, Fact, Operator, PlanningProblem
+from phyagentos.agent.planning.rooms import (
+    FILL,
+    Spot,
+    count_room,
+    find_lid,
+    find_spots,
+    list_carried,
+    list_tops,
+    place_spot,
+)
+from phyagentos.errors import DefinitionError
+from phyagentos.geometry import Vector
+from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
+from phyagentos.protocol.documents.schema import Address
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.library import View
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.world.predicates.syntax import Call, Compare, Name, Point, iter_calls
+from phyagentos.protocol.world.relations import find_places
+from phyagentos.protocol.world.truth import Truth
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Domain:
+    """A planning problem, and what it was made of.
+
+    Attributes:
+        roles: Role -> target.
+        world: The snapshot.
+        operators: All that were considered.
+    """
+
+    problem: PlanningProblem
+    roles: Mapping[str, str]
+    world: Environment
+    operators: tuple[Operator, ...]
+
+
+def resolve_targets(wanted: WantedGoal, catalogue: Catalogue) -> dict[str, str]:
+    """Role -> target; for `any`, and without roles, one whose model is sure to be here, then the one that can do most.
+
+    Raises:
+        DefinitionError: `UNKNOWN_TARGET`.
+    """
+
+    def rank(name: str) -> tuple[bool, int, str]:
+        profile = catalogue.targets[name]
+        lacking = sum(any(find_lacks(skill, profile)) for skill in catalogue.skills.values())
+        return not is_beside(profile.model), lacking, name
+
+    best = min(catalogue.targets, key=rank, default=ANY)
+    roles = dict(wanted.targets) or {"robot": ANY}
+    for role, name in roles.items():
+        if name != ANY and name not in catalogue.targets:
+            raise DefinitionError.unknown("UNKNOWN_TARGET", f"targets.{role}", name, [*catalogue.targets, ANY])
+    return {role: best if name == ANY else name for role, name in roles.items()}
+
+
+Tried = tuple[str, str, Mapping[str, Any]]
+
+
+def build_domain(
+    wanted: WantedGoal,
+    catalogue: Catalogue,
+    world: Environment,
+    *,
+    everywhere: bool = False,
+    without: Collection[Tried] = (),
+) -> Domain:
+    """The problem of a goal in a world.
+
+    Args:
+        wanted: The goal.
+        catalogue: Skills and targets.
+        world: The present snapshot.
+        without: Skill, target and parameters of sessions that no plan may have.
+        everywhere: Whether things may go to every place of the world, rather than to those of the goal and free spots.
+
+    Raises:
+        DefinitionError: A predicate that cannot be planned for, or an unknown target.
+    """
+    roles = resolve_targets(wanted, catalogue)
+    targets = {name: catalogue.targets[name] for name in dict.fromkeys(roles.values())}
+    things = list_carried(world)
+    stages, invariants = read_goal(wanted, things, roles)
+    calls = [*_iter_wanted(wanted, roles)]
+    relations = [relation for each in world.entities.values() for relation in find_places(each, world)]
+    present = [call for each in relations if isinstance(call := parse_predicate(each.text).formula, Call)]
+    scope = Scope(
+        world=world,
+        things=things,
+        places=_list_places(world, things, calls, present, everywhere=everywhere),
+        spots=_list_spots(world, things, calls, next(iter(targets.values()))),
+        wanted=calls,
+        present=present,
+        targets=targets,
+        lids={place: lid for place in world.entities if (lid := find_lid(world, place))},
+    )
+    operators = [each for each in list_operators(catalogue.skills, scope) if not _breaks(each, invariants)]
+    facts = dict.fromkeys(make_fact(call) for call in scope.present)
+    facts |= dict.fromkeys(fact for each in operators for fact in (*each.requires, *each.changes))
+    facts |= dict.fromkeys(fact for stage in stages for each in stage for fact, _ in each.literals)
+    view = View(now=world, initial=world)
+    initial = frozenset(fact for fact in facts if parse_predicate(fact).evaluate(view).truth is Truth.TRUE)
+    needed = list(_drop_needless([each for each in operators if not _is_vain(each, initial, without)], initial))
+    problem = PlanningProblem(
+        operators=tuple(needed),
+        initial=initial,
+        stages=tuple(stages),
+        capacities=tuple(_iter_capacities(facts, initial, scope)),
+        exclusive=(groups := tuple(_iter_exclusive(needed, initial))),
+        exact=tuple(group for group in groups if group & initial and not any(_leaves(each, group) for each in needed)),
+    )
+    return Domain(problem=problem, roles=roles, world=world, operators=tuple(operators))
+
+
+def _join(path: Address) -> str:
+    return ".".join(map(str, path))
+
+
+def read_goal(
+    wanted: WantedGoal, things: Sequence[str], roles: Mapping[str, str], locate: Callable[[Address], str] = _join
+) -> tuple[list[tuple[Condition, ...]], tuple[Condition, ...]]:
+    """Conditions of each step and of the end, and invariants that a plan keeps; numbers are sampled when it runs.
+
+    Raises:
+        DefinitionError: A predicate cannot be parsed, or planned for.
+    """
+    paths: list[Address] = [*(("steps", index) for index in range(len(wanted.steps))), ("accept",)]
+    texts = zip((*wanted.steps, wanted.accept), paths, strict=True)
+    stages = [read_conditions(each, things, roles, locate(path)) for each, path in texts]
+    kept = [t for t in wanted.constraints if not isinstance(parse_predicate(t).formula, Compare)]
+    return stages, read_conditions(kept, things, roles, locate(("constraints",)))
+
+
+def _iter_wanted(wanted: WantedGoal, roles: Mapping[str, str]) -> Iterator[Call]:
+    for text in (*(text for step in wanted.steps for text in step), *wanted.accept, *wanted.constraints):
+        yield from iter_calls(parse_predicate(text).rename_targets(roles).formula)
+
+
+def _list_places(
+    world: Environment, things: Sequence[str], calls: Iterable[Call], present: Iterable[Call], *, everywhere: bool
+) -> list[str]:
+    named = [term.text for call in calls if relates(call) for term in call.terms[1:] if isinstance(term, Name)]
+    known = dict.fromkeys(name for name in named if name in world.entities or name in world.regions)
+    if everywhere:
+        bearing = {term.text for call in present for term in call.terms[1:] if isinstance(term, Name)}
+        known |= dict.fromkeys([*world.regions, *(n for n, e in world.entities.items() if e.interior is not None)])
+        known |= dict.fromkeys(name for name in list_tops(world) if name in things or name in bearing)
+    return list(known)
+
+
+def _list_spots(world: Environment, things: Sequence[str], calls: Iterable[Call], profile: TargetProfile) -> list[Spot]:
+    points = dict.fromkeys(term.position_m for call in calls for term in call.terms if isinstance(term, Point))
+    named = [term.text for call in calls for term in call.terms if isinstance(term, Name)]
+    away: list[Vector] = [*points, *(world.regions[name].pose.position_m for name in named if name in world.regions)]
+    return [place_spot(world, point, things) for point in points] + find_spots(world, things, profile, away)
+
+
+def find_unmet(tried: Tried, domain: Domain) -> tuple[Fact, ...]:
+    """What a session needs of the world and lacks in it, whether its hand is empty left out; empty where it can be."""
+    alike = (each for each in domain.operators if _is_same(each, *tried))
+    unmet = [[need for need in each.requires.items() if not _is_met(need, domain.problem.initial)] for each in alike]
+    needs = [(parse_predicate(fact).formula, fact, value) for fact, value in min(unmet, key=len, default=[])]
+    return tuple(
+        f if value else f"not {f}" for call, f, value in needs if not (isinstance(call, Call) and is_held(call))
+    )
+
+
+def _is_same(operator: Operator, skill: str, target: str, parameters: Mapping[str, Any]) -> bool:
+    given = operator.parameters.items()
+    return (operator.skill, operator.target) == (skill, target) and all(parameters.get(k) == v for k, v in given)
+
+
+def _is_vain(operator: Operator, initial: frozenset[Fact], without: Collection[Tried]) -> bool:
+    """Whether it was tried, and would only be tried again: all that it needs is there now."""
+    is_ready = all(_is_met(need, initial) for need in operator.requires.items())
+    return is_ready and any(_is_same(operator, *tried) for tried in without)
+
+
+def _breaks(operator: Operator, invariants: Iterable[Condition]) -> bool:
+    """Whether it makes an invariant false that is one literal."""
+    single = (each.literals[0] for each in invariants if len(each.literals) == 1)
+    return any(operator.changes.get(fact, value) is not value for fact, value in single)
+
+
+def _drop_needless(operators: Sequence[Operator], initial: frozenset[Fact]) -> Iterator[Operator]:
+    """Operators that change something, and of those with equal effects none that needs more and costs more."""
+    varying = {fact for each in operators for fact, value in each.changes.items() if (fact in initial) is not value}
+    alike: dict[frozenset[tuple[Fact, bool]], list[frozenset[tuple[Fact, bool]]]] = {}
+    for each in sorted(operators, key=lambda each: (each.cost, len(each.requires))):
+        changes = frozenset(change for change in each.changes.items() if change[0] in varying)
+        needs = frozenset(need for need in each.requires.items() if need[0] in varying or not _is_met(need, initial))
+        if changes and not any(other <= needs for other in alike.setdefault(changes, [])):
+            alike[changes].append(needs)
+            yield each
+
+
+def _is_met(need: tuple[Fact, bool], initial: frozenset[Fact]) -> bool:
+    return (need[0] in initial) is need[1]
+
+
+def _iter_capacities(facts: Iterable[Fact], initial: frozenset[Fact], scope: Scope) -> Iterator[Capacity]:
+    weights: dict[str, dict[Fact, int]] = {}
+    for fact in facts:
+        formula = parse_predicate(fact).formula
+        match formula:
+            case Call(_, (Name(thing), Name(place))) if relates(formula) and thing in scope.things:
+                count = count_room(scope.world, thing, place)
+                weights.setdefault(place, {})[fact] = FILL // max(count, 1)
+            case Call(_, (Name(thing), Point(point_m))) if thing in scope.things:
+                weights.setdefault(str(point_m), {})[fact] = FILL
+    for place, each in weights.items():
+        present = sum(weight for fact, weight in each.items() if fact in initial)
+        if sum(each.values()) > FILL:
+            yield Capacity(place, each, max(FILL, present))
+
+
+def _leaves(operator: Operator, group: frozenset[Fact]) -> bool:
+    """Whether it takes something out of a group and puts nothing into it."""
+    values = {value for fact, value in operator.changes.items() if fact in group}
+    return values == {False}
+
+
+def _iter_exclusive(operators: Sequence[Operator], initial: frozenset[Fact]) -> Iterator[frozenset[Fact]]:
+    """Places of one thing, and things in one hand, of which at most one is ever true: by start and operators."""
+    groups: dict[str, set[Fact]] = {}
+    for fact in dict.fromkeys(fact for each in operators for fact in each.changes):
+        formula = parse_predicate(fact).formula
+        if isinstance(formula, Call) and relates(formula):
+            named = [term.text for term in formula.terms if isinstance(term, Name)]
+            for name in named[: 2 if is_held(formula) else 1]:
+                groups.setdefault(name, set()).add(fact)
+    for group in groups.values():
+        entering = [each for each in operators if any(each.changes.get(fact) for fact in group)]
+        left = (sum(each.changes.get(f, each.requires.get(f, True)) for f in group) for each in entering)
+        if len(group & initial) <= 1 and all(count == 1 for count in left):
+            yield frozenset(group)

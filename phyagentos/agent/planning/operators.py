@@ -1,0 +1,369 @@
+"""Skills as operators: what each needs and guarantees for which arguments, and what it undoes because it moves a thing.
+
+No skill is known by name. A thing that is taken or put somewhere leaves every place it was at; nothing may stand on it;
+the hand that does it must be empty, unless the skill begins with the thing in it; what hides a place must be open.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, product
+from typing import Any
+
+from phyagentos.agent.goals.selector import find_lacks
+from phyagentos.agent.planning.goal_facts import (
+    THINGS,
+    find_subject,
+    is_held,
+    list_defaults,
+    list_kinds,
+    make_fact,
+    relates,
+)
+from phyagentos.agent.planning.problem import Fact, Operator
+from phyagentos.agent.planning.rooms import Spot, count_room, find_in_lane, is_in_reach
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.free_spot import find_support
+from phyagentos.protocol.world.predicates.library import ArgumentKind, get_predicate_library
+from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
+from phyagentos.protocol.world.predicates.syntax import (
+    And,
+    Call,
+    Formula,
+    Name,
+    Not,
+    Number,
+    Or,
+    Point,
+    Star,
+    Variable,
+    render,
+)
+
+Literal = tuple[Call, bool]
+_EASY_M = 0.1  # a skill that may miss by so much finds a place
+_GRIPPER = "gripper_width"  # the action that a hand is opened and closed by
+_SUPPORT = "support"  # the parameter that says what a thing stands on afterwards
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scope:
+    """What arguments may be.
+
+    Attributes:
+        things: Those that can be carried.
+        places: Those where things may go, regions too.
+        spots: Points where things may go.
+        wanted: Calls of the goal and its constraints; numbers and postures come from them.
+        present: Calls that say where things are now.
+        targets: Those of the goal.
+        lids: Place -> what has to be open before it is reached.
+    """
+
+    world: Environment
+    things: Sequence[str]
+    places: Sequence[str]
+    spots: Sequence[Spot]
+    wanted: Sequence[Call]
+    present: Sequence[Call]
+    targets: Mapping[str, TargetProfile]
+    lids: Mapping[str, str]
+
+
+def list_operators(skills: Mapping[str, SkillRuntime], scope: Scope) -> list[Operator]:
+    """Every operator; facts that a move undoes are those that any of them, or the goal, names."""
+    drafts = [
+        draft
+        for rank, name in enumerate(sorted(skills))
+        for target, profile in scope.targets.items()
+        if skills[name].loop is None and not any(find_lacks(skills[name], profile))  # an agent directs it: name it
+        for draft in _iter_drafts(skills[name], target, rank, scope)
+    ]
+    known = dict.fromkeys(chain(scope.wanted, scope.present))
+    known |= {call: None for draft in drafts for call, _ in (*draft.effects, *draft.requires)}
+    by_thing: dict[str, list[Call]] = {}
+    for call in known:
+        for name in {term.text for term in call.terms if isinstance(term, Name)}:
+            by_thing.setdefault(name, []).append(call)
+    return [operator for draft in drafts for operator in _Finisher(draft, scope, by_thing).iter_operators()]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Draft:
+    """A skill with its arguments, as it is declared.
+
+    Attributes:
+        moved: The thing that it takes or puts somewhere; empty without one.
+        place: Where that goes; empty where it stays in a hand.
+        rank: Of skills that are equal otherwise the first by name.
+    """
+
+    skill: SkillRuntime
+    target: str
+    rank: int
+    parameters: dict[str, Any]
+    effects: tuple[Literal, ...]
+    requires: tuple[Literal, ...]
+    moved: str
+    place: str | Spot
+
+
+def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> Iterator[_Draft]:
+    offers = [parse_predicate(text, template=True).formula for text in skill.guarantees]
+    requires = [each for text in skill.requires for each in _split(parse_predicate(text, template=True).formula)]
+    for chosen in product(*(offer.parts if isinstance(offer, Or) else (offer,) for offer in offers)):
+        literals = [literal for formula in chosen for literal in _split(formula)]
+        moved = next((_find_variable(call) for call, value in literals if value and relates(call)), "")
+        choices = _list_choices(skill, [*literals, *(r for r in requires if relates(r[0]))], moved, target, scope)
+        relations = {call.name for call, value in literals if value}
+        for values in product(*choices.values()):
+            spot = next((value for value in values if isinstance(value, Spot)), None)
+            given = {k: v.value if isinstance(v, Spot) else v for k, v in zip(choices, values, strict=True)}
+            given |= {k: c for k, p in skill.parameters.items() for c in p.choices if chosen and c in relations}
+            given |= _find_support(skill, str(given.get(moved, "")), spot, given, scope)
+            effects = tuple(_iter_bound(literals, given, target, scope))
+            if effects and _is_whole(skill, given, scope.world) and len(dict(effects)) == len(set(effects)):
+                thing = str(given.get(moved, ""))
+                yield _Draft(
+                    skill=skill,
+                    target=target,
+                    rank=rank,
+                    parameters={key: given[key] for key in skill.parameters if key in given},
+                    effects=effects,
+                    requires=tuple(_iter_bound(requires, given, target, scope)),
+                    moved=thing,
+                    place=spot or _find_place(effects, thing),
+                )
+
+
+def _list_choices(
+    skill: SkillRuntime, uses: Iterable[Literal], moved: str, target: str, scope: Scope
+) -> dict[str, list[Any]]:
+    """Values of each parameter that some literals name, and of the parts of what opens or closes."""
+    choices: dict[str, list[Any]] = {}
+    for call, value in uses:
+        for index, (term, kind) in enumerate(zip(call.terms, list_kinds(call), strict=True)):
+            if not isinstance(term, Variable) or term.path not in skill.parameters or term.path in choices:
+                continue
+            if value:
+                found = _list_values(skill, term.path, call, index, moved, target, scope)
+                choices[term.path] = [each for each in found if each != target or kind is not ArgumentKind.TARGET]
+            elif any(isinstance(other, Star) for other in call.terms):  # only where the goal asks for it
+                stars = (each for each in scope.wanted if any(isinstance(term, Star) for term in each.terms))
+                wanted = (each.terms[index] for each in stars if each.name == call.name)
+                choices[term.path] = list(dict.fromkeys(t.text for t in wanted if isinstance(t, Name)))
+    if any(parameter.mechanism for parameter in skill.parameters.values()):
+        parts = [name for name, each in scope.world.entities.items() if each.part_of]
+        free = (key for key, each in skill.parameters.items() if each.type == "entity" and key not in choices)
+        choices |= {key: parts for key in free if key != _SUPPORT}
+    return choices
+
+
+def _list_values(
+    skill: SkillRuntime, key: str, call: Call, index: int, moved: str, target: str, scope: Scope
+) -> list[Any]:
+    parameter, kind, entities = skill.parameters[key], list_kinds(call)[index], scope.world.entities
+    named = [each.terms[index] for each in scope.wanted if each.name == call.name and len(each.terms) > index]
+    if parameter.type == "point":
+        return [*scope.spots]
+    if parameter.type == "posture":
+        postures = scope.targets[target].postures
+        return [term.text for term in dict.fromkeys(named) if isinstance(term, Name) and term.text in postures]
+    if kind is ArgumentKind.NUMBER:
+        numbers = dict.fromkeys(term.value for term in named if isinstance(term, Number))
+        is_left_out = any(each.name == call.name and len(each.terms) <= index for each in scope.wanted)
+        default = list_defaults(call)[index] if is_left_out else None
+        numbers |= {default: None} if default is not None else {}
+        return [int(value) if value.is_integer() else value for value in numbers]
+    if kind is ArgumentKind.TARGET:
+        return [*scope.targets]
+    if parameter.mechanism is not None:
+        return [n for n, each in entities.items() if each.mechanism and each.mechanism.kind == parameter.mechanism]
+    if key == moved:
+        values = list(scope.things)
+    elif relates(call):  # a vessel takes things in, a top bears them, a region both
+        held = ((name, entities.get(name)) for name in scope.places)
+        values = [n for n, each in held if each is None or (each.interior is not None) == (call.name == "inside")]
+    else:
+        values = list(dict.fromkeys([*scope.things, *(term.text for term in named if isinstance(term, Name))]))
+    kinds = {name: each.kind for name, each in entities.items()} | dict.fromkeys(scope.world.regions, "region")
+    return [name for name in values if not parameter.kinds or kinds.get(name) in parameter.kinds]
+
+
+def _find_support(
+    skill: SkillRuntime, thing: str, spot: Spot | None, given: Mapping[str, Any], scope: Scope
+) -> dict[str, str]:
+    """What a thing is put on, where the skill asks for it and no guarantee says it: what is there."""
+    if _SUPPORT not in skill.parameters or _SUPPORT in given:
+        return {}
+    below = find_support(scope.world, thing) if spot is None and thing in scope.world.entities else None
+    name = spot.support if spot is not None else below.name if below is not None else ""
+    return {_SUPPORT: name} if name else {}
+
+
+def _is_whole(skill: SkillRuntime, given: Mapping[str, Any], world: Environment) -> bool:
+    """Whether every argument is there, each another thing, and parts are of the thing that is opened or closed."""
+    names = [value for value in given.values() if isinstance(value, str)]
+    needed = (k for k, p in skill.parameters.items() if not p.optional and p.default is None)
+    wholes = {given.get(key) for key, parameter in skill.parameters.items() if parameter.mechanism}
+    parts = {world.entities[name].part_of for name in names if name in world.entities} - {""}
+    return (not wholes or parts <= wholes) and all(k in given for k in needed) and len(names) == len(set(names))
+
+
+def _iter_bound(literals: Iterable[Literal], given: Mapping[str, Any], target: str, scope: Scope) -> Iterator[Literal]:
+    """Literals with arguments; those that name an argument which is left out are left out as well."""
+    for call, value in literals:
+        bound = parse_predicate(substitute(render(call), {**given, "target": target}), template=True)
+        formula = bound.rename_targets({"target": target}).formula
+        if not isinstance(formula, Call) or bound.variables:
+            continue
+        is_open = any(isinstance(term, Star) for term in formula.terms)
+        for name in (each for each in scope.things if each not in given.values()) if is_open else ("",):
+            terms = (Name(name) if isinstance(term, Star) else term for term in formula.terms)
+            yield Call(formula.name, tuple(terms)), value
+
+
+@dataclass(frozen=True, slots=True)
+class _Finisher:
+    """What follows for a draft from the world, beside what its skill declares."""
+
+    draft: _Draft
+    scope: Scope
+    by_thing: Mapping[str, Sequence[Call]]
+
+    def iter_operators(self) -> Iterator[Operator]:
+        """One operator, and another for each hidden place that its thing may come out of."""
+        draft, lids = self.draft, self.scope.lids
+        if not self._is_exact() or not self._fits():
+            return
+        requires = self._list_needs()
+        declared = {make_fact(call): value for call, value in draft.requires}
+        changes = self._list_changes(declared)
+        hidden = [place for place in lids if f"inside({draft.moved}, {place})" in self._find_facts(draft.moved)]
+        yield self._make({f"inside({draft.moved}, {place})": False for place in hidden} | requires | declared, changes)
+        for place in (each for each in hidden if each != draft.place):
+            source = {f"inside({draft.moved}, {place})": True, f"open({lids[place]})": True}
+            yield self._make(requires | declared | source, changes, f" out of {place}")
+
+    def _list_changes(self, declared: Mapping[Fact, bool]) -> dict[Fact, bool]:
+        """Guarantees, and what these undo."""
+        draft, library = self.draft, get_predicate_library()
+        changes = {make_fact(call): value for call, value in draft.effects}
+        for call in (call for call, value in draft.effects if value):
+            definition = library.find(call.name)
+            for other in definition.excludes if definition is not None else ():
+                changes.setdefault(make_fact(replace(call, name=other)), False)
+        is_taken = any(value and is_held(call) for call, value in draft.effects)
+        for call in self.by_thing.get(draft.moved, ()) if draft.moved else ():
+            is_kept = is_taken and is_held(call) and declared.get(make_fact(call))  # another hand holds it, too
+            if _is_undone(call, draft.moved) and not is_kept:
+                changes.setdefault(make_fact(call), False)
+        return changes | ({f"moved({draft.moved})": True} if draft.moved else {})
+
+    def _list_needs(self) -> dict[Fact, bool]:
+        """Preconditions beside those that are declared."""
+        draft, world, things = self.draft, self.scope.world, self.scope.things
+        needs: dict[Fact, bool] = {}
+        for call in (call for call, value in draft.effects if value):
+            moving = world.entities.get(find_subject(call))
+            if moving is not None and moving.mechanism is not None:
+                lane = find_in_lane(world, moving.name, things) if call.name == "open" else []
+                needs |= dict.fromkeys((f"moved({name})" for name in lane), True) | self._need_clear(moving.name)
+        if _GRIPPER in draft.skill.needs.actions:
+            needs |= {make_fact(call): False for call in self.by_thing.get(draft.target, ()) if is_held(call)}
+        if not draft.moved:
+            return needs
+        in_hands = (call for name in (draft.moved, draft.place) for call in self.by_thing.get(str(name), ()))
+        needs |= {make_fact(call): False for call in in_hands if is_held(call)} | self._need_clear(draft.moved)
+        if isinstance(draft.place, Spot):
+            needs |= {f"moved({name})": True for name in draft.place.blockers if name != draft.moved}
+        else:
+            is_top = draft.place in things and world.entities[draft.place].interior is None
+            needs |= self._need_clear(draft.place) if is_top else {}
+            needs |= {f"open({self.scope.lids[draft.place]})": True} if draft.place in self.scope.lids else {}
+        is_near = is_in_reach(world, draft.moved, self.scope.targets[draft.target])
+        return needs if is_near else needs | {f"moved({draft.moved})": True}
+
+    def _need_clear(self, name: str) -> dict[Fact, bool]:
+        """Nothing stands on a thing but what is put there."""
+        calls = (call for call in self.by_thing.get(name, ()) if call.name == "on")
+        others = {*self.scope.things} - {name, self.draft.moved}
+        return {make_fact(call): False for call in calls if find_subject(call) in others}
+
+    def _find_facts(self, name: str) -> set[Fact]:
+        return {make_fact(call) for call in self.by_thing.get(name, ())}
+
+    def _is_exact(self) -> bool:
+        """Whether a point is met as closely as the goal wants it."""
+        offered = [call for call, _ in self.draft.effects if any(isinstance(term, Point) for term in call.terms)]
+        pairs = product(offered, self.scope.wanted)
+        return all(_get_tolerance(a) <= _get_tolerance(b) for a, b in pairs if make_fact(a) == make_fact(b))
+
+    def _fits(self) -> bool:
+        """Whether the place is in reach, and not too small."""
+        draft, world = self.draft, self.scope.world
+        if not draft.moved or not draft.place:
+            return True
+        where = draft.place.point_m if isinstance(draft.place, Spot) else draft.place
+        is_near = is_in_reach(world, where, self.scope.targets[draft.target])
+        return is_near and (not isinstance(where, str) or count_room(world, draft.moved, where) > 0)
+
+    def _make(self, requires: Mapping[Fact, bool], changes: Mapping[Fact, bool], source: str = "") -> Operator:
+        draft, skill, entities = self.draft, self.draft.skill, self.scope.world.entities
+        at_spot = isinstance(draft.place, Spot)
+        is_exact = at_spot and all(_get_tolerance(call) < _EASY_M for call, _ in draft.effects)
+        kinds = {key: entities[v].kind for key, v in draft.parameters.items() if isinstance(v, str) and v in entities}
+        is_meant = any(each.kinds or kinds.get(key) == key for key, each in skill.parameters.items())
+        burden = len(draft.parameters.keys() - {_SUPPORT}) + len(skill.requires)
+        burden += 2 * (is_exact + (at_spot and _SUPPORT not in skill.parameters) - is_meant)
+        is_full = any(call.name == "inside" and call.terms[1] == Name(draft.moved) for call in self.scope.present)
+        burden += 4 * (is_full and not skill.hold)  # a skill that watches it all through spills less
+        shown = ", ".join(f"{key}={value}" for key, value in draft.parameters.items())
+        promise = " and ".join(make_fact(call) if value else f"not {render(call)}" for call, value in draft.effects)
+        return Operator(
+            name=f"{skill.skill}({shown}) on {draft.target}{source}",
+            skill=skill.skill,
+            target=draft.target,
+            parameters=draft.parameters,
+            requires=requires,
+            changes=changes,
+            cost=100 * (20 + burden) + draft.rank,
+            reasons=(f"{skill.skill} guarantees {promise}",),
+        )
+
+
+def _is_undone(call: Call, moved: str) -> bool:
+    """Whether a fact is no more once a thing was moved: where it was, and what was measured from it."""
+    kinds = [kind for term, kind in zip(call.terms, list_kinds(call), strict=True) if term == Name(moved)]
+    return relates(call) and (find_subject(call) == moved or ArgumentKind.CONTAINER not in kinds)
+
+
+def _get_tolerance(call: Call) -> float:
+    numbers = [term.value for term in call.terms if isinstance(term, Number)]
+    return (numbers or [each for each in list_defaults(call) if each is not None] or [0.0])[0]
+
+
+def _find_place(effects: Iterable[Literal], moved: str) -> str:
+    """Where a thing is put; empty where it is taken."""
+    calls = (call for call, value in effects if value and relates(call) and not is_held(call))
+    found = (
+        term.text for call in calls if find_subject(call) == moved for term in call.terms[1:] if isinstance(term, Name)
+    )
+    return next(found, "")
+
+
+def _find_variable(call: Call) -> str:
+    kinds = zip(call.terms, list_kinds(call), strict=True)
+    return next((term.path for term, kind in kinds if kind in THINGS and isinstance(term, Variable)), "")
+
+
+def _split(formula: Formula, value: bool = True) -> Iterator[Literal]:
+    match formula:
+        case Not(body):
+            yield from _split(body, not value)
+        case And(parts) if value:
+            for part in parts:
+                yield from _split(part)
+        case Call():
+            yield formula, value

@@ -1,0 +1,251 @@
+"""From a goal without a plan to a plan with its order and reasons, or to what is missing.
+
+Upstream: an author, or an understander of requests. Downstream: a goal graph, and repair.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.selector import find_lacks
+from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.planning.answer_sets import AnswerSetPlanner
+from phyagentos.agent.planning.domain import Domain, Tried, build_domain
+from phyagentos.agent.planning.ordering import find_causal_links, order_steps
+from phyagentos.agent.planning.problem import Fact, Operator, Plan, Planner, PlanningProblem, ProvenUnsolvable
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.world.predicates.syntax import iter_calls
+
+
+class Lack(StrEnum):
+    """Why a goal cannot be reached."""
+
+    PREDICATE = "predicate"
+    """No skill guarantees it."""
+    CAPABILITY = "capability"
+    """A skill guarantees it, and no target of the goal offers what that needs."""
+    ARGUMENT = "argument"
+    """Skills guarantee it of other things or places: what it names does not fit, or is not here."""
+    PRECONDITION = "precondition"
+    """Skills guarantee it, and what they need first cannot come true."""
+    ROOM = "room"
+    """It needs more free room than there is."""
+    CONSTRAINT = "constraint"
+    """A constraint forbids every way."""
+    CONTRADICTION = "contradiction"
+    """Its parts and their order exclude each other."""
+    TIME = "time"
+    """No plan was found within the planner's limits; there may be one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """One thing that a goal lacks.
+
+    Attributes:
+        subject: The predicate that cannot come true, or a place without room; empty where it is the goal as a whole.
+        names: Skills, capabilities, predicates or places that matter, by `lack`.
+    """
+
+    lack: Lack
+    subject: Fact = ""
+    names: tuple[str, ...] = ()
+
+    def describe(self) -> str:
+        """For people."""
+        return _TEXTS[self.lack].format(self.subject, ", ".join(self.names))
+
+
+_TEXTS = {
+    Lack.PREDICATE: "{0}: no skill guarantees it",
+    Lack.CAPABILITY: "{0}: {1}",
+    Lack.ARGUMENT: "{0}: {1} cannot be used for what it names",
+    Lack.PRECONDITION: "{0}: it needs {1} first, which cannot come true",
+    Lack.ROOM: "no free spot in {1}",
+    Lack.CONSTRAINT: "{1} forbids every way",
+    Lack.CONTRADICTION: "these exclude each other, or their order does: {1}",
+    Lack.TIME: "no plan was found within the planner's limits",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Unsolvable:
+    """What a goal lacks; `is_proven` is false where there may be a plan nevertheless."""
+
+    missing: tuple[Missing, ...]
+    is_proven: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One session of a plan.
+
+    Attributes:
+        after: Steps that come before it, directly.
+        accept: Predicates of the goal that it brings about, as authored.
+        reasons: Why it is there, and what it needs.
+    """
+
+    name: str
+    skill: str
+    target: str
+    parameters: Mapping[str, Any]
+    after: tuple[str, ...]
+    accept: tuple[str, ...]
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedGoal:
+    """A goal and its plan.
+
+    Attributes:
+        roles: Role -> target.
+        steps: In an order that reaches the goal; empty where it is met already.
+    """
+
+    wanted: WantedGoal
+    roles: Mapping[str, str]
+    steps: tuple[Step, ...]
+
+
+def plan_goal(
+    wanted: WantedGoal,
+    catalogue: Catalogue,
+    world: Environment,
+    planner: Planner | None = None,
+    without: Collection[Tried] = (),
+) -> PlannedGoal | Unsolvable:
+    """Plan a goal from a world as it is.
+
+    Args:
+        wanted: What must come true.
+        catalogue: Skills and targets.
+        world: The present snapshot, or the start of a scene.
+        planner: Without one, the one that ships.
+        without: Sessions that were tried in vain: skill, target and parameters.
+
+    Raises:
+        DefinitionError: A predicate cannot be parsed or planned for, or a target is unknown.
+    """
+    planner = planner or AnswerSetPlanner()
+    domain = build_domain(wanted, catalogue, world, without=without)
+    answer = planner.solve(domain.problem)
+    if not isinstance(answer, Plan):  # things may also go where the goal names no place
+        domain = build_domain(wanted, catalogue, world, everywhere=True, without=without)
+        answer = planner.solve(domain.problem)
+    if isinstance(answer, ProvenUnsolvable):
+        return Unsolvable(tuple(_explain(answer, domain, wanted, catalogue, planner)))
+    if not isinstance(answer, Plan):
+        return Unsolvable((Missing(Lack.TIME),), is_proven=False)
+    steps = tuple(_iter_steps(answer, domain.problem, domain.roles))
+    return PlannedGoal(wanted=wanted, roles=domain.roles, steps=steps)
+
+
+def _iter_steps(plan: Plan, problem: PlanningProblem, roles: Mapping[str, str]) -> Iterator[Step]:
+    names = _name_steps(plan)
+    links, dag = find_causal_links(problem, plan), order_steps(problem, plan)
+    role_of = {target: role for role, target in reversed(list(roles.items()))}
+    conditions = [each for stage in problem.stages for each in stage]
+    parts = Counter(each.text for each in conditions)  # what holds in parts is not accepted as a whole by one step
+    authored = {each.literals[0]: each.text for each in conditions if len(each.literals) == parts[each.text] == 1}
+    for index, operator in enumerate(plan.operators):
+        made = [link for link in links if link.made_by == index]
+        wants = dict.fromkeys((link.fact, link.value) for link in made if link.needed_by is None)
+        needs = {
+            f"{_render(link.fact, link.value)}, which {names[link.needed_by]} needs": None
+            for link in made
+            if link.needed_by is not None and (link.fact, link.value) not in wants
+        }
+        yield Step(
+            name=names[index],
+            skill=operator.skill,
+            target=role_of[operator.target],
+            parameters=operator.parameters,
+            after=tuple(names[before] for before in sorted(dag.pred[index])),
+            accept=tuple(dict.fromkeys(authored[literal] for literal in wants if literal in authored)),
+            reasons=(
+                *operator.reasons,
+                *(f"brings about {_render(*literal)}, which the goal wants" for literal in wants),
+                *(f"brings about {text}" for text in needs),
+            ),
+        )
+
+
+def _render(fact: Fact, value: bool) -> str:
+    return fact if value else f"not {fact}"
+
+
+def _name_steps(plan: Plan) -> list[str]:
+    names: list[str] = []
+    for operator in plan.operators:
+        thing = next((str(value) for value in operator.parameters.values() if isinstance(value, str)), "")
+        name = "_".join(filter(None, (operator.skill, thing.lower())))[:70]
+        names.append(name if name not in names else f"{name}_{sum(each.startswith(name) for each in names) + 1}")
+    return names
+
+
+def _explain(
+    proof: ProvenUnsolvable, domain: Domain, wanted: WantedGoal, catalogue: Catalogue, planner: Planner
+) -> Iterator[Missing]:
+    if wanted.constraints:
+        free = build_domain(wanted.model_copy(update={"constraints": ()}), catalogue, domain.world, everywhere=True)
+        if isinstance(planner.solve(free.problem), Plan):
+            yield Missing(Lack.CONSTRAINT, names=wanted.constraints)
+            return
+    for fact in proof.unreachable:
+        yield _explain_fact(fact, domain, catalogue)
+    if proof.unreachable:
+        return
+    roomy = replace(domain.problem, capacities=())
+    if isinstance(found := planner.solve(roomy), Plan):
+        yield Missing(Lack.ROOM, names=tuple(_iter_overfull(found, domain.problem)))
+    else:
+        yield Missing(Lack.CONTRADICTION, names=(*(text for step in wanted.steps for text in step), *wanted.accept))
+
+
+def _explain_fact(fact: Fact, domain: Domain, catalogue: Catalogue) -> Missing:
+    value = fact not in domain.problem.initial
+    makers = [each for each in domain.problem.operators if each.changes.get(fact) is value]
+    if makers:
+        return Missing(Lack.PRECONDITION, _render(fact, value), tuple(_iter_unreachable(makers, domain.problem)))
+    wanted = {call.name for call in iter_calls(parse_predicate(fact).formula)}
+    skills = [
+        skill
+        for skill in catalogue.skills.values()
+        if wanted <= {c.name for t in skill.guarantees for c in iter_calls(parse_predicate(t, template=True).formula)}
+    ]
+    if not skills:
+        return Missing(Lack.PREDICATE, fact)
+    profiles = [catalogue.targets[name] for name in domain.roles.values()]
+    lacks = [(s.skill, p.target, [*find_lacks(s, p)]) for s in skills for p in profiles]
+    skill, target, least = min(lacks, key=lambda each: len(each[2]))
+    if least:
+        return Missing(Lack.CAPABILITY, fact, tuple(f"{target} lacks {lack} for {skill}" for lack in least))
+    return Missing(Lack.ARGUMENT, fact, tuple(sorted(skill.skill for skill in skills)))
+
+
+def _iter_unreachable(makers: list[Operator], problem: PlanningProblem) -> Iterator[str]:
+    """Preconditions of some operators that nothing brings about."""
+    made = {change for each in problem.operators for change in each.changes.items()}
+    made |= {(fact, True) for fact in problem.initial}
+    needs = dict.fromkeys(literal for each in makers for literal in each.requires.items())
+    yield from (
+        _render(*literal) for literal in needs if literal not in made and (literal[1] or literal[0] in problem.initial)
+    )
+
+
+def _iter_overfull(plan: Plan, problem: PlanningProblem) -> Iterator[str]:
+    """Places that a plan overfills."""
+    for capacity in problem.capacities:
+        state = dict.fromkeys(problem.initial, True)
+        loads = []
+        for operator in plan.operators:
+            state |= operator.changes
+            loads.append(sum(weight for fact, weight in capacity.weights.items() if state.get(fact)))
+        if max(loads, default=0) > capacity.most:
+            yield capacity.place

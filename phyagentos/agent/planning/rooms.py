@@ -1,0 +1,160 @@
+"""Geometry that plans need: how many things a place holds, free spots, what hides and what blocks.
+
+Estimates by boxes, on the careful side; motion planning decides when a session runs.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from phyagentos.geometry import Pose, Vector, to_parent
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.environment import Entity, Environment
+from phyagentos.protocol.world.free_spot import ROOM_M, find_free_spot, find_support
+from phyagentos.protocol.world.mechanisms import compute_motion
+from phyagentos.protocol.world.predicates.geometry import AXES, compute_center, compute_extent, compute_reach
+
+BESIDE_M = 0.01  # between two things in one place
+SPOTS_MAX = 4
+FILL = 1000  # what things in one place weigh together when it is full
+_LANE_M = 0.02  # beside what opens
+_REACH = 1.35  # of the band in which an arm grasps best
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A point where a thing can be put, what it is put on, and what stands there now."""
+
+    point_m: Vector
+    support: str
+    blockers: tuple[str, ...] = ()
+
+    @property
+    def value(self) -> list[float]:
+        """As an argument of a skill."""
+        return [round(value, 4) for value in self.point_m]
+
+
+def list_carried(world: Environment) -> list[str]:
+    """Things that a hand can take somewhere: they move freely, and are no part of another."""
+    names = world.list_movable()
+    known = {name: world.entities.get(name) for name in names}
+    return [name for name, each in known.items() if each is None or (each.mechanism is None and not each.part_of)]
+
+
+def count_room(world: Environment, thing: str, place: str) -> int:
+    """How many things like this one a region or vessel holds side by side, 0 where it does not fit in.
+
+    The top of a movable thing bears one; another top one in its middle, even a wider one, and those beside it.
+    """
+    body, holder = world.entities.get(thing), world.entities.get(place)
+    if holder is not None and holder.interior is None and holder.movable:
+        return 1
+    if body is None or (holder is None and place not in world.regions):
+        return 1
+    rows = [_measure_sides(body), _measure_sides(body)[::-1]]
+    if holder is not None and holder.interior is None:
+        sides = zip(_measure_sides(holder), rows[0], strict=True)
+        return math.prod(1 + 2 * int(max(side - own, 0.0) / 2 / (own + BESIDE_M)) for side, own in sides)
+    half = world.regions[place].half_m if holder is None or holder.interior is None else holder.interior.half_m
+    return max(math.prod(_count(2 * side, own) for side, own in zip(half[:2], row, strict=True)) for row in rows)
+
+
+def _count(side_m: float, own_m: float) -> int:
+    return 0 if own_m > side_m else max(1, int((side_m + BESIDE_M) / (own_m + BESIDE_M)))
+
+
+def _measure_sides(entity: Entity) -> tuple[float, float]:
+    """Level sides of a thing that stands as in its own frame [m]."""
+    (left, right), (back, front) = (compute_extent(entity, axis) for axis in AXES[:2])
+    return right - left, front - back
+
+
+def find_spots(
+    world: Environment, things: Sequence[str], profile: TargetProfile, away_from: Sequence[Vector]
+) -> list[Spot]:
+    """Free spots on what the things stand on, apart from each other."""
+    spots: list[Spot] = []
+    for name in things:
+        support = find_support(world, name) if name in world.entities else None
+        if support is None:
+            continue
+        for _ in range(SPOTS_MAX - len(spots)):
+            places = (*away_from, compute_center(world.entities[name]))
+            point = find_free_spot(world, name, places, profile.mount_position_m, profile.grasp_band_m)
+            if point is None:
+                break
+            spots.append(Spot(point, support.name))
+            taken = replace(world.entities[name], name=f"at spot {len(spots)}", pose=Pose(point))
+            world = replace(world, entities=world.entities | {taken.name: taken})
+    return spots
+
+
+def place_spot(world: Environment, point: Vector, things: Sequence[str]) -> Spot:
+    """The spot at a point of a goal."""
+    known = [world.entities[name] for name in things if name in world.entities]
+    blockers = [e.name for e in known if math.dist(compute_center(e)[:2], point[:2]) < ROOM_M]
+    supports = [support.name for each in known if (support := find_support(world, each.name)) is not None]
+    return Spot(point, max(supports, key=supports.count, default=""), tuple(blockers))
+
+
+def find_lid(world: Environment, place: str) -> str:
+    """What must be open before anything is put into a place or taken out of it; empty where nothing hides it."""
+    holder = world.entities.get(place)
+    if holder is None or holder.interior is None:
+        return ""
+    if holder.mechanism is not None:
+        return place
+    x, y, z = to_parent(holder.pose, holder.interior.center_m)
+    for other in world.entities.values():
+        if other.mechanism is not None:
+            (left, back, _), (right, front, top) = _bound(replace(other, pose=other.mechanism.closed))
+            if left < x < right and back < y < front and z < top:
+                return other.name
+    return ""
+
+
+def find_in_lane(world: Environment, moving: str, things: Sequence[str]) -> list[str]:
+    """Things that stand where something has to pass when it slides open."""
+    entity = world.entities[moving]
+    if entity.mechanism is None or entity.mechanism.kind != "slide":
+        return []
+    shift = compute_motion(entity.mechanism, entity.mechanism.travel * (1.0 - (entity.joint or 0.0)))[:3, 3]
+    parts = [_bound(each) for each in world.entities.values() if moving in {each.name, each.part_of}]
+    lane = np.concatenate([*parts, *(each + shift for each in parts)])
+    low, high, (inner, outer) = lane.min(axis=0) - _LANE_M, lane.max(axis=0) + _LANE_M, _bound(entity)
+    bodies = [world.entities[name] for name in things if name in world.entities]
+    apart = [each for each in bodies if not ((inner <= compute_center(each)) & (compute_center(each) <= outer)).all()]
+    boxes = {each.name: _bound(each) for each in apart}  # what is in it comes along
+    return [name for name, (least, most) in boxes.items() if ((least < high) & (most > low)).all()]
+
+
+def _bound(entity: Entity) -> NDArray[np.float64]:
+    """(2, 3) least and greatest coordinates in the world [m]."""
+    below = [-compute_reach(entity, (-axis[0], -axis[1], -axis[2])) for axis in AXES]
+    return np.array([below, [compute_reach(entity, axis) for axis in AXES]]) + entity.pose.position_m
+
+
+def is_in_reach(world: Environment, place: str | Sequence[float], profile: TargetProfile) -> bool:
+    """Whether a place is not farther than an arm may reach; a base can come nearer."""
+    if isinstance(place, str):
+        body, region = world.entities.get(place), world.regions.get(place)
+        near = compute_center(body) if body is not None else region.pose.position_m if region is not None else None
+    else:
+        near = (place[0], place[1], place[2])
+    if profile.base is not None or near is None:
+        return True
+    return math.dist(near[:2], profile.mount_position_m[:2]) <= _REACH * profile.grasp_band_m[1]
+
+
+def list_tops(world: Environment) -> Iterator[str]:
+    """Things that others may be put on: what moves freely and has no interior, and what stands fixed."""
+    return (
+        name
+        for name, each in world.entities.items()
+        if each.interior is None and each.mechanism is None and not each.part_of
+    )

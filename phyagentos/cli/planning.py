@@ -1,0 +1,77 @@
+"""`paos plan`: from a goal without a plan to a goal graph, with its order and its reasons."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from phyagentos.cli.arguments import AsJson, get_file, open_library
+from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_result
+
+if TYPE_CHECKING:
+    from phyagentos.agent.planning.planned import PlannedGoal, Unsolvable
+
+_WORKSPACE = "Plan from what a run last observed, its ENVIRONMENT.md, rather than from the start of the scene."
+
+
+def plan(
+    goal: Annotated[Path, typer.Argument(metavar="GOAL.yaml", help="A goal without a plan.")],
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the goal graph to this file.")] = None,
+    seed: Annotated[int, typer.Option(help="Of the scene's start.", min=0)] = 0,
+    workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help=_WORKSPACE)] = None,
+    mermaid: Annotated[bool, typer.Option("--mermaid", help="The order as a Mermaid flowchart.")] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Plan a goal by the effects of skills: sessions, their order, and why; start nothing."""
+    from phyagentos.agent.goals.catalogue import Catalogue
+    from phyagentos.agent.planning.graph_file import render_mermaid, write_graph
+    from phyagentos.agent.planning.planned import Unsolvable, plan_goal
+    from phyagentos.agent.planning.wanted_file import read_wanted
+    from phyagentos.assembly.scene_start import draw_start
+    from phyagentos.protocol.documents.schema import read_text
+    from phyagentos.protocol.workspace.workspace import Workspace
+    from phyagentos.protocol.world.environment import read_environment
+
+    path = get_file(goal, "goal_graphs")
+    library = open_library(path)
+    catalogue = Catalogue.read(library)
+    wanted = read_wanted(path, catalogue)
+    if workspace is None:
+        world = draw_start(library, wanted.scene, wanted.targets.values(), seed)
+    else:
+        known = Workspace.open(workspace).environment
+        world = read_environment(read_text(known), str(known))
+    planned = plan_goal(wanted, catalogue, world)
+    if isinstance(planned, Unsolvable):
+        print_json(planned) if as_json else _print_missing(planned)
+        return int(ExitCode.GOAL_NOT_MET)
+    if output is not None and planned.steps:
+        output.write_text(write_graph(planned), encoding="utf-8")
+        print_note(f"wrote {output}; next: paos run {output}")
+    if as_json:
+        print_json({"goal": wanted.goal, "targets": planned.roles, "sessions": planned.steps})
+    elif mermaid:
+        print_result(render_mermaid(planned))
+    else:
+        _print_plan(planned)
+    return int(ExitCode.GOAL_MET)
+
+
+def _print_plan(planned: "PlannedGoal") -> None:
+    print_result(f"{planned.wanted.goal}: {planned.wanted.objective}")
+    for step in planned.steps:
+        arguments = ", ".join(f"{key}={value}" for key, value in step.parameters.items())
+        after = f"  after {', '.join(step.after)}" if step.after else ""
+        print_result(f"  {step.name}: {step.skill}({arguments}) on {step.target}{after}")
+        for reason in step.reasons:
+            print_result(f"      because {reason}")
+    if not planned.steps:
+        print_result("  is met already: no session is needed")
+    for text in planned.wanted.accept:
+        print_result(f"  goal accepts {text}")
+
+
+def _print_missing(found: "Unsolvable") -> None:
+    print_result("there is no plan" if found.is_proven else "no plan was found")
+    for each in found.missing:
+        print_result(f"  {each.lack}: {each.describe()}")

@@ -1,0 +1,99 @@
+"""The rest of a goal is planned anew where no alternative is left: nodes and edges in records, graph and TASK.md."""
+
+import pytest
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.tasks import TASK, NodeState, Relation, iter_edges
+
+from .conftest import Play, make_world, put
+
+ROW = """
+    goal: row
+    objective: Red, then green.
+    scene: table
+    targets: {arm: panda}
+    sessions:
+      red:
+        skill: pick_and_place
+        target: arm
+        with: {object: red_cube, destination: red_tray}
+      green:
+        after: [red]
+        skill: pick_and_place
+        target: arm
+        with: {object: green_cube, destination: green_tray}
+    accept: ["inside(red_cube, red_tray)", "inside(green_cube, green_tray)"]
+    """
+TAKEN = "anew1_pick_red_cube"
+
+
+def no_way(world, session):
+    return Play(world=world, ended=Ended.SKILL_FAILED, code="NO_IK", leaf="pick_and_place/pick/plan_grasp")
+
+
+@pytest.fixture
+def row(write_graph):
+    return write_graph(ROW)
+
+
+def test_other_skills_make_up_for_a_node_that_no_alternative_repairs(make_stage, row):
+    stage = make_stage({"red": no_way, "red.r1": no_way})
+    report = stage.pursue(row)
+
+    goal = stage.make_mission().ledger.goals["row-7"]
+    assert report.verdict == "success"
+    assert goal.nodes["red"].state is NodeState.RESCUED
+    assert goal.nodes["green"].state is NodeState.SKIPPED
+    assert goal.nodes[TAKEN].state is NodeState.DONE
+    assert goal.nodes["anew1_place_red_cube"].after == (TAKEN,)
+    relations = {(edge.before, edge.step): edge.relation for edge in iter_edges(goal)}
+    assert relations["red", TAKEN] is Relation.ON_FAILURE
+    assert TAKEN in (stage.workspace.root / TASK.file).read_text()
+
+
+def test_a_restarted_agent_goes_on_with_the_planned_nodes_and_the_same_graph(make_stage, row):
+    stage = make_stage({"red": no_way, "red.r1": no_way})
+    begun = stage.runtime._run
+
+    def pause_at_the_plan(session):
+        stage.runtime.paused = session.node == TAKEN
+        if not stage.runtime.paused:
+            begun(session)
+
+    stage.runtime._run = pause_at_the_plan
+    with pytest.raises(ExecutionError, match="RUNTIME_LOST"):
+        stage.make_mission(is_runtime_alive=lambda _: False).run(row, seed=7)
+    stage.runtime._run, stage.runtime.paused = begun, False
+    stage.runtime.on_change(None, None)
+
+    assert stage.make_mission().run(row, seed=7).verdict == "success"
+    assert [session.node for session in stage.runtime.ran].count(TAKEN) == 1
+
+
+def test_a_goal_that_cannot_be_planned_ends_as_before(make_stage, write_graph):
+    graph = write_graph(ROW.replace('accept: ["inside(red', 'accept: ["near(red_cube, bottle, 0.1)", "inside(red'))
+    report = make_stage({"red": no_way, "red.r1": no_way}).pursue(graph)
+
+    assert (report.verdict, report.exit_code) == ("failure", 1)
+    assert "NO_IK" in report.reason
+
+
+def test_no_plan_is_made_once_the_replans_are_spent(make_stage, write_graph):
+    graph = write_graph(ROW.replace("with: {object: red_cube", "max_replans: 0\n        with: {object: red_cube"))
+    stage = make_stage({"red": no_way})
+
+    assert stage.pursue(graph).verdict == "failure"
+    assert [session.node for session in stage.runtime.ran] == ["red"]
+
+
+def test_what_stands_on_a_thing_is_moved_before_another_way_is_tried(make_stage, row):
+    world = put(make_world(), "yellow_cube", (0.4, 0.3, 0.06))
+    stage = make_stage({"red": no_way}, world=world)
+    report = stage.pursue(row)
+
+    assert report.verdict == "success"
+    assert [session.id for session in report.sessions if ".red" in session.id] == ["row-7.red"]
+    ran = [(session.skill, session.parameters["object"]) for session in stage.runtime.ran]
+    assert ran.index(("pick", "yellow_cube")) < ran.index(("pick_and_place", "red_cube"), 1)
+    assert "not on(yellow_cube, red_cube)" in stage.make_mission().ledger.goals["row-7"].nodes["red"].reason
