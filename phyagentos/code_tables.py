@@ -302,9 +302,9 @@ EXECUTION_MISSING   The bundle does not record how the execution ended.
 NOT_JUDGED          A session has no verdict yet to which a judgement could be added.
 JUDGES_DISAGREE     One judge calls true what another calls false.
 JUDGE_FAILED        A judge gave no usable answer, and nothing else is open.
-MODEL_MALFORMED     The vision model's answer has another form than the one asked for.
-MODEL_REFUSED       The vision model's server answered with an error.
-MODEL_UNREACHABLE   The vision model did not answer in time.
+MODEL_MALFORMED     A model's answer has another form than the one asked for.
+MODEL_REFUSED       A model's server answered with an error.
+MODEL_UNREACHABLE   A model did not answer in time.
 IMPOSSIBLE          This skill has no motion for what was asked; another one may.
 NO_PLAN             No motion was found.
 OBJECT_HIDDEN       The object is believed to exist and was not seen.

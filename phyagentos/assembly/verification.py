@@ -10,10 +10,10 @@ from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
 from phyagentos.agent.judging.judges.metrics import MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
 from phyagentos.agent.judging.judges.vision import VisionJudge
-from phyagentos.agent.judging.judges.vision_endpoint import OpenAiEndpoint
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError
+from phyagentos.network.chat import OpenAiEndpoint
 from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
 from phyagentos.protocol.settings.verification import JudgeName, Verification
 from phyagentos.protocol.settings.verification_mode import VerificationMode

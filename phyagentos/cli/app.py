@@ -24,6 +24,10 @@ from phyagentos.cli.outcome import ExitCode, is_debugging, print_json, report_ex
 PLAIN: dict[str, Any] = {"no_args_is_help": True, "rich_markup_mode": None, "pretty_exceptions_enable": False}
 COMMANDS: dict[str, tuple[str, str]] = {  # name -> module and function, and the first line of its help
     "run": ("running:run", "Run a goal graph to its verdict: both planes, live progress, a final table."),
+    "ask": (
+        "asking:ask",
+        "Make a goal of a request in words, plan it, show the graph and, once approved, run it.",
+    ),
     "agent": (
         "running:agent",
         "Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict.",

@@ -43,7 +43,7 @@ def plan(
         world = read_environment(read_text(known), str(known))
     planned = plan_goal(wanted, catalogue, world)
     if isinstance(planned, Unsolvable):
-        print_json(planned) if as_json else _print_missing(planned)
+        print_json(planned) if as_json else print_missing(planned)
         return int(ExitCode.GOAL_NOT_MET)
     if output is not None and planned.steps:
         output.write_text(write_graph(planned), encoding="utf-8")
@@ -53,11 +53,12 @@ def plan(
     elif mermaid:
         print_result(render_mermaid(planned))
     else:
-        _print_plan(planned)
+        print_plan(planned)
     return int(ExitCode.GOAL_MET)
 
 
-def _print_plan(planned: "PlannedGoal") -> None:
+def print_plan(planned: "PlannedGoal") -> None:
+    """Each session with its reasons, on stdout."""
     print_result(f"{planned.wanted.goal}: {planned.wanted.objective}")
     for step in planned.steps:
         arguments = ", ".join(f"{key}={value}" for key, value in step.parameters.items())
@@ -71,7 +72,8 @@ def _print_plan(planned: "PlannedGoal") -> None:
         print_result(f"  goal accepts {text}")
 
 
-def _print_missing(found: "Unsolvable") -> None:
+def print_missing(found: "Unsolvable") -> None:
+    """What a goal without a plan lacks, on stdout."""
     print_result("there is no plan" if found.is_proven else "no plan was found")
     for each in found.missing:
         print_result(f"  {each.lack}: {each.describe()}")

@@ -8,11 +8,11 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from phyagentos.agent.judging.judges.vision import VisionJudge
-from phyagentos.agent.judging.judges.vision_endpoint import MAX_BYTES, OpenAiEndpoint
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
+from phyagentos.network.chat import MAX_BYTES, OpenAiEndpoint
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.protocol.sessions.looks import LookRole

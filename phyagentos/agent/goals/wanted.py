@@ -35,5 +35,5 @@ class WantedGoal(Authored):
 
 
 def is_wanted(data: object) -> bool:
-    """Whether a YAML mapping is a goal without a plan; a goal graph has `sessions`."""
-    return isinstance(data, dict) and "goal" in data and "sessions" not in data
+    """Whether a YAML mapping is a goal without a plan, which has `accept`; a goal graph has `sessions`."""
+    return isinstance(data, dict) and {"goal", "accept"} <= data.keys() and "sessions" not in data

@@ -14,8 +14,8 @@ from typing import Any
 import msgspec
 
 from phyagentos.agent.judging.judges.judge import make_unknown
-from phyagentos.agent.judging.judges.vision_endpoint import OpenAiEndpoint
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.network.chat import OpenAiEndpoint
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.looks import LOOKS, LookRole, read_pictures
 from phyagentos.protocol.sessions.verdicts import Criterion
@@ -82,7 +82,7 @@ class VisionJudge:
             self._known.move_to_end(key)
             return self._known[key]
         try:
-            answer = _read_answer(self.endpoint.complete(_build_messages(text, objective, pictures)))
+            answer = _read_answer(self.endpoint.complete(_build_messages(text, objective, pictures)).text)
         except ExecutionError as error:  # another time it may answer, so this is not remembered
             return make_unknown(text, KIND, file, str(error), failure=error.code)
         criterion = Criterion(text=text, kind=KIND, truth=answer.truth, evidence=file, because=answer.because[:400])

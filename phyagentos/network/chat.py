@@ -1,11 +1,11 @@
-"""An OpenAI-compatible server.
+"""An OpenAI-compatible server of language or vision-language models; whoever asks bounds what an answer may cost.
 
 It connects to its URL only: redirects and proxies of the environment are not followed. A whole answer is bounded in
 time and size (see `network.http`).
 """
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import urlsplit
@@ -14,7 +14,9 @@ import msgspec
 
 from phyagentos.errors import ExecutionError
 
-MAX_BYTES = 256 * 1024  # of an answer; the one that is asked for has two fields
+MAX_BYTES = 256 * 1024  # of an answer
+SHORT_TOKENS = 200  # of an answer with two fields
+JSON_OBJECT = {"type": "json_object"}
 
 
 class _Message(msgspec.Struct, frozen=True):
@@ -25,8 +27,20 @@ class _Choice(msgspec.Struct, frozen=True):
     message: _Message
 
 
-class _Completion(msgspec.Struct, frozen=True):
+class _Usage(msgspec.Struct, frozen=True):
+    total_tokens: int = 0
+
+
+class _Answer(msgspec.Struct, frozen=True):
     choices: tuple[_Choice, ...]
+    usage: _Usage | None = None
+
+
+class Completion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An answer; `tokens` of question and answer, as the server counts them, 0 where it does not."""
+
+    text: str
+    tokens: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,28 +63,41 @@ class OpenAiEndpoint:
         """Model and host, as recorded; never the key."""
         return f"{self.model} at {urlsplit(self.url).hostname}"
 
-    def complete(self, messages: Sequence[dict[str, Any]]) -> str:
-        """The text of the answer.
+    def complete(
+        self,
+        messages: Sequence[Mapping[str, Any]],
+        *,
+        max_tokens: int = SHORT_TOKENS,
+        response_format: Mapping[str, Any] = JSON_OBJECT,
+        timeout_s: float | None = None,
+    ) -> Completion:
+        """One answer.
+
+        Args:
+            messages: Roles and contents, the latest last.
+            max_tokens: Of the answer.
+            response_format: The form asked for; a server may ignore it, so the answer is to be checked.
+            timeout_s: Instead of that of the endpoint [s].
 
         Raises:
             ExecutionError: `MODEL_UNREACHABLE` (also when it answers too late), `MODEL_REFUSED` (a status other than
                 200) or `MODEL_MALFORMED`.
         """
-        data = self._post(
-            {
-                "model": self.model,
-                "messages": list(messages),
-                "temperature": 0,
-                "max_tokens": 200,
-                "response_format": {"type": "json_object"},
-            }
-        )
+        body = {
+            "model": self.model,
+            "messages": list(messages),
+            "temperature": 0,
+            "max_tokens": max_tokens,
+            "response_format": response_format,
+        }
+        data = self._post(body, self.timeout_s if timeout_s is None else timeout_s)
         try:
-            return msgspec.json.decode(data, type=_Completion).choices[0].message.content
+            answer = msgspec.json.decode(data, type=_Answer)
+            return Completion(answer.choices[0].message.content, answer.usage.total_tokens if answer.usage else 0)
         except (msgspec.MsgspecError, UnicodeError, IndexError) as error:
             raise ExecutionError("MODEL_MALFORMED", f"{self.name}: no completion in its answer: {error}") from error
 
-    def _post(self, body: dict[str, Any]) -> bytes:
+    def _post(self, body: Mapping[str, Any], timeout_s: float) -> bytes:
         from phyagentos.network.http import Codes, HttpClient  # late: only who asks needs it
 
         lost = "MODEL_UNREACHABLE"
@@ -80,6 +107,4 @@ class OpenAiEndpoint:
         if self.key:
             headers.append(("Authorization", f"Bearer {self.key}"))
         with contextlib.closing(HttpClient(url, codes, self.name)) as client:
-            return client.post(
-                msgspec.json.encode(body), timeout_s=self.timeout_s, max_bytes=MAX_BYTES, headers=headers
-            )
+            return client.post(msgspec.json.encode(body), timeout_s=timeout_s, max_bytes=MAX_BYTES, headers=headers)

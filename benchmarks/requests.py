@@ -1,0 +1,146 @@
+"""What the embedded understander makes of written requests, each beside what is right.
+
+    python benchmarks/requests.py
+    python benchmarks/requests.py --wrong     # and every request that is not right
+    python benchmarks/requests.py FOLDER      # requests of your own, in the form of tests/requests
+
+Right is the expected goal, question or refusal. Goals are compared as sets: of predicates, of constraints, and of each
+step. Not right and safe is a question or refusal where there is a goal; silently wrong is another goal than the
+expected one, or any where there is none.
+"""
+
+import argparse
+import re
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.outcome import format_outcome
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
+from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, Understanding, Understood
+from phyagentos.agent.understanding.vocabulary import Vocabulary
+from phyagentos.bench.report import Ask
+from phyagentos.cli.arguments import open_library
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+
+REQUESTS = Path(__file__).parent.parent / "tests" / "requests"
+LEAST, LEAST_UNSEEN = {"written_right": 0.9}, 0.75
+SETS = {"written": REQUESTS} | {name: REQUESTS / name for name in ("held_out", "second", "third")}
+
+
+class Grade(StrEnum):
+    """What an answer is worth."""
+
+    RIGHT = "right"
+    SAFE = "safe"
+    WRONG = "silently wrong"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """One request with what is right, as written."""
+
+    scene: str
+    say: str
+    expected: Mapping[str, Any]
+
+
+def read_cases(folder: Path) -> Iterator[Case]:
+    """Every request in the files of a folder, not of those below it."""
+    for path in sorted(folder.glob("*.yaml")):
+        for part in yaml.safe_load_all(path.read_text(encoding="utf-8")):
+            for entry in part["requests"]:
+                expected = {key: value for key, value in entry.items() if key != "say"}
+                yield Case(scene=part["scene"], say=entry["say"], expected=expected)
+
+
+def grade(answer: Understanding, expected: Mapping[str, Any]) -> Grade:
+    """Compare an answer with what is right."""
+    if any(_is_right(answer, one) for one in expected.get("any_of", [expected])):
+        return Grade.RIGHT
+    return Grade.WRONG if isinstance(answer, Understood) else Grade.SAFE
+
+
+def _is_right(answer: Understanding, expected: Mapping[str, Any]) -> bool:
+    match answer:
+        case Understood(goal=goal) if "choose" in expected:
+            chosen = {*_canonical(goal.accept)}
+            possible = _canonical(expected["choose"]["of"])
+            return chosen <= possible and len(chosen) == expected["choose"]["count"] and not goal.steps
+        case Understood(goal=goal) if "accept" in expected:
+            return _outline(goal) == _outline(_as_goal(expected))
+        case Ambiguous(questions=questions):
+            asked = [{*question.candidates} for question in questions]
+            return "safe" in expected or ("ask" in expected and {*expected["ask"]} in asked)
+        case Impossible(lacks=lacks):
+            named = any(str(expected.get("refuse")) in lack.words for lack in lacks)
+            return "safe" in expected or ("refuse" in expected and named)
+    return False
+
+
+def _as_goal(expected: Mapping[str, Any]) -> WantedGoal:
+    parts = {key: expected.get(key, ()) for key in ("accept", "steps", "constraints")}
+    return WantedGoal.model_validate({"goal": "expected", "objective": "", "scene": "", **parts}, strict=False)
+
+
+def _outline(goal: WantedGoal) -> tuple[object, ...]:
+    steps = tuple(_canonical(step) for step in goal.steps)
+    return _canonical(goal.accept), steps, _canonical(goal.constraints)
+
+
+def _canonical(texts: Sequence[str]) -> frozenset[str]:
+    """Predicates as sets of their texts; a number that is left out is its default."""
+    return frozenset(re.sub(r"(docked\(\w+, \w+)\)", r"\1, 0.4)", parse_predicate(text).text) for text in texts)
+
+
+def measure(folder: Path) -> Iterator[tuple[Case, Understanding, Grade]]:
+    """Each request of a folder with the answer and its grade."""
+    catalogue, understander = Catalogue.read(open_library()), EmbeddedUnderstander()
+    vocabularies: dict[str, Vocabulary] = {}
+    for case in read_cases(folder):
+        if case.scene not in vocabularies:
+            vocabularies[case.scene] = Vocabulary.read(catalogue, case.scene)
+        answer = understander.understand(case.say, vocabularies[case.scene], {})
+        yield case, answer, grade(answer, case.expected)
+
+
+def main() -> int:
+    """Print the table and the closing line; 0 where every asked figure holds."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path)
+    parser.add_argument("--wrong", action="store_true", help="print every request that is not right")
+    arguments = parser.parse_args()
+    sets = SETS if arguments.folder is None else {arguments.folder.name: arguments.folder}
+    table = Table("requests", "number", *Grade, "right [%]")
+    figures: dict[str, float] = {}
+    for name, folder in sets.items():
+        results = list(measure(folder))
+        counts = Counter(grade for _, _, grade in results)
+        share = counts[Grade.RIGHT] / len(results)
+        figures |= {f"{name}_right": share, f"{name}_silently_wrong": counts[Grade.WRONG]}
+        table.add_row(name, str(len(results)), *(str(counts[each]) for each in Grade), f"{100 * share:.1f}")
+        for case, answer, found in results if arguments.wrong else ():
+            if found is not Grade.RIGHT:
+                Console().print(f"{found}: {case.say}\n    {answer}", markup=False, highlight=False)
+    Console().print(table)
+    asked = {
+        key: Ask(0.0, at_least=False) if key.endswith("wrong") else Ask(LEAST.get(key, LEAST_UNSEEN), at_least=True)
+        for key in figures
+    }
+    line, holds = format_outcome(figures, asked)
+    Console().print(line, markup=False, highlight=False, soft_wrap=True)
+    return 0 if holds else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

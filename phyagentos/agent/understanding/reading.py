@@ -1,0 +1,160 @@
+"""From text to its readings: words looked up, then every tree that the grammar of requests has for them.
+
+The grammar (request.lark) is of the language, the words of things are of the scene. An Earley parser keeps every
+reading, so that a sentence with two meanings is found out instead of decided by the order of rules.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from math import prod
+from pathlib import Path
+
+from lark import Lark, Token, Tree
+from lark.exceptions import UnexpectedEOF, UnexpectedInput
+from lark.visitors import CollapseAmbiguities
+
+from phyagentos.agent.understanding.vocabulary import Vocabulary, read_lexicon
+from phyagentos.errors import find_nearest
+
+MOST_READINGS = 64
+MOST_LETTERS = 600
+LEAST_NEAR = 4  # shorter words of the language are near to anything
+_FOLDER = Path(__file__).parent
+_WORD = re.compile(r"[a-z][a-z'-]*|\d+(?:\.\d+)?|[^\s\w]")
+_SHORT = (  # contractions and spellings
+    (r"[’`]", "'"),
+    (r"\b(do|does|did|must|should|would|could|wo|ca|is|are|need)n't\b", r"\1 not"),
+    (r"\b(do|does)nt\b", r"\1 not"),
+    (r"\bwo not\b", "will not"),
+    (r"\bca not\b|\bcannot\b", "can not"),
+    (r"\bi'd\b", "i would"),
+    (r"\b(it|that|there)'s\b", r"\1 is"),
+    (r"\bcolor", "colour"),
+    (r"\bgray\b", "grey"),
+    (r"_", " "),
+    (r"(?<!\d)[.!:?]+|[.!:?]+(?!\d)", " ; "),
+    (r"([,;()&])", r" \1 "),
+    (r"\s*,(\s*,)+", " ,"),
+    (r",?\s*\b(after that|then|afterwards|finally|next)\s*,", r" \1 "),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Readings:
+    """What was read.
+
+    Attributes:
+        trees: One for each reading; empty where there is none.
+        stop: Where the sentence stopped to be one, its words from there on.
+        unknown: Words of no meaning here, each with the nearest known one.
+        unsaid: Words of manner, which no predicate says.
+    """
+
+    text: str
+    trees: tuple[Tree[Token], ...] = ()
+    stop: str = ""
+    unknown: Mapping[str, str]
+    unsaid: tuple[str, ...] = ()
+
+
+def read_request(request: str, vocabulary: Vocabulary) -> Readings:
+    """Every reading of a request; none where a word is unknown or where it is no sentence."""
+    text = request.lower()
+    for pattern, spelt in _SHORT:
+        text = re.sub(pattern, spelt, text)
+    adjectives, nouns = vocabulary.list_words()
+    parser, words = _build_parser(adjectives, nouns, tuple(vocabulary.postures))
+    unsaid = tuple(re.findall(_alternatives(_read_lexicon()["manner"]), text))
+    courtesy = {word for word in _read_lexicon()["courtesy"] if word not in words or " " in word}
+    text = re.sub(_alternatives([*courtesy, *_read_lexicon()["manner"]]), " ", text)
+    text = " ".join(text.split()).strip(" ,;")
+    content = sorted({word for word in words if len(word) >= LEAST_NEAR} | adjectives | nouns)
+    unknown = {each: find_nearest(each, content) or "" for each in _WORD.findall(text) if each not in words}
+    unknown = {word: near for word, near in unknown.items() if not re.fullmatch(r"[\d.]+|[+-]", word)}
+    if unknown or len(text) > MOST_LETTERS:
+        return Readings(text=text, unknown=unknown, stop=text[MOST_LETTERS:], unsaid=unsaid)
+    try:
+        forest = parser.parse(text)
+    except UnexpectedEOF:
+        return Readings(text=text, unknown={}, unsaid=unsaid)
+    except UnexpectedInput as error:
+        return Readings(text=text, unknown={}, stop=text[error.pos_in_stream :], unsaid=unsaid)
+    trees = CollapseAmbiguities().transform(forest) if _count_readings(forest) <= MOST_READINGS else ()
+    return Readings(text=text, trees=tuple(dict.fromkeys(trees)), unknown={}, unsaid=unsaid)
+
+
+def _count_readings(tree: Tree[Token]) -> int:
+    counts = [_count_readings(child) for child in tree.children if isinstance(child, Tree)]
+    return sum(counts) if tree.data == "_ambig" else prod(counts)
+
+
+def pluralise(noun: str) -> str:
+    """The plural of an English noun that has a regular one."""
+    if re.search(r"(s|x|z|ch|sh)$", noun):
+        return f"{noun}es"
+    if re.search(r"[^aeiou]y$", noun):
+        return f"{noun[:-1]}ies"
+    return f"{noun[:-1]}ves" if noun.endswith("lf") else f"{noun}s"
+
+
+def _inflect(verb: str) -> tuple[str, ...]:
+    """A verb with its third person and its participle."""
+    third = pluralise(verb)
+    if re.fullmatch(r"[^aeiou]*[aeiou][^aeiouwxy]", verb):
+        return verb, third, f"{verb}{verb[-1]}ing"
+    return verb, third, f"{verb[:-1] if re.search('[^e]e$', verb) else verb}ing"
+
+
+@lru_cache(maxsize=1)
+def _read_lexicon() -> dict[str, tuple[str, ...]]:
+    """Terminal -> its phrases, verbs inflected."""
+    lexicon = {}
+    for name, phrases in read_lexicon().items():
+        if not isinstance(phrases, list):
+            continue
+        forms = (
+            " ".join((form, *rest)).replace(" , ", ", ")
+            for phrase in phrases
+            for verb, *rest in [phrase.split()]
+            for form in (_inflect(verb[:-1]) if verb.endswith("*") else (verb,))
+        )
+        lexicon[name] = tuple(dict.fromkeys(forms))
+    return lexicon
+
+
+def _alternatives(phrases: Iterable[str]) -> str:
+    """A regular expression for any of some phrases, the longest first, as whole words."""
+    ordered = sorted(set(phrases), key=lambda phrase: (-len(phrase), phrase))
+    parts = (re.sub(r"(,|;)\\ ", r"\1\\s*", re.escape(phrase)).replace(r"\ ", r"\s+") for phrase in ordered)
+    return rf"(?<![\w-])(?:{'|'.join(parts)})(?![\w-])"
+
+
+@lru_cache(maxsize=32)
+def _build_parser(
+    adjectives: frozenset[str], nouns: frozenset[str], postures: tuple[str, ...]
+) -> tuple[Lark, frozenset[str]]:
+    """The parser for a scene's words, and every word that it knows."""
+    scene = {
+        "adj": adjectives,
+        "noun": {form for noun in nouns for form in (noun, pluralise(noun))},
+        "elliptic": adjectives - nouns,
+        "posture": {posture.replace("_", " ") for posture in postures} or {"-"},
+    }
+    terminals = {name: phrases for name, phrases in _read_lexicon().items() if name.isupper()}
+    terminals |= {name.upper(): tuple(sorted(words)) for name, words in scene.items()}
+    grammar = (_FOLDER / "request.lark").read_text(encoding="utf-8")
+    lines = [f"{name}: /{_alternatives(phrases)}/" for name, phrases in sorted(terminals.items())]
+    parser = Lark(
+        "\n".join((grammar, *lines)),
+        parser="earley",
+        lexer="dynamic",
+        ambiguity="explicit",
+        propagate_positions=True,
+        maybe_placeholders=False,
+    )
+    known = {word for terminal in parser.terminals for word in re.findall(r"[a-z][a-z'-]*", terminal.pattern.value)}
+    phrases = (phrase for each in terminals.values() for phrase in each)
+    spoken = {word for phrase in phrases for word in _WORD.findall(phrase)}
+    return parser, frozenset(spoken | {word for word in known if len(word) > 1} | set(",;()&"))

@@ -1,0 +1,226 @@
+"""All that a request can be about: things and regions of the scene, what skills bring about, postures, past goals.
+
+Upstream: the catalogue and its scene file. Downstream: the understanders. Every noun comes from here.
+"""
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.selector import ANY, find_lacks
+from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.capabilities.targets import is_beside
+from phyagentos.protocol.documents.schema import read_yaml
+from phyagentos.protocol.world.descriptions import COLORS
+from phyagentos.protocol.world.predicates import syntax
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
+
+ROLE = "robot"  # of the target in goals of requests
+FRAME_M = 0.35  # how far the middle of a lid, a door or a drawer is from that of its frame at most
+LOOSE = "ball"  # one of the nameless contents of a vessel
+WORD = re.compile(r"[a-z][a-z0-9 '-]*")  # what of the text of a scene is taken for a word
+SURFACES = ("table", "floor")  # kinds on which things stand that the scene places nowhere else
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thing:
+    """A listed body or a region, as requests can name it.
+
+    Attributes:
+        kind: Class of thing; `region` for a named region.
+        colour: Colour word, empty where it has none.
+        words: Words that may stand before its noun: of its name, its colour, its material, and of what it is part of.
+        heads: Nouns that mean it: its kind, and the last word of its name.
+        movable: Whether it can be taken elsewhere.
+        has_interior: Whether things can be inside.
+        opens: `slide` or `hinge`; empty without a joint.
+        part_of: The thing that it is fixed to, or whose lid, door or drawer it is; empty where to none.
+        stands: The thing in or on which the scene places it at first, empty where the scene says none.
+        contents: Number of loose balls in it.
+    """
+
+    name: str
+    kind: str
+    colour: str = ""
+    words: frozenset[str] = frozenset()
+    heads: frozenset[str] = frozenset()
+    movable: bool = False
+    has_interior: bool = False
+    opens: str = ""
+    part_of: str = ""
+    stands: str = ""
+    contents: int = 0
+
+    @property
+    def is_region(self) -> bool:
+        """Whether it is a space rather than a body."""
+        return self.kind == "region"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vocabulary:
+    """What a request over one scene can be about.
+
+    Attributes:
+        capabilities: Name of a predicate -> skills that guarantee it on some target.
+        robot: The target that goals of requests are for.
+        postures: Posture -> targets that have it.
+        past: Goals asked for before, the latest last; those of other scenes are left out.
+    """
+
+    scene: str
+    things: Mapping[str, Thing]
+    capabilities: Mapping[str, tuple[str, ...]]
+    targets: tuple[str, ...]
+    robot: str = ANY
+    postures: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    past: tuple[WantedGoal, ...] = ()
+
+    @classmethod
+    def read(cls, catalogue: Catalogue, scene: str, past: Iterable[WantedGoal] = (), robot: str = ANY) -> "Vocabulary":
+        """The vocabulary of a scene.
+
+        Raises:
+            DefinitionError: The scene is unknown or cannot be read.
+        """
+        if scene not in catalogue.scenes:
+            raise DefinitionError.unknown("UNKNOWN_SCENE", "--scene", scene, catalogue.scenes)
+        spec = read_scene(catalogue.scenes[scene])
+        bodies = {name: body for name, body in spec.bodies.items() if body.listed}
+        things = {name: _read_thing(spec, name, body) for name, body in bodies.items()}
+        for name, region in spec.regions.items():
+            words = frozenset((*name.split("_"), *(region.body or "").split("_"))) - {""}
+            things[name] = Thing(name=name, kind="region", words=words, heads=_find_heads(name), has_interior=True)
+        things = _add_synonyms(things)
+        postures: dict[str, list[str]] = {}
+        for target, profile in sorted(catalogue.targets.items()):
+            for posture in profile.postures:
+                postures.setdefault(posture, []).append(target)
+        return cls(
+            scene=scene,
+            things=things,
+            capabilities=_find_capabilities(catalogue),
+            targets=tuple(sorted(catalogue.targets)),
+            robot=robot,
+            postures={name: tuple(targets) for name, targets in postures.items()},
+            past=tuple(goal for goal in past if goal.scene == scene),
+        )
+
+    def list_words(self) -> tuple[frozenset[str], frozenset[str]]:
+        """Words that may stand before a noun, and nouns; colours stand for nouns, too."""
+        things = self.things.values()
+        adjectives = {*COLORS}.union(*(thing.words for thing in things))
+        nouns = {LOOSE} if any(thing.contents for thing in things) else set()
+        nouns = nouns.union(*(thing.heads for thing in things))
+        spoken, named = (frozenset(filter(WORD.fullmatch, words)) for words in (adjectives, nouns))
+        return spoken, named
+
+
+def _add_synonyms(things: Mapping[str, Thing]) -> dict[str, Thing]:
+    """The things with further nouns for them, as far as nothing else here is called so."""
+    taken = {head for thing in things.values() for head in thing.heads}
+    more = {noun: {*others} - taken for noun, others in read_lexicon()["synonyms"].items()}
+    return {
+        name: replace(thing, heads=thing.heads.union(*(more.get(head, ()) for head in thing.heads)))
+        for name, thing in things.items()
+    }
+
+
+@lru_cache(maxsize=1)
+def read_lexicon() -> dict[str, Any]:
+    """The words of requests, as written."""
+    return dict(yaml.safe_load((Path(__file__).parent / "lexicon.yaml").read_text(encoding="utf-8")))
+
+
+def find_robot(catalogue: Catalogue, graphs: Iterable[Path], scene: str) -> str:
+    """The target that goal graphs of a scene name most; else one whose model is beside its profile, or `any`."""
+    named: Counter[str] = Counter()
+    for path in graphs:
+        with suppress(DefinitionError):
+            data = read_yaml(path).data
+            if isinstance(data, dict) and data.get("scene") == scene and isinstance(data.get("targets"), dict):
+                named.update(name for name in data["targets"].values() if name in catalogue.targets)
+    beside = sorted(name for name, profile in catalogue.targets.items() if is_beside(profile.model))
+    return next((name for name, _ in named.most_common(1)), beside[0] if beside else ANY)
+
+
+def _find_heads(name: str) -> frozenset[str]:
+    """The nouns in a name: its last word, and with it the one before where it is a number (`ball 1`)."""
+    *before, last = name.lower().split("_")
+    return frozenset({" ".join((*before[-1:], last)) if last.isdigit() else last})
+
+
+def _read_thing(spec: SceneSpec, name: str, body: Body) -> Thing:
+    part_of = body.part_of or (_find_frame(spec, name) if body.joint is not None else "")
+    of = (*part_of.split("_"), spec.bodies[part_of].kind) if part_of else ()
+    words = {*name.lower().split("_"), *body.color.split(), *(body.material or "").split("_"), *of}
+    return Thing(
+        name=name,
+        kind=body.kind,
+        colour=body.color,
+        words=frozenset(words - {""}),
+        heads=_find_heads(name) | {body.kind.lower().replace("_", " ")},
+        movable=not (body.fixed or body.joint or body.part_of),
+        has_interior=body.interior is not None,
+        opens=body.joint.kind if body.joint is not None else "",
+        part_of=part_of,
+        stands=body.place.frame or "",
+        contents=body.contents.count if body.contents is not None else 0,
+    )
+
+
+def _find_frame(spec: SceneSpec, name: str) -> str:
+    """The fixed thing that one with a joint is a part of: the nearest, as a scene does not say; empty where none is."""
+    at = _find_position(spec, name)
+    near = {
+        other: math.dist(at, _find_position(spec, other))
+        for other, body in spec.bodies.items()
+        if body.fixed and body.kind not in SURFACES
+    }
+    return min((other for other, apart_m in near.items() if apart_m <= FRAME_M), key=near.__getitem__, default="")
+
+
+def _find_position(spec: SceneSpec, name: str) -> tuple[float, ...]:
+    """Where a body is placed, without jitter and turns [m]."""
+    place = spec.bodies[name].place
+    base = _find_position(spec, place.frame) if place.frame else (0.0, 0.0, 0.0)
+    return tuple(a + b for a, b in zip(base, place.position_m, strict=True))
+
+
+def _find_capabilities(catalogue: Catalogue) -> dict[str, tuple[str, ...]]:
+    """Each predicate that some skill guarantees, negated ones as `not inside`, with the skills that a target can do."""
+    found: dict[str, set[str]] = {}
+    for name, runtime in catalogue.skills.items():
+        if all(any(True for _ in find_lacks(runtime, target)) for target in catalogue.targets.values()):
+            continue
+        for text in runtime.guarantees:
+            for is_true, call in iter_literals(parse_predicate(text, template=True).formula):
+                found.setdefault(call.name if is_true else f"not {call.name}", set()).add(name)
+    return {predicate: tuple(sorted(skills)) for predicate, skills in sorted(found.items())}
+
+
+def iter_literals(formula: syntax.Formula, *, is_true: bool = True) -> Iterator[tuple[bool, syntax.Call]]:
+    """Each predicate in a formula with whether it is to be true; the parts of a disjunction count each."""
+    match formula:
+        case syntax.Call():
+            yield is_true, formula
+        case syntax.Not(body):
+            yield from iter_literals(body, is_true=not is_true)
+        case syntax.And(parts) | syntax.Or(parts):
+            for part in parts:
+                yield from iter_literals(part, is_true=is_true)
+        case syntax.Count(body):
+            yield from iter_literals(body, is_true=is_true)
+        case syntax.Compare(left, relation, _):
+            yield from iter_literals(left, is_true=is_true is (relation not in {"<", "<="}))

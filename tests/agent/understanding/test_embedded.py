@@ -1,0 +1,225 @@
+"""The embedded understander: every word counts, what is open is asked, what is not here is refused by its name."""
+
+from dataclasses import replace
+
+import pytest
+
+from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.understanding.embedded import EmbeddedUnderstander, name_goal
+from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, LackKind, QuestionKind, Understood
+from phyagentos.agent.understanding.vocabulary import find_robot
+
+from .conftest import CUBES, get_vocabulary, read_catalogue
+
+BEFORE = WantedGoal(
+    goal="before",
+    objective="sort two cubes",
+    scene=CUBES,
+    constraints=("upright(bottle)",),
+    accept=("inside(red_cube, red_tray)", "inside(blue_cube, blue_tray)"),
+)
+PUT = "put the red cube into the red tray"
+
+
+def insert(word: str) -> list[str]:
+    """The request with a word more, at each place."""
+    words = PUT.split()
+    return [" ".join([*words[:place], word, *words[place:]]) for place in range(len(words) + 1)]
+
+
+def test_the_request_of_the_handbook_becomes_a_goal_and_says_what_it_leaves_out(understand):
+    found = understand("put every cube into the tray of its colour, and keep the bottle upright")
+
+    assert found.goal.accept == tuple(f"inside({c}_cube, {c}_tray)" for c in ("red", "green", "blue"))
+    assert found.goal.constraints == ("upright(bottle)",)
+    assert set(found.left_out) == {"yellow_cube"}
+
+
+def test_a_thing_of_several_is_asked_about_and_an_answer_decides(understand):
+    asked = understand("put the cube in the tray")
+    first, second = asked.questions
+
+    assert (first.kind, first.words) == (QuestionKind.WHICH, "the cube")
+    assert set(first.candidates) == {"red_cube", "green_cube", "blue_cube", "yellow_cube"}
+    answered = understand("put the cube in the tray", **{first.key: "green_cube", second.key: "blue_tray"})
+    assert answered.goal.accept == ("inside(green_cube, blue_tray)",)
+
+
+def test_an_answer_that_is_no_candidate_decides_nothing(understand):
+    (question,) = understand("put the cube in the red tray").questions
+
+    assert isinstance(understand("put the cube in the red tray", **{question.key: "bottle"}), Ambiguous)
+
+
+@pytest.mark.parametrize("word", ["gizmo", "gently2", "unless", "perhaps", "ünder", "half", "seventeenth"])
+def test_a_word_that_means_nothing_here_is_named_wherever_it_stands(understand, word):
+    for request in insert(word):
+        found = understand(request)
+
+        assert isinstance(found, Impossible), request
+        assert found.lacks[0].kind is LackKind.WORD, request
+
+
+@pytest.mark.parametrize("word", ["green", "blue", "bottle", "upright", "keep", "then", "not", "except", "open", "two"])
+def test_a_known_word_too_many_changes_the_goal_or_refuses_it(understand, word):
+    plain = understand(PUT).goal
+    for request in insert(word):
+        found = understand(request)
+
+        same = isinstance(found, Understood) and found.goal.accept == plain.accept
+        assert not same or found.goal.constraints or found.goal.steps, request
+
+
+@pytest.mark.parametrize("missing", ["into", "tray"])
+def test_a_word_too_few_is_never_made_up(understand, missing):
+    words = [word for word in PUT.split() if word != missing]
+
+    assert not isinstance(understand(" ".join(words)), Understood)
+
+
+def test_the_nearest_word_is_told(understand):
+    assert understand("put the rde cube into the red tray").lacks[0].nearest in {"red", "side"}
+    assert understand("put the bottel into the red tray").lacks[0].nearest == "bottle"
+
+
+@pytest.mark.parametrize(
+    ("request_", "kind"),
+    [
+        ("make coffee", LackKind.WORD),
+        ("put the purple cube into the red tray", LackKind.THING),
+        ("put the wall into the red tray", LackKind.FIT),
+        ("put the red cube into the wall", LackKind.FIT),
+        ("open the bottle", LackKind.FIT),
+        ("put the red cube beside the blue cube", LackKind.CAPABILITY),
+        ("don't move the red cube but put it in the red tray", LackKind.CONTRADICTION),
+        ("put the red cube on the blue cube and the blue cube on the red cube", LackKind.CONTRADICTION),
+        ("put the red cube into the red tray and put the red cube into the blue tray", LackKind.CONTRADICTION),
+        ("do it again", LackKind.PAST),
+        ("keep the bottle upright", LackKind.GOAL),
+        ("the cube the tray the red", LackKind.SENTENCE),
+        ("put five cubes into the red tray", LackKind.THING),
+    ],
+)
+def test_what_cannot_be_done_says_why(understand, request_, kind):
+    found = understand(request_)
+
+    assert isinstance(found, Impossible)
+    assert kind in {lack.kind for lack in found.lacks}
+
+
+def test_a_statement_and_a_question_are_no_wishes(understand):
+    assert not isinstance(understand("the red cube is in the red tray"), Understood)
+    assert not isinstance(understand("is the red cube in the red tray?"), Understood)
+
+
+def test_it_is_asked_about_where_two_things_could_be_meant(understand):
+    found = understand("put the red block on the pad and put the green block on it", "tabletop/stacking")
+
+    assert [set(question.candidates) for question in found.questions] == [{"red_block", "pad"}]
+
+
+def test_a_choice_that_is_left_open_is_made_and_told(understand):
+    found = understand("put two of the cubes into the red tray")
+
+    assert len(found.goal.accept) == 2
+    assert set(found.chosen) <= {"red_cube", "green_cube", "blue_cube", "yellow_cube"}
+    assert any("any of" in reason for reason in found.reasons)
+
+
+def test_exactly_two_keeps_the_others_out(understand):
+    accept = understand("put exactly two cubes into the red tray").goal.accept
+
+    assert sum(text.startswith("not ") for text in accept) == 2
+
+
+def test_words_of_manner_are_told_to_change_nothing(understand):
+    found = understand("carefully put the red cube into the red tray")
+
+    assert found.unsaid == ("carefully",)
+
+
+def test_then_makes_steps_and_what_they_leave_true_is_accepted_at_the_end(understand):
+    goal = understand("open the drawer, put the blue cube into it, then close the drawer", "tabletop/drawer").goal
+
+    assert goal.steps == (("open(drawer)", "inside(blue_cube, drawer)"),)
+    assert goal.accept == ("inside(blue_cube, drawer)", "closed(drawer)")
+
+
+def test_clauses_that_exclude_each_other_come_one_after_the_other(understand):
+    goal = understand("close the drawer and open the drawer", "tabletop/drawer").goal
+
+    assert (goal.steps, goal.accept) == ((("closed(drawer)",),), ("open(drawer)",))
+
+
+def test_as_before_takes_the_last_goal_of_the_scene_with_its_constraints(understand):
+    vocabulary = replace(get_vocabulary(), past=(BEFORE,))
+
+    assert understand("do it again", vocabulary).goal.accept == BEFORE.accept
+    assert understand("as before, but not the blue cube", vocabulary).goal.accept == BEFORE.accept[:1]
+    more = understand("as before, and put the green cube into the green tray", vocabulary).goal
+    assert (more.constraints, len(more.accept)) == (BEFORE.constraints, 3)
+
+
+def test_swapped_things_take_the_places_that_the_scene_gives_them(understand):
+    places = {"red_cube": "red_tray", "blue_cube": "blue_tray"}
+    things = get_vocabulary().things
+    stands = {name: replace(things[name], stands=place) for name, place in places.items()}
+    vocabulary = replace(get_vocabulary(), things={**things, **stands})
+
+    assert set(understand("swap the red and the blue cube", vocabulary).goal.accept) == {
+        "inside(red_cube, blue_tray)",
+        "inside(blue_cube, red_tray)",
+    }
+    assert isinstance(understand("swap the red and the blue cube"), Impossible)
+
+
+def test_an_order_that_is_not_said_is_asked_for(understand):
+    (question,) = understand("build a tower of red, green and blue", "tabletop/stacking").questions
+    answered = understand(
+        "build a tower of red, green and blue", "tabletop/stacking", **{question.key: question.candidates[0]}
+    )
+
+    assert question.kind is QuestionKind.ORDER
+    assert answered.goal.accept == ("on(green_block, red_block)", "on(blue_block, green_block)")
+
+
+def test_things_of_other_scenes_are_unknown_words(understand):
+    assert understand("open the drawer").lacks[0].words == "drawer"
+    assert isinstance(understand("open the drawer", "tabletop/drawer"), Understood)
+
+
+def test_a_request_without_end_is_refused_at_once(understand):
+    assert isinstance(understand("put " + "the red cube and " * 300 + "the bottle into the red tray"), Impossible)
+
+
+def test_a_goal_is_named_after_its_request():
+    assert name_goal("Put the red cube away!") == "put_the_red_cube_away"
+    assert name_goal("2 cubes") == "goal_2_cubes"
+    assert name_goal("…") == "goal"
+    assert len(name_goal("put " * 100)) <= 40
+
+
+def test_the_robot_is_that_of_the_graphs_of_the_scene(tmp_path):
+    graph = tmp_path / "g.yaml"
+    graph.write_text("goal: g\nscene: s/t\ntargets: {arm: lekiwi}\n", encoding="utf-8")
+
+    assert find_robot(read_catalogue(), [graph], "s/t") == "lekiwi"
+    assert find_robot(read_catalogue(), [graph], "s/other") == "panda"
+
+
+def test_the_answer_does_not_depend_on_what_was_asked_before(understand):
+    first = understand("put two of the cubes into the red tray")
+    understand("put the blue cube into the blue tray")
+
+    assert EmbeddedUnderstander().understand("put two of the cubes into the red tray", get_vocabulary(), {}) == first
+
+
+@pytest.mark.parametrize("kind", ["cube/ball", "x\ny", "(a|b", "cube. ignore the bottle", "Ω", "a" * 5000])
+def test_what_a_scene_calls_a_thing_breaks_nothing_and_is_no_request(understand, kind):
+    vocabulary = get_vocabulary()
+    cube = vocabulary.things["red_cube"]
+    things = vocabulary.things | {
+        "red_cube": replace(cube, kind=kind, heads=cube.heads | {kind}, words=cube.words | {kind})
+    }
+
+    assert understand(PUT, replace(vocabulary, things=things)).goal.accept == ("inside(red_cube, red_tray)",)

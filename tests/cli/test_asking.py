@@ -1,0 +1,232 @@
+"""`paos ask`: from a request to a graph that lints, and to a run only where it was approved."""
+
+import contextlib
+import json
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from phyagentos.cli import mission_run
+from phyagentos.cli.outcome import ExitCode, print_json
+from tests.chat_server import ChatServer
+
+CUBES = ("--scene", "tabletop/cubes_and_trays")
+REQUEST = "put every cube into the tray of its colour, and keep the bottle upright"
+SHORT = "put the red cube into the red tray"
+FOREIGN = "el cubo rojo en la bandeja roja"
+GOAL = {"goal": {"accept": ["inside(red_cube, red_tray)"]}}
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("PHYAGENTOS_MODEL_URL", "PHYAGENTOS_MODEL", "PHYAGENTOS_MODEL_KEY"):
+        monkeypatch.delenv(name, raising=False)
+    return tmp_path
+
+
+@pytest.fixture
+def runs(monkeypatch):
+    """What would be run, instead of running it."""
+    orders = []
+
+    def note(order):
+        orders.append(order)
+        if order.as_json:
+            print_json({"verdict": "success"})
+        return int(ExitCode.GOAL_MET)
+
+    monkeypatch.setattr(mission_run, "run_mission", note)
+    return orders
+
+
+@pytest.fixture
+def model(monkeypatch):
+    server = ChatServer([GOAL])
+    monkeypatch.setenv("PHYAGENTOS_MODEL_URL", server.url)
+    monkeypatch.setenv("PHYAGENTOS_MODEL", "m-1")
+    yield server
+    server.close()
+
+
+def test_a_request_becomes_a_graph_that_lints_and_nothing_runs_unapproved(paos, runs):
+    asked = paos("ask", REQUEST, *CUBES)
+    graph = Path("asked/put_every_cube_into_the_tray_of_its.yaml")
+
+    assert asked.code == ExitCode.GOAL_MET
+    assert runs == []
+    assert f"paos run {graph}" in asked.err
+    assert "upright(bottle)" in asked.out
+    assert "LEFT OUT yellow_cube" in asked.out
+    assert "because pick_and_place guarantees inside(red_cube, red_tray)" in asked.out
+    assert paos("lint", graph).code == ExitCode.GOAL_MET
+    assert set(yaml.safe_load(graph.read_text(encoding="utf-8"))["accept"]) == {
+        f"inside({colour}_cube, {colour}_tray)" for colour in ("red", "green", "blue")
+    }
+    assert paos("plan", "asked/put_every_cube_into_the_tray_of_its.goal.yaml").code == ExitCode.GOAL_MET
+
+
+def test_yes_approves_and_runs_as_paos_run_does(paos, runs):
+    asked = paos("ask", SHORT, *CUBES, "--yes", "--seed", "3", "-w", "w", "-o", "mine.yaml", "--no-pictures")
+    (order,) = runs
+
+    assert asked.code == ExitCode.GOAL_MET
+    assert (order.graph, order.seed, order.workspace, order.pictures) == (Path("mine.yaml"), 3, Path("w"), False)
+
+
+def test_json_is_one_document_with_the_report_of_the_run_in_it(paos, runs):
+    found = json.loads(paos("ask", REQUEST, *CUBES, "--yes", "--json").out)
+
+    assert found["understood"]
+    assert found["goal"]["constraints"] == ["upright(bottle)"]
+    assert set(found["left_out"]) == {"yellow_cube"}
+    assert len(found["sessions"]) == 3
+    assert found["report"] == {"verdict": "success"}
+    assert len(runs) == 1
+
+
+def test_json_alone_approves_nothing(paos, runs):
+    found = json.loads(paos("ask", SHORT, *CUBES, "--json").out)
+
+    assert Path(found["graph"]).is_file()
+    assert runs == []
+
+
+def test_questions_end_with_code_2_and_their_candidates_and_can_be_answered(paos, runs):
+    asked = paos("ask", "put the cube in the red tray", *CUBES, "--json", "--yes")
+    (question,) = json.loads(asked.out)["questions"]
+
+    assert asked.code == ExitCode.INVALID_INPUT
+    assert question["candidates"] == ["red_cube", "green_cube", "blue_cube", "yellow_cube"]
+    assert runs == []
+    assert not Path("asked").exists()
+    answer = f"{question['key']}=green_cube"
+    answered = paos("ask", "put the cube in the red tray", *CUBES, "--json", "--answer", answer)
+    assert json.loads(answered.out)["goal"]["accept"] == ["inside(green_cube, red_tray)"]
+
+
+@pytest.mark.parametrize(
+    ("request_", "kind", "words"),
+    [
+        ("make coffee", "word", "coffee"),
+        ("put the red cube beside the blue cube", "capability", "near"),
+        ("open the bottle", "fit", "open(bottle)"),
+    ],
+)
+def test_what_cannot_be_done_ends_with_code_2_and_is_named(paos, request_, kind, words):
+    asked = paos("ask", request_, *CUBES, "--json")
+
+    assert asked.code == ExitCode.INVALID_INPUT
+    assert (kind, words) in [(lack["kind"], lack["words"]) for lack in json.loads(asked.out)["lacks"]]
+    assert words in paos("ask", request_, *CUBES).out
+
+
+def test_a_goal_without_a_plan_says_what_is_missing(paos):
+    asked = paos("ask", "put everything into the red tray", *CUBES)
+
+    assert asked.code == ExitCode.GOAL_NOT_MET
+    assert "red_tray" in asked.out
+    assert not Path("asked").exists()
+
+
+def test_a_scene_has_to_be_named_once(paos):
+    assert paos("ask", SHORT).code == ExitCode.INVALID_INPUT
+    paos("ask", SHORT, *CUBES)
+    assert paos("ask", "put the blue cube into the blue tray").code == ExitCode.GOAL_MET
+
+
+def test_as_before_takes_the_request_before(paos):
+    paos("ask", SHORT, *CUBES)
+    found = json.loads(paos("ask", "as before, and put the blue cube into the blue tray", "--json").out)
+
+    assert found["goal"]["accept"] == ["inside(red_cube, red_tray)", "inside(blue_cube, blue_tray)"]
+
+
+def test_another_graph_of_the_same_name_is_not_overwritten(paos):
+    paos("ask", "put the cube into the red tray", *CUBES, "--answer", "the cube@4=red_cube")
+    paos("ask", "put the cube into the red tray", *CUBES, "--answer", "the cube@4=blue_cube")
+
+    assert len([path for path in Path("asked").glob("*.yaml") if not path.name.endswith(".goal.yaml")]) == 2
+
+
+def test_a_robot_that_is_not_there_is_refused(paos):
+    assert "UNKNOWN_TARGET" in paos("ask", SHORT, *CUBES, "--robot", "hal").err
+    assert json.loads(paos("ask", SHORT, *CUBES, "--robot", "ur5e", "--json").out)["goal"]["targets"] == {
+        "robot": "ur5e"
+    }
+
+
+def test_the_graph_can_be_shown_as_mermaid(paos):
+    assert "flowchart LR" in paos("ask", SHORT, *CUBES, "--mermaid").out
+
+
+def test_a_model_is_asked_only_for_words_that_the_grammar_does_not_know(paos, model):
+    paos("ask", SHORT, *CUBES)
+    paos("ask", "put the cube into the red tray", *CUBES)
+    paos("ask", "open the bottle", *CUBES)
+    assert model.asked == []
+
+    found = json.loads(paos("ask", FOREIGN, *CUBES, "--json").out)
+
+    assert found["goal"]["accept"] == ["inside(red_cube, red_tray)"]
+    assert len(model.asked) == 1
+
+
+def test_answers_of_a_model_are_kept_and_replace_it(paos, model, monkeypatch):
+    paos("ask", FOREIGN, *CUBES, "-o", "mine.yaml")
+    monkeypatch.delenv("PHYAGENTOS_MODEL_URL")
+
+    assert paos("ask", FOREIGN, *CUBES).code == ExitCode.INVALID_INPUT
+    again = paos("ask", FOREIGN, *CUBES, "--model-answers", "mine.answers.json", "--json")
+    assert json.loads(again.out)["goal"]["accept"] == ["inside(red_cube, red_tray)"]
+    other = paos("ask", f"{FOREIGN} y azul", *CUBES, "--model-answers", "mine.answers.json")
+    assert other.code == ExitCode.INVALID_INPUT
+
+
+def test_a_model_without_its_name_is_refused(paos, model, monkeypatch):
+    monkeypatch.delenv("PHYAGENTOS_MODEL")
+
+    assert "PHYAGENTOS_MODEL" in paos("ask", FOREIGN, *CUBES).err
+
+
+def _ask_in_terminal(approval: bytes, *words: str, before: bytes = b"") -> tuple[int, str]:
+    """The command in a terminal of its own; what is pressed before the approval is asked for is no approval."""
+    script = (
+        "import sys; from phyagentos.cli import mission_run;"
+        "mission_run.run_mission = lambda order: print('RUNS', order.graph) or 0;"
+        "from phyagentos.cli.app import main; main()"
+    )
+    near, far = pty.openpty()
+    command = [sys.executable, "-c", script, "ask", *words]
+    with subprocess.Popen(command, stdin=far, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as asked:
+        try:
+            os.write(near, before)
+            while "run it?" not in asked.stderr.readline():
+                assert asked.poll() is None
+            for _ in range(100):  # it may begin to listen a moment later
+                os.write(near, approval)
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    asked.wait(0.1)
+                    break
+            return asked.returncode, asked.stdout.read()
+        finally:
+            asked.kill()
+            os.close(near)
+            os.close(far)
+
+
+def test_a_key_press_approves_and_another_does_not():
+    assert "RUNS" in _ask_in_terminal(b"y", SHORT, *CUBES)[1]
+    assert "RUNS" not in _ask_in_terminal(b"n", SHORT, *CUBES)[1]
+
+
+def test_questions_are_put_in_the_terminal():
+    code, out = _ask_in_terminal(b"n", "put the cube into the red tray", *CUBES, before=b"9\n2\n")
+
+    assert code == ExitCode.GOAL_MET
+    assert "inside(green_cube, red_tray)" in out
