@@ -7,6 +7,7 @@ import typer
 
 from phyagentos.cli.arguments import AsJson, get_file, open_library
 from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_result
+from phyagentos.protocol.capabilities.library import Library
 
 if TYPE_CHECKING:
     from phyagentos.agent.planning.planned import PlannedGoal, Unsolvable
@@ -23,25 +24,11 @@ def plan(
     as_json: AsJson = False,
 ) -> int:
     """Plan a goal by the effects of skills: sessions, their order, and why; start nothing."""
-    from phyagentos.agent.goals.catalogue import Catalogue
     from phyagentos.agent.planning.graph_file import render_mermaid, write_graph
-    from phyagentos.agent.planning.planned import Unsolvable, plan_goal
-    from phyagentos.agent.planning.wanted_file import read_wanted
-    from phyagentos.assembly.scene_start import draw_start
-    from phyagentos.protocol.documents.schema import read_text
-    from phyagentos.protocol.workspace.workspace import Workspace
-    from phyagentos.protocol.world.environment import read_environment
+    from phyagentos.agent.planning.planned import Unsolvable
 
     path = get_file(goal, "goal_graphs")
-    library = open_library(path)
-    catalogue = Catalogue.read(library)
-    wanted = read_wanted(path, catalogue)
-    if workspace is None:
-        world = draw_start(library, wanted.scene, wanted.targets.values(), seed)
-    else:
-        known = Workspace.open(workspace).environment
-        world = read_environment(read_text(known), str(known))
-    planned = plan_goal(wanted, catalogue, world)
+    planned = plan_file(path, open_library(path), seed, workspace)
     if isinstance(planned, Unsolvable):
         print_json(planned) if as_json else print_missing(planned)
         return int(ExitCode.GOAL_NOT_MET)
@@ -49,12 +36,30 @@ def plan(
         output.write_text(write_graph(planned), encoding="utf-8")
         print_note(f"wrote {output}; next: paos run {output}")
     if as_json:
-        print_json({"goal": wanted.goal, "targets": planned.roles, "sessions": planned.steps})
+        print_json({"goal": planned.wanted.goal, "targets": planned.roles, "sessions": planned.steps})
     elif mermaid:
         print_result(render_mermaid(planned))
     else:
         print_plan(planned)
     return int(ExitCode.GOAL_MET)
+
+
+def plan_file(path: Path, library: Library, seed: int, workspace: Path | None) -> "PlannedGoal | Unsolvable":
+    """The plan of a goal without one, from what a workspace last observed, else from the start of its scene."""
+    from phyagentos.agent.goals.catalogue import Catalogue
+    from phyagentos.agent.planning.planned import plan_goal
+    from phyagentos.agent.planning.wanted_file import read_wanted
+    from phyagentos.assembly.scene_start import draw_start
+    from phyagentos.protocol.documents.schema import read_text
+    from phyagentos.protocol.workspace.workspace import Workspace
+    from phyagentos.protocol.world.environment import read_environment
+
+    catalogue = Catalogue.read(library)
+    wanted = read_wanted(path, catalogue)
+    if workspace is None:
+        return plan_goal(wanted, catalogue, draw_start(library, wanted.scene, wanted.targets.values(), seed))
+    known = Workspace.open(workspace).environment
+    return plan_goal(wanted, catalogue, read_environment(read_text(known), str(known)))
 
 
 def print_plan(planned: "PlannedGoal") -> None:

@@ -28,6 +28,7 @@ from phyagentos.cli.lint import lint_file
 from phyagentos.cli.memory import recall
 from phyagentos.cli.observing import Standing
 from phyagentos.cli.outcome import Exit
+from phyagentos.cli.planning import plan_file
 from phyagentos.cli.preflight import check_sessions, read_order
 from phyagentos.cli.stopping import end, request, stop_all
 from phyagentos.cli.trusting import admit_python
@@ -95,6 +96,21 @@ class WorkspaceTools:
         with as_file(text) as file:
             problems = lint_file(file, library=Workspace.open(self.root).library())
         return Answer({"problems": shorten(problems, file)})
+
+    @_tool()
+    def plan(self, goal: _Text, seed: _Seed = 0, from_now: bool = False) -> Answer:
+        """Plan a goal that says what must come true (YAML) by the effects of skills; a goal graph, or what is missing.
+
+        It begins with the scene of that seed, or `from_now` with the world as observed last.
+        """
+        from phyagentos.agent.planning.graph_file import write_graph
+        from phyagentos.agent.planning.planned import Unsolvable
+
+        with as_file(goal) as file:
+            planned = plan_file(file, Workspace.open(self.root).library(), seed, self.root if from_now else None)
+        if isinstance(planned, Unsolvable):
+            return Answer({"graph": "", "is_proven": planned.is_proven, "missing": planned.missing})
+        return Answer({"graph": write_graph(planned) if planned.steps else "", "sessions": planned.steps})
 
     @_tool()
     def compile(self, graph: _Text, overrides: _Overrides = _NONE) -> Answer:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+import yaml
 
 from phyagentos.agent.tools.proposals import Proposals
 from phyagentos.agent.tools.registry import Level
@@ -18,7 +19,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 ROOT = Path(__file__).resolve().parents[2]
 LIBRARY = Library.open(ROOT)
 TIDY = (ROOT / "goal_graphs" / "tidy_table.yaml").read_text(encoding="utf-8")
-READING = {"look", "lint", "compile", "preflight", "wait", "why", "recall"}
+READING = {"look", "lint", "plan", "compile", "preflight", "wait", "why", "recall"}
 STOPS = {"cancel", "pause", "estop"}
 
 
@@ -65,9 +66,16 @@ def test_every_tool_declares_what_it_does_and_takes(registry):
 
 def test_every_tool_refuses_hostile_arguments_and_changes_nothing(registry, workspace):
     hostile = [
-        {"subject": {"$ref": "x"}, "graph": 1, "text": None, "id": [], "words": 2, "session": 3},
+        {"subject": {"$ref": "x"}, "graph": 1, "goal": [], "text": None, "id": [], "words": 2, "session": 3},
         {"graph": "../../etc/passwd\n", "text": "\0", "id": "../" * 80, "subject": "../../x", "session": "-w /"},
-        {"graph": "a: &a [*a]", "text": "x: " + "[" * 100_000, "id": "*", "subject": "*", "session": "\n"},
+        {
+            "graph": "a: &a [*a]",
+            "goal": "goal: ../../x",
+            "text": "x: " + "[" * 100_000,
+            "id": "*",
+            "subject": "*",
+            "session": "\n",
+        },
         {"graph": "\x1b[2J", "text": "!!python/object/apply:os.system ['true']", "id": "", "subject": "\0"},
     ]
     before = list_files(workspace.root)
@@ -90,6 +98,17 @@ def test_compile_shows_the_sessions_of_a_name_or_of_a_text(registry):
     named, written = (registry.call("compile", {"graph": graph}).facts for graph in ("tidy_table", TIDY))
     assert named == written
     assert [each["node"] for each in named["sessions"]] == ["red", "green", "blue"]
+
+
+def test_a_goal_without_a_plan_becomes_a_graph_that_compiles_or_what_is_missing(registry):
+    wanted = {"goal": "put_red", "objective": "Red into its tray.", "scene": "tabletop/cubes_and_trays"}
+    wanted |= {"accept": ["inside(red_cube, red_tray)"]}
+    planned = registry.call("plan", {"goal": yaml.safe_dump(wanted), "seed": 7}).facts
+    compiled = registry.call("compile", {"graph": planned["graph"]}).facts
+    assert [each["skill"] for each in compiled["sessions"]] == ["pick_and_place"]
+    impossible = wanted | {"accept": ["inside(red_cube, red_tray)", "not inside(red_cube, red_tray)"]}
+    assert registry.call("plan", {"goal": yaml.safe_dump(impossible)}).facts["graph"] == ""
+    assert refuse(registry, "plan", goal="goal: x").code == "MISSING_KEY"
 
 
 def test_compile_takes_overrides_and_refuses_paths_in_them(registry):

@@ -97,7 +97,7 @@ def test_a_client_sees_what_its_level_offers_and_nothing_else(workspace, connect
         async with connect(workspace, "propose") as client:
             tools = {tool.name: tool for tool in (await client.list_tools()).tools}
             assert set(tools) == {
-                *("look", "lint", "compile", "preflight", "wait", "why", "recall"),
+                *("look", "lint", "plan", "compile", "preflight", "wait", "why", "recall"),
                 *("propose", "step", "cancel", "pause", "estop"),
             }
             assert tools["why"].annotations.read_only_hint
