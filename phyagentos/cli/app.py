@@ -71,6 +71,10 @@ COMMANDS: dict[str, tuple[str, str]] = {  # name -> module and function, and the
         "explaining:show_graph",
         "Show a goal's graph as it stands: every attempt at a node, and what comes before it.",
     ),
+    "context": (
+        "explaining:show_context",
+        "Print what a model would be shown: request, world, open nodes, verdicts, capabilities, lessons, limits.",
+    ),
     "rerun": (
         "explaining:rerun",
         "Run a session once more from its own documents and compare the bits of the terminal state.",

@@ -62,7 +62,9 @@ def _verify(workspace: Workspace) -> tuple[int, list[Problem]]:
         if status is not None and status.state not in FINAL_STATES and not (folder / MANIFEST).exists():
             continue
         checked += 1
-        problems += [*check_bundle(folder), *_check_looks(folder)]
+        judged = status.attempts if status is not None else ()
+        shown = [each.shown for attempt in judged for each in attempt.criteria if isinstance(each.shown, str)]
+        problems += [*check_bundle(folder, shown), *_check_looks(folder)]
     gone = [missing for status in sessions.values() if (missing := _find_missing(workspace, status))]
     return checked + len(gone), [*gone, *problems, *check_objects(workspace.evidence)]
 

@@ -1,10 +1,11 @@
-"""Commands about sessions and goals that ran: `why`, `graph`, `rerun`."""
+"""Commands about sessions and goals that ran: `why`, `graph`, `context`, `rerun`."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from msgspec.structs import asdict
 
 from phyagentos.cli.arguments import AsJson, TrustPython, choose_newest
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
@@ -94,6 +95,29 @@ def _get_goal(text: str, workspace: Path, known: Mapping[GoalId, GoalStatus]) ->
     found = repr(text) if text else f"{len(known)} goals"
     expected = format_names(known) if known else "a goal that was submitted there"
     raise DefinitionError.of("UNKNOWN_GOAL", str(workspace), found, expected, format_hint(text, known))
+
+
+def show_context(
+    workspace: Space,
+    goal: Annotated[str, typer.Argument(metavar="GOAL", help="Its id; the latest one without.")] = "",
+    for_: Annotated[str, typer.Option("--for", help="plan, verify or repair.")] = "plan",
+    budget: Annotated[int, typer.Option(help="Most tokens of the text, of three bytes each.")] = 8_000,
+    as_json: AsJson = False,
+) -> None:
+    """Print what a model would be shown: request, world, open nodes, verdicts, capabilities, lessons, limits."""
+    from phyagentos.agent.context.context import build_context
+    from phyagentos.agent.context.of_workspace import iter_sections
+    from phyagentos.cli.history import read_ledger
+
+    ledger, place = read_ledger(workspace), Workspace.open(workspace)
+    latest = dict(list(ledger.goals.items())[-1:])
+    status = _get_goal(goal, workspace, ledger.goals if goal else latest) if goal or latest else None
+    context = build_context(for_, iter_sections(place, ledger, status), budget)
+    if as_json:
+        print_json(asdict(context) | {"tokens": context.tokens, "sha256": context.sha256})
+    else:
+        print_result(context.text)
+        print_note(f"{context.tokens} of {budget} tokens, sha256 {context.sha256}")
 
 
 def rerun(session: Id, workspace: Space, trust_python: TrustPython = False) -> int:

@@ -6,6 +6,8 @@ Nothing is judged again: the diagnosis is the agent's own, over the same evidenc
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import msgspec
+
 from phyagentos.agent.judging.diagnosis import diagnose
 from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
 from phyagentos.cli.console import MARKS
@@ -32,6 +34,10 @@ def explain_session(workspace: Workspace, ledger: Ledger, id: SessionId) -> str:
     lines += _explain_execution(status)
     if status.execution is not None:
         bundle = read_bundle(workspace.root / status.execution.evidence, status.contract, status.execution)
+        own, others = status.contract, ledger.sessions.values()
+        node = (each for each in others if (each.contract.goal, each.contract.node) == (own.goal, own.node))
+        prior = tuple(each for each in node if each.contract.attempt < own.attempt)
+        bundle = msgspec.structs.replace(bundle, prior=prior)
         for attempt in status.attempts:
             lines += _explain_attempt(attempt, bundle)
         lines.append(f"  evidence    {bundle.folder}")
@@ -99,6 +105,8 @@ def _explain_attempt(attempt: Attempt, bundle: Bundle) -> Iterator[str]:
     if attempt.verdict is Verdict.SUCCESS:
         return
     diagnosis = diagnose(bundle, attempt.criteria)
+    if diagnosis.repeats:
+        yield f"  repeated    {diagnosis.cause}, {diagnosis.repeats + 1} times in a row"
     yield f"  layer       {diagnosis.layer.value}"
     yield f"  cause       {attempt.cause}: {diagnosis.fact or attempt.reason}"
     event = find_failed_leaf(bundle)

@@ -229,7 +229,7 @@ class _Cleaning:
 
     def _measure(self, folders: Iterable[Path]) -> None:
         for folder in folders:
-            for path in folder.iterdir():
+            for path in folder.rglob("*"):
                 self._space.add(path)
         for path in evidence_manifest.iter_objects(self._workspace.evidence):
             if path.stat().st_nlink > 1:  # the others are swept

@@ -1,11 +1,14 @@
 """The judge that looks at pictures, against a server that speaks the protocol over a real socket."""
 
 import base64
+import hashlib
 import json
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+import msgspec
 import pytest
+import yaml
 
 from phyagentos.agent.judging.judges.vision import VisionJudge
 from phyagentos.agent.judging.verifier import SessionVerifier
@@ -14,9 +17,11 @@ from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.network.chat import MAX_BYTES, OpenAiEndpoint
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.documents.document import iter_blocks
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
+from phyagentos.protocol.sessions.evidence_manifest import Sealer, check_bundle, get_shown_name
 from phyagentos.protocol.sessions.looks import LookRole
-from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.sessions.verdicts import EvidenceReference, Verdict
 from phyagentos.protocol.settings.verification import JudgeName
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
@@ -24,6 +29,8 @@ from tests.hostile_server import HostileServer
 from tests.looks import keep_look
 
 from .conftest import make_world, put
+from .test_context import HOSTILE
+from .test_history import HISTORY
 from .test_verifier import BUDGET, IN_TRAY, make_bundle, make_session
 
 DONE = put(make_world(), "red_cube", IN_TRAY)
@@ -110,7 +117,7 @@ def test_it_is_shown_what_the_cameras_saw_and_no_rendering_and_a_strict_answer_i
     (asked,) = model.asked
     assert (asked["path"], asked["model"], asked["temperature"]) == ("/v1/chat/completions", "looker-1", 0)
     text, *shown = asked["messages"][1]["content"]
-    assert "Statement: inside(red_cube, red_tray)" in text["text"]
+    assert '\nstatement: "inside(red_cube, red_tray)"\n' in text["text"]
     assert "inside(a, b) means: Let go of; centre and datum within the sides of the interior" in text["text"]
     sent = [each.get("text") or _decode(each["image_url"]["url"]) for each in shown]
     before, after = (["top before", "left before"], ["top after", "left after"])
@@ -126,7 +133,7 @@ def test_its_answer_is_weighed_like_any_other(serve, bundle, said, truth):
     assert attempt.verdict is not Verdict.SUCCESS
     assert attempt.criteria[-1].truth is truth
     assert "look-end.zip" in {reference.file for reference in attempt.evidence}
-    assert attempt.judges[-1] == "vision/2(looker-1 at 127.0.0.1)"
+    assert attempt.judges[-1] == "vision/3(looker-1 at 127.0.0.1)"
     assert "secret" not in repr(verifier)
 
 
@@ -202,6 +209,79 @@ def test_the_same_question_about_the_same_pictures_is_asked_once(serve, bundle):
     judge = make_judge(model.url)
     assert judge.judge(bundle) == judge.judge(bundle)
     assert len(model.asked) == 1
+
+
+def test_what_was_shown_stands_in_the_sealed_bundle_and_the_judgement_names_its_hash(serve, tmp_path):
+    folder = tmp_path / "evidence" / "g.red"
+    folder.mkdir(parents=True)
+    for role in (LookRole.START, LookRole.END):
+        keep_look(folder, role, {"top": role.encode()})
+    Sealer(folder.parent).seal(folder)
+    model = serve()
+    verifier = SessionVerifier(costly=(make_judge(model.url),))
+    attempt = verifier.judge(make_bundle(DONE, folder=folder), HISTORY)
+
+    (asked,) = model.asked
+    sent = asked["messages"][1]["content"][0]["text"]
+    sha256 = attempt.criteria[-1].shown
+    kept = folder / get_shown_name(sha256)
+    assert kept.read_text() == sent
+    assert hashlib.sha256(kept.read_bytes()).hexdigest() == sha256
+    assert EvidenceReference(file=get_shown_name(sha256), sha256=sha256) in attempt.evidence
+    assert "shown" not in msgspec.to_builtins(attempt.criteria[0])  # no model was asked
+
+    found = {block.name: yaml.safe_load(block.yaml) for block in iter_blocks(sent)}
+    assert list(found) == ["question", "request", "attempts", "lessons"]
+    question = found["question"]
+    assert question["statement"] == "inside(red_cube, red_tray)"
+    pictures = [hashlib.sha256(shown).hexdigest() for shown in (b"start", b"end")]
+    assert (question["before"], question["after"]) == ([pictures[0]], [pictures[1]])
+    causes = [(id, each["cause"], each["reason"]) for id, each in found["attempts"].items()]
+    assert causes == [
+        ("g.red.r2", "GRASP_LOST", "GRASP_LOST it was"),
+        ("g.red.r1", "GRASP_LOST", "GRASP_LOST it was"),
+        ("g.red.r0", "GRASP_MISSED", "GRASP_MISSED it was"),
+    ]
+    assert found["lessons"]["lesson-slow"]["evidence"] == ["evidence/g.red.r1"]
+
+    assert check_bundle(folder, [sha256]) == []
+    kept.write_text(sent.replace("GRASP_LOST", "SUCCESS"))
+    assert [problem.code for problem in check_bundle(folder)] == ["MISMATCH"]
+    kept.unlink()
+    assert [problem.code for problem in check_bundle(folder, [sha256])] == ["MISSING"]
+
+
+@pytest.mark.parametrize("hostile", HOSTILE)
+def test_texts_of_others_reach_the_model_as_values_only(serve, bundle, hostile):
+    model = serve()
+    session = make_session(objective=hostile)
+    (before,) = (msgspec.structs.replace(each, reason=hostile) for each in HISTORY.prior[-1].attempts)
+    prior = (msgspec.structs.replace(HISTORY.prior[-1], attempts=(before,)),)
+    shown = msgspec.structs.replace(bundle, session=session, prior=prior)
+    (criterion,) = make_judge(model.url).judge(shown)
+    assert criterion.truth is Truth.TRUE
+    blocks = list(iter_blocks(model.asked[0]["messages"][1]["content"][0]["text"]))
+    assert [block.name for block in blocks] == ["question", "request", "attempts"]
+    assert yaml.safe_load(blocks[1].yaml)["g.red"]["objective"] == hostile
+    assert yaml.safe_load(blocks[2].yaml)["g.red.r2"]["reason"] == hostile
+
+
+def test_what_a_model_that_gave_no_answer_was_shown_is_kept_too(serve, bundle):
+    (criterion,) = make_judge(serve(content="no").url).judge(bundle)
+    assert criterion.truth is Truth.UNKNOWN
+    assert (bundle.folder / get_shown_name(criterion.shown)).is_file()
+
+
+def test_no_model_is_asked_what_cannot_be_kept_or_is_too_long(serve, bundle):
+    model = serve()
+    (bundle.folder / "shown").write_text("no folder")
+    (criterion,) = make_judge(model.url).judge(bundle)
+    assert (criterion.truth, criterion.failure) == (Truth.UNKNOWN, "EVIDENCE_UNWRITABLE")
+    (bundle.folder / "shown").unlink()
+    long = msgspec.structs.replace(bundle, session=make_session(accept=("visible(red_cube) and " * 600 + "true",)))
+    (criterion,) = make_judge(model.url).judge(long)
+    assert (criterion.truth, criterion.failure) == (Truth.UNKNOWN, "CONTEXT_TOO_LARGE")
+    assert model.asked == []
 
 
 def test_only_so_many_criteria_are_asked_about(serve, tmp_path, bundle):

@@ -4,14 +4,15 @@ import json
 import shutil
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.sessions import evidence
-from phyagentos.protocol.sessions.evidence_manifest import Sealer, read_manifest
+from phyagentos.protocol.sessions.evidence_manifest import Sealer, keep_shown, read_manifest
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
-from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
 from phyagentos.protocol.world.truth import Truth
 from tests.looks import keep_look
@@ -192,3 +193,29 @@ def test_a_copy_without_hard_links_is_verified_all_the_same(paos, run, bundles, 
     shutil.copytree(run.workspace.root, copy)
     result = paos("evidence", "verify", "-w", copy)
     assert (result.code, result.out) == (ExitCode.GOAL_MET, "2 bundles checked: as recorded\n")
+
+
+def test_a_context_that_a_model_was_shown_is_checked_with_the_bundle_that_holds_it(paos, run, bundles):
+    sha256 = keep_shown(bundles[0], "# Context for verify\n")  # after it was sealed
+    criterion = Criterion(text="inside(red_cube, red_tray)", kind="vision", truth=Truth.TRUE, shown=sha256)
+    attempt = Attempt(verdict=Verdict.SUCCESS, criteria=(criterion,), is_review=True)
+    run.write(Side.AGENT, bundles[0].name, "review", attempt=msgspec.to_builtins(attempt))
+    shown = bundles[0] / "shown" / f"{sha256}.md"
+    assert paos("evidence", "verify", "-w", run.workspace.root).code == ExitCode.GOAL_MET
+
+    shown.write_text("# Context for nothing\n")
+    result = paos("evidence", "verify", "-w", run.workspace.root)
+    assert result.code == ExitCode.GOAL_NOT_MET
+    assert f"{shown}: MISMATCH" in result.err
+    shown.unlink()
+    result = paos("evidence", "verify", "-w", run.workspace.root)
+    assert f"{shown}: MISSING: found no such file; expected sha256 {sha256}" in result.err
+
+
+def test_a_thinned_bundle_still_holds_what_a_model_was_shown(paos, run, bundles):
+    sha256 = keep_shown(bundles[0], "# Context for verify\n")
+    run.clock.advance(3 * 86_400.0)
+    result = paos("evidence", "prune", "-w", run.workspace.root)
+    assert result.code == ExitCode.GOAL_MET
+    assert (bundles[0] / "shown" / f"{sha256}.md").is_file()
+    assert paos("evidence", "verify", "-w", run.workspace.root).code == ExitCode.GOAL_MET

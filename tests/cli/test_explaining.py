@@ -240,3 +240,15 @@ def test_why_where_nothing_ran_yet_says_so(run, paos):
     result = paos("why", "-w", run.workspace.root)
     assert result.code == ExitCode.INVALID_INPUT
     assert "found 0 goals; expected a goal that was submitted there" in result.err
+
+
+def test_why_says_that_the_cause_came_back(paos, run):
+    run.begin()
+    first = run.submit("red")
+    for id in (first, run.submit("red", parent=first)):
+        leave_evidence(run, id)
+        run.execute(id)
+        run.judge(id, Verdict.REPLAN, Truth.FALSE)
+    assert "repeated" not in paos("why", first, "-w", run.workspace.root).out
+    again = paos("why", f"{first}.r1", "-w", run.workspace.root).out
+    assert "repeated    GRASP_LOST, 2 times in a row" in again

@@ -6,7 +6,7 @@ It reads the trace, the end of the execution and the change of the world; never 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from itertools import chain
+from itertools import chain, takewhile
 
 from msgspec import UNSET
 
@@ -15,7 +15,7 @@ from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage, compute_move, find_failed_leaf
 from phyagentos.codes import CODES, Retry
 from phyagentos.protocol.sessions.evidence import Bundle
-from phyagentos.protocol.sessions.session import Ended, Session
+from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.sessions.verdicts import Criterion, Support
 from phyagentos.protocol.world.environment import SURE, Environment, Status
@@ -133,6 +133,7 @@ class Diagnosis:
         is_hopeless: Whether another attempt cannot help.
         stage: How far the skill had come.
         support: The numbers of the evidence behind it.
+        prior: Earlier sessions of the node, the oldest first.
     """
 
     cause: Cause
@@ -142,6 +143,7 @@ class Diagnosis:
     is_hopeless: bool = False
     stage: Stage = Stage.BEFORE
     support: tuple[Support, ...] = ()
+    prior: tuple[SessionStatus, ...] = ()
 
     @property
     def kind(self) -> CauseClass:
@@ -149,6 +151,12 @@ class Diagnosis:
         if self.cause is Cause.GRASP_LOST and self.stage < Stage.LIFTED:
             return CauseClass.GRASP
         return CLASSES.get(self.cause, CauseClass.OTHER)
+
+    @property
+    def repeats(self) -> int:
+        """How many attempts at the objective just before it, in a row, were missed for the same cause."""
+        causes = [each.decision.cause for each in self.prior if each.decision and not each.contract.purpose]
+        return len(list(takewhile(lambda cause: cause == self.cause, reversed(causes))))
 
     @property
     def layer(self) -> Layer:
@@ -172,6 +180,7 @@ def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
         is_hopeless=hopeless,
         stage=timeline.stage,
         support=timeline.support,
+        prior=bundle.prior,
     )
 
 

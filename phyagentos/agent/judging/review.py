@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import msgspec
 
+from phyagentos.agent.context.of_workspace import find_lessons
 from phyagentos.agent.judging.goal_judgement import Evidence, carry_conditions
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.errors import DefinitionError
@@ -40,7 +41,9 @@ def judge_goalless_sessions(
     live = fold_partition(journal.folder).live_sessions()
     waiting = [each for each in live if not each.contract.goal and each.state in _WAITING]
     for status in waiting:
-        attempt = verifier.judge(Evidence(workspace.root).read(status), History())
+        bundle = Evidence(workspace.root).read(status)
+        lessons = find_lessons(workspace.lessons, status.contract, bundle.before or bundle.after)
+        attempt = verifier.judge(bundle, History(lessons=lessons))
         trigger = _TRIGGERS.get(attempt.verdict, "refuse")
         verdict = Entry(status.contract.id, trigger, {"attempt": attempt}, status.epoch)
         begin = [] if status.state == SessionState.VERIFYING else [Entry(status.contract.id, "verify")]
@@ -61,7 +64,8 @@ def review_session(
 ) -> Attempt:
     """Judge a session once more and record it; earlier judgements and the session's state stay.
 
-    Of the `lineage`, the sessions of its node, it takes over the conditions that these could not see.
+    Of the `lineage`, the sessions of its node, it takes over the conditions that these could not see; judges are shown
+    what became of them, and the lessons in force.
 
     Raises:
         DefinitionError: `NOT_JUDGED` when it has no verdict yet, or was never executed.
@@ -74,7 +78,9 @@ def review_session(
     evidence = Evidence(workspace.root)
     bundle = evidence.read(status)
     carried = carry_conditions(status.contract, bundle.after, lineage, evidence)
-    attempt = verifier.judge(bundle, History(carried=carried))
+    lessons = find_lessons(workspace.lessons, status.contract, bundle.before or bundle.after)
+    prior = tuple(each for each in lineage if each.contract.attempt < status.contract.attempt)
+    attempt = verifier.judge(bundle, History(carried=carried, prior=prior, lessons=lessons))
     attempt = msgspec.structs.replace(attempt, is_review=True)
     journal.commit([Entry(id, REVIEW, {"attempt": attempt})])
     return attempt

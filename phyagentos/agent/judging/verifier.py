@@ -18,7 +18,9 @@ from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
 from phyagentos.agent.judging.judges.metrics import MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
 from phyagentos.protocol.sessions.evidence import Bundle, refer_to
-from phyagentos.protocol.sessions.session import Ended, Session
+from phyagentos.protocol.sessions.evidence_manifest import get_shown_name
+from phyagentos.protocol.sessions.lessons import Lesson
+from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, EvidenceReference, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.world.environment import Environment
@@ -27,7 +29,7 @@ from phyagentos.protocol.world.truth import Truth
 
 DEFAULT_JUDGES: tuple[Judge, ...] = (PredicateJudge(), HoldJudge(), MetricJudge(), LookaheadJudge())
 MOST_MISSING = 8  # a child session looks at one entity, or at a few that stand together
-MOST_REFERENCES = 16  # a bundle has fewer files that can be judged on
+MOST_REFERENCES = 64  # a bundle has fewer files that can be judged on, contexts of models included
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,11 +40,15 @@ class History:
         replans: Children that the node has had.
         max_replans: Children that it may have.
         carried: Conditions that earlier sessions of the node could not see all through, as they stand now.
+        prior: Earlier sessions of the node, the oldest first; judges and diagnosis find them in the bundle.
+        lessons: Lessons in force for the session, likewise. Neither changes a verdict by itself.
     """
 
     replans: int = 0
     max_replans: int = 0
     carried: tuple[Criterion, ...] = ()
+    prior: tuple[SessionStatus, ...] = ()
+    lessons: tuple[Lesson, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,6 +86,7 @@ class SessionVerifier:
             )
         if self.mode is VerificationMode.ENFORCE:
             history = replace(history, max_replans=0)
+        bundle = msgspec.structs.replace(bundle, prior=history.prior, lessons=history.lessons)
         criteria = [*(criterion for judge in self.judges for criterion in judge.judge(bundle)), *history.carried]
         for judge in self.costly:
             if all(each.truth is not Truth.FALSE for each in _choose_decisive(criteria)):
@@ -209,6 +216,8 @@ def _refer(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[EvidenceRefer
         if name and name not in known and "/" not in name:
             with contextlib.suppress(OSError):  # the judge found none either and reported it
                 references.append(refer_to(name, (bundle.folder / name).read_bytes()))
+    shown = dict.fromkeys(criterion.shown for criterion in criteria if criterion.shown is not msgspec.UNSET)
+    references += [EvidenceReference(file=get_shown_name(sha256), sha256=sha256) for sha256 in shown]
     return tuple(references[:MOST_REFERENCES])
 
 

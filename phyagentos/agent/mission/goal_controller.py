@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from phyagentos.agent.context.of_workspace import find_lessons
 from phyagentos.agent.goals.amendment import describe_node
 from phyagentos.agent.goals.compiler import Revision, SessionCompiler
 from phyagentos.agent.judging.goal_judgement import Evidence, carry_conditions, judge_goal
@@ -26,6 +27,7 @@ from phyagentos.agent.repair.case import join_evidence
 from phyagentos.agent.repair.looking import LOOKS_MAX, settle
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.lifecycle import SessionState, find_cancel
 from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation
@@ -174,7 +176,8 @@ class GoalController:
         bundle = join_evidence(self._evidence.read(subject, with_course=False), seen) if looks else seen
         lineage = facts.get_sessions(node)
         carried = carry_conditions(subject.contract, seen.after, lineage, self._evidence)
-        history = replace(history, carried=carried)
+        lessons = find_lessons(self._evidence.root / LESSONS.file, subject.contract, seen.before or seen.after)
+        history = replace(history, carried=carried, prior=lineage[: status.contract.attempt], lessons=lessons)
         attempt = self._verifier.judge(bundle, history)
         if attempt.found is not Verdict.SUCCESS:  # now it matters what happened on the way
             course = self._evidence.read(subject)

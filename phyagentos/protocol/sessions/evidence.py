@@ -11,7 +11,8 @@ from typing import Any
 import msgspec
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.sessions.session import Execution, Session
+from phyagentos.protocol.sessions.lessons import Lesson
+from phyagentos.protocol.sessions.session import Execution, Session, SessionStatus
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion, EvidenceReference
 from phyagentos.protocol.world.environment import Environment
@@ -53,6 +54,8 @@ class Bundle(msgspec.Struct, frozen=True, kw_only=True):
         before: World before the session, None when it could not be observed.
         holds: Worst sample of each hold condition and constraint.
         references: The files that this was read from.
+        prior: Earlier sessions of its node, the oldest first; no file of the bundle, the verifier adds them.
+        lessons: Lessons in force for it, likewise.
     """
 
     folder: Path
@@ -64,6 +67,8 @@ class Bundle(msgspec.Struct, frozen=True, kw_only=True):
     trace: tuple[TraceEvent, ...]
     events: tuple[Event, ...]
     references: tuple[EvidenceReference, ...] = ()
+    prior: tuple[SessionStatus, ...] = ()
+    lessons: tuple[Lesson, ...] = ()
 
 
 def read_bundle(folder: Path, session: Session, execution: Execution, *, with_course: bool = True) -> Bundle:

@@ -10,7 +10,7 @@ import hashlib
 import os
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -162,10 +162,10 @@ def unseal_bundle(folder: Path) -> None:
             private.replace(entry.path)
 
 
-def check_bundle(folder: Path) -> list[Problem]:
+def check_bundle(folder: Path, shown: Iterable[str] = ()) -> list[Problem]:
     """Hash a sealed bundle again: one problem for each file that is missing, damaged or not listed.
 
-    A bundle without a manifest is `UNSEALED`.
+    A bundle without a manifest is `UNSEALED`. `shown` are hashes of contexts that judgements refer to.
     """
     try:
         manifest = read_manifest(folder)
@@ -185,7 +185,28 @@ def check_bundle(folder: Path) -> list[Problem]:
     problems += [
         problem for name, path in found.items() if name in expected and (problem := _check(path, expected[name]))
     ]
-    return problems
+    contexts = {path.stem: path for path in folder.glob(get_shown_name("*"))}
+    records = {name: FileRecord(sha256=name, bytes=0) for name in sorted(contexts.keys() | set(shown))}
+    problems += [_missing(folder, get_shown_name(n), record) for n, record in records.items() if n not in contexts]
+    return problems + [problem for n, path in contexts.items() if (problem := _check(path, records[n]))]
+
+
+def get_shown_name(sha256: str) -> str:
+    """Name of a context that a model was shown, in its bundle; a folder, as a verdict may come after the seal."""
+    return f"shown/{sha256}.md"
+
+
+def keep_shown(folder: Path, text: str) -> str:
+    """Keep in a bundle what a model is about to be shown; its SHA-256. Raises ExecutionError `EVIDENCE_UNWRITABLE`."""
+    sha256 = hashlib.sha256(text.encode()).hexdigest()
+    path = folder / get_shown_name(sha256)
+    try:
+        path.parent.mkdir(exist_ok=True)
+        if not path.exists():
+            replace_durably(path, text.encode())
+    except OSError as error:
+        raise ExecutionError("EVIDENCE_UNWRITABLE", f"{path}: {error}") from error
+    return sha256
 
 
 def check_objects(evidence: Path) -> list[Problem]:

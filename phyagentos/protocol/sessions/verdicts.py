@@ -43,6 +43,7 @@ class Criterion(msgspec.Struct, frozen=True, kw_only=True):
         because: One sentence for people.
         failure: Coded reason why its judge gave no usable answer; left out where it answered.
         alternatives: Things that nothing tells apart, where the value depends on which has which name.
+        shown: SHA-256 of the context that a model was shown for it; the text stands in `shown/` of the bundle.
     """
 
     text: str
@@ -54,6 +55,7 @@ class Criterion(msgspec.Struct, frozen=True, kw_only=True):
     because: str = ""
     failure: str | msgspec.UnsetType = msgspec.UNSET
     alternatives: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
+    shown: str | msgspec.UnsetType = msgspec.UNSET
 
 
 class EvidenceReference(msgspec.Struct, frozen=True, kw_only=True):

@@ -1,7 +1,8 @@
 """The judge that shows camera frames to a vision-language model: one question for each acceptance criterion.
 
 It sends the frames of perception before and after the session, never a rendering, and only where the settings have a
-`vision` block. It fails closed: missing frames, a late answer or one of another form mean unknown.
+`vision` block. With them goes a context, which is kept in the bundle before it is sent. It fails closed: missing
+frames, a late answer or one of another form mean unknown.
 """
 
 import base64
@@ -9,14 +10,18 @@ import hashlib
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from phyagentos.agent.context.context import Section, build_context, select
+from phyagentos.agent.context.of_workspace import describe_attempts
 from phyagentos.agent.judging.judges.judge import make_unknown
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.network.chat import OpenAiEndpoint
 from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.evidence_manifest import keep_shown
 from phyagentos.protocol.sessions.looks import LOOKS, LookRole, read_pictures
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.predicates.library import get_predicate_library
@@ -25,13 +30,9 @@ from phyagentos.protocol.world.predicates.syntax import iter_calls
 from phyagentos.protocol.world.truth import Truth
 
 KIND = "vision"
+CONTEXT_TOKENS = 3_000  # of the text beside the pictures
 REMEMBERED = 64  # answers; the verifier may ask twice about one session
-_SYSTEM = (
-    "You judge whether a statement about a robot's workspace is true after a task. You are shown what each of its "
-    "cameras saw before the task, then what each saw after it. Answer with one JSON object and nothing else: "
-    '{"truth": "true" | "false" | "unknown", "because": "<one sentence>"}. '
-    "Say unknown when the pictures do not show it."
-)
+_SYSTEM = Path(__file__).with_name("vision_instruction.txt").read_text(encoding="utf-8")
 
 
 Pictures = tuple[bytes, ...]
@@ -57,8 +58,8 @@ class VisionJudge:
 
     @property
     def name(self) -> str:
-        """`vision/2(model at host)`."""
-        return f"vision/2({self.endpoint.name})"
+        """`vision/3(model at host)`."""
+        return f"vision/3({self.endpoint.name})"
 
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
         """One criterion for each predicate of `accept` without a metric."""
@@ -69,32 +70,52 @@ class VisionJudge:
         except ExecutionError as error:
             return [make_unknown(text, KIND, LOOKS, str(error), failure=error.code) for text in texts]
         return [
-            self._ask(text, bundle.session.objective, (before, after), file)
+            self._ask(text, bundle, (before, after), file)
             if number < self.max_questions
             else make_unknown(text, KIND, file, f"only {self.max_questions} criteria are asked about")
             for number, text in enumerate(texts)
         ]
 
-    def _ask(self, text: str, objective: str, pictures: tuple[Pictures, Pictures], file: str) -> Criterion:
-        shown = (*pictures[0], b"", *pictures[1])
-        key = hashlib.sha256(b"\0".join([text.encode(), objective.encode(), *shown])).hexdigest()
-        if key in self._known:
-            self._known.move_to_end(key)
-            return self._known[key]
+    def _ask(self, text: str, bundle: Bundle, pictures: tuple[Pictures, Pictures], file: str) -> Criterion:
         try:
-            answer = _read_answer(self.endpoint.complete(_build_messages(text, objective, pictures)).text)
-        except ExecutionError as error:  # another time it may answer, so this is not remembered
+            context = _build_context(text, bundle, pictures)
+            shown = keep_shown(bundle.folder, context)
+        except DefinitionError as error:
+            return make_unknown(text, KIND, file, str(error), failure=error.problems[0].code)
+        except ExecutionError as error:
             return make_unknown(text, KIND, file, str(error), failure=error.code)
-        criterion = Criterion(text=text, kind=KIND, truth=answer.truth, evidence=file, because=answer.because[:400])
-        self._known[key] = criterion
+        if shown in self._known:
+            self._known.move_to_end(shown)
+            return self._known[shown]
+        try:
+            answer = _read_answer(self.endpoint.complete(_build_messages(context, pictures)).text)
+        except ExecutionError as error:  # another time it may answer, so this is not remembered
+            unknown = make_unknown(text, KIND, file, str(error), failure=error.code)
+            return msgspec.structs.replace(unknown, shown=shown)
+        criterion = Criterion(
+            text=text, kind=KIND, truth=answer.truth, evidence=file, because=answer.because[:400], shown=shown
+        )
+        self._known[shown] = criterion
         if len(self._known) > REMEMBERED:
             self._known.popitem(last=False)
         return criterion
 
 
-def _build_messages(text: str, objective: str, pictures: tuple[Pictures, Pictures]) -> list[dict[str, Any]]:
-    question = f"Task: {objective}\nStatement: {text}\n{_explain(text)}\nIs the statement true after the task?"
-    content: list[dict[str, Any]] = [{"type": "text", "text": question}]
+def _build_context(text: str, bundle: Bundle, pictures: tuple[Pictures, Pictures]) -> str:
+    """The context of one question; it names the pictures, so no two calls that differ share one."""
+    before, after = (tuple(hashlib.sha256(png).hexdigest() for png in shown) for shown in pictures)
+    question = {"statement": text, "means": _explain(text), "before": before, "after": after}
+    sections = (
+        Section("question", question),
+        Section("request", {bundle.session.id: select("request", bundle.session)}),
+        describe_attempts(bundle.prior[::-1]),
+        Section("lessons", {each.id: select("lessons", each) for each in bundle.lessons}),
+    )
+    return build_context("verify", sections, CONTEXT_TOKENS).text
+
+
+def _build_messages(context: str, pictures: tuple[Pictures, Pictures]) -> list[dict[str, Any]]:
+    content: list[dict[str, Any]] = [{"type": "text", "text": context}]
     for when, shown in zip(("Before the task:", "After the task:"), pictures, strict=True):
         content.append({"type": "text", "text": when})
         urls = (f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}" for png in shown)
@@ -102,15 +123,14 @@ def _build_messages(text: str, objective: str, pictures: tuple[Pictures, Picture
     return [{"role": "system", "content": _SYSTEM}, {"role": "user", "content": content}]
 
 
-def _explain(text: str) -> str:
+def _explain(text: str) -> tuple[str, ...]:
     """What the predicates of a statement mean, one line each."""
     try:
         calls = list(iter_calls(parse_predicate(text).formula))
     except DefinitionError:
-        return ""
+        return ()
     known = (get_predicate_library().find(call.name) for call in calls)
-    lines = {f"{found.signature} means: {found.description}" for found in known if found is not None}
-    return "\n".join(sorted(lines))
+    return tuple(sorted({f"{found.signature} means: {found.description}" for found in known if found is not None}))
 
 
 def _read_answer(content: str) -> _Answer:
