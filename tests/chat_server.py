@@ -6,6 +6,10 @@ import threading
 from collections.abc import Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+import yaml
+
+from phyagentos.protocol.documents.document import iter_blocks
+
 
 class ChatServer(ThreadingHTTPServer):
     """Gives its answers one after the other, the last one again and again.
@@ -33,8 +37,9 @@ class ChatServer(ThreadingHTTPServer):
 
     @property
     def data(self) -> dict:
-        """What the first question said in its user's message."""
-        return json.loads(self.asked[0]["messages"][1]["content"])
+        """What the first question said in its user's message: heading -> items."""
+        text = self.asked[0]["messages"][1]["content"]
+        return {block.name: yaml.safe_load(block.yaml) for block in iter_blocks(text)}
 
     def close(self) -> None:
         self.closed.set()

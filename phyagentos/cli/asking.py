@@ -210,7 +210,8 @@ def _write(
     text = yaml.safe_dump(wanted, sort_keys=False, allow_unicode=True, width=1000)
     (ASKED / f"{graph.stem}{WANTED_SUFFIX}").write_text(text, encoding="utf-8")
     if model is not None and model[1].kept:
-        write_answers(graph.with_suffix(".answers.json"), request, understood.goal.scene, model[0], model[1].kept)
+        file, scene = graph.with_suffix(".answers.json"), understood.goal.scene
+        write_answers(file, request, scene, model[0], model[1].kept, model[1].shown)
     return graph
 
 

@@ -1,6 +1,6 @@
 """Answers of a model, kept in a file beside the goal graph, and used again in the place of the model."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -11,18 +11,21 @@ from phyagentos.network.chat import Completion
 
 
 class AnswerFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The answers to one request over one scene, in their order; it holds no key."""
+    """The answers to one request over one scene, in their order, and what the model was shown; it holds no key."""
 
     request: str
     scene: str
     model: str
     answers: tuple[Completion, ...]
+    shown: dict[str, str] = {}
     version: Literal[1] = 1
 
 
-def write_answers(path: Path, request: str, scene: str, model: str, answers: Sequence[Completion]) -> None:
-    """Keep the answers of a model."""
-    data = msgspec.json.encode(AnswerFile(request, scene, model, tuple(answers)))
+def write_answers(
+    path: Path, request: str, scene: str, model: str, answers: Sequence[Completion], shown: Mapping[str, str]
+) -> None:
+    """Keep the answers of a model, and the contexts that it was shown, by their SHA-256."""
+    data = msgspec.json.encode(AnswerFile(request, scene, model, tuple(answers), dict(shown)))
     path.write_bytes(msgspec.json.format(data, indent=2) + b"\n")
 
 

@@ -1,6 +1,7 @@
 """The understander that asks a model: servers that answer rightly, wrongly, slowly, never, or as they are told to."""
 
 import contextlib
+import hashlib
 import json
 import time
 from dataclasses import replace
@@ -54,7 +55,7 @@ def test_a_right_answer_becomes_the_goal(serve):
     assert found.goal.accept == ("inside(red_cube, red_tray)",)
     assert found.goal.constraints == ("upright(bottle)",)
     assert (found.goal.objective, found.goal.scene) == (REQUEST, "tabletop/cubes_and_trays")
-    assert server.data["request"] == REQUEST
+    assert server.data["question"]["request"] == REQUEST
     assert server.asked[0]["response_format"]["type"] == "json_schema"
 
 
@@ -91,7 +92,7 @@ def test_a_question_is_asked_on_and_its_answer_reaches_the_model(serve):
     ask(server, answers={found.questions[0].key: "red_cube"})
 
     assert isinstance(found, Ambiguous)
-    assert server.data["answered"] == {"crimson": "red_cube"}
+    assert server.data["question"]["answered"] == {"crimson": "red_cube"}
 
 
 def test_candidates_that_are_not_here_are_no_question(serve):
@@ -163,10 +164,10 @@ def test_text_of_a_scene_is_data_and_an_obedient_model_gets_no_further_than_a_go
     things = vocabulary.things | {"red_cube": replace(vocabulary.things["red_cube"], kind=order)}
     obedient = serve({"goal": {"accept": ["inside(bottle, red_tray)"]}, "approved": True, "limits": None}, RIGHT)
     found = ask(obedient, vocabulary=replace(vocabulary, things=things))
-    system, user = obedient.asked[0]["messages"]
+    system, _ = obedient.asked[0]["messages"]
 
     assert order not in system["content"]
-    assert json.loads(user["content"])["things"]["red_cube"]["kind"] == order  # quoted, so it ends no string
+    assert obedient.data["world"]["red_cube"]["kind"] == order  # quoted, so it ends no string
     assert "approved" in obedient.asked[1]["messages"][-1]["content"]
     assert found.goal.accept == ("inside(red_cube, red_tray)",)
 
@@ -176,7 +177,7 @@ def test_the_key_is_sent_to_the_server_and_written_nowhere(serve, tmp_path):
     endpoint = OpenAiEndpoint(url=server.url, model="m-1", key="sk-secret")
     model = ModelUnderstander(complete=endpoint.complete, clock=SystemClock())
     model.understand(REQUEST, get_vocabulary(), {})
-    write_answers(tmp_path / "a.json", REQUEST, SCENE, endpoint.name, model.kept)
+    write_answers(tmp_path / "a.json", REQUEST, SCENE, endpoint.name, model.kept, model.shown)
 
     assert server.keys == ["Bearer sk-secret"]
     assert "sk-secret" not in (tmp_path / "a.json").read_text(encoding="utf-8")
@@ -188,7 +189,7 @@ def test_kept_answers_are_used_again_without_a_server(serve, tmp_path):
     endpoint = OpenAiEndpoint(url=server.url, model="m-1")
     model = ModelUnderstander(complete=endpoint.complete, clock=SystemClock())
     first = model.understand(REQUEST, get_vocabulary(), {})
-    write_answers(tmp_path / "a.json", REQUEST, SCENE, endpoint.name, model.kept)
+    write_answers(tmp_path / "a.json", REQUEST, SCENE, endpoint.name, model.kept, model.shown)
     again = ModelUnderstander(complete=replay_answers(tmp_path / "a.json", REQUEST, SCENE), clock=SystemClock())
 
     assert again.understand(REQUEST, get_vocabulary(), {}) == first
@@ -211,8 +212,11 @@ def test_answers_are_plain_json(serve, tmp_path):
     endpoint = OpenAiEndpoint(url=serve(RIGHT, tokens=77).url, model="m-1")
     model = ModelUnderstander(complete=endpoint.complete, clock=SystemClock())
     model.understand(REQUEST, get_vocabulary(), {})
-    write_answers(tmp_path / "a.json", REQUEST, SCENE, endpoint.name, model.kept)
+    write_answers(tmp_path / "a.json", REQUEST, SCENE, endpoint.name, model.kept, model.shown)
     kept = msgspec.json.decode((tmp_path / "a.json").read_bytes())
 
+    ((sha256, shown),) = kept["shown"].items()
+    assert hashlib.sha256(shown.encode()).hexdigest() == sha256
+    assert REQUEST in shown
     assert kept["model"] == "m-1 at 127.0.0.1"
     assert (kept["answers"][0]["tokens"], json.loads(kept["answers"][0]["text"])) == (77, RIGHT)
