@@ -53,6 +53,7 @@ UNCLOSED_FENCE       Nothing closes a fenced block of a document.
 UNSUPPORTED          A movable body of a scene begins in the air, with nothing below it to stand on.
 VISION_NOT_CONFIGURED The judge `vision` was asked for, and no model is configured.
 TWO_ACTIONS          A reactive composite has more than one child that takes time.
+UNKNOWN_FORECASTER   An unknown forecaster.
 UNKNOWN_JUDGE        An unknown judge.
 UNKNOWN_BLOCK        A document holds a block that it should not.
 UNKNOWN_KEY          No key of this name in the format.
@@ -257,7 +258,7 @@ IN_COLLISION            The arm, or every goal posture, touches something.
 NO_FREE_SITE            There is no free room at the destination.
 LOAD_LOST               What was to travel on a thing did not arrive with it.
 LOOKAHEAD_FAILED        The look-ahead that was asked for could not be carried out.
-LOOKAHEAD_LOW           Too few of the imagined executions met the contract, so nothing was moved.
+LOOKAHEAD_LOW           The chance of success that was foreseen is too low, so nothing was moved.
 NO_IK                   No joint posture reaches what is asked.
 NO_MODEL                The planner was asked before it was given a robot.
 NO_PATH_FOUND           No way between start and goals was found in the budget.

@@ -1,7 +1,6 @@
 """The runtime's own child processes, started by the watchdog: a world, a worker and a rehearsal for each target."""
 
 import argparse
-import os
 import sys
 import threading
 from collections.abc import Mapping, Sequence
@@ -260,36 +259,12 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
 
 def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
     """Answer the worker until it is gone."""
-    from phyagentos.runtime.execution.leaf_registry import build_registry
-    from phyagentos.runtime.lookahead.forecast import Forecaster
     from phyagentos.runtime.lookahead.process import serve
-    from phyagentos.runtime.lookahead.rehearsal import Rehearser
-    from phyagentos.runtime.models.robot import read_profile
-    from phyagentos.runtime.motion.planner import MotionPlanner
-    from phyagentos.runtime.motion.process import LocalPlanner
-    from phyagentos.runtime.motion.tool_bounds import read_tool_bounds
-    from phyagentos.runtime.preflight.settings import read_settings
+    from phyagentos.runtime.lookahead.service import open_service
     from phyagentos.runtime.supervision.workers import end_with_parent
 
     end_with_parent()
-    workspace = Workspace.open(root)
-    library = workspace.library()
-    path = library.get_target(target)
-    profile, folder = read_profile(path)
-    limits = read_settings(workspace, target).limits
-    planner = MotionPlanner.open(path, bounds=read_tool_bounds(limits))
-    planner.warm_up()
-    rehearser = Rehearser(
-        profile=profile,
-        folder=folder,
-        limits=limits,
-        library=library,
-        registry=build_registry(library),
-        planner=LocalPlanner(planner),
-        clock=SystemClock(),
-    )
-    forecaster = Forecaster(rehearser=rehearser, threads=len(os.sched_getaffinity(0)))
-    serve(forecaster, Connection(descriptor))
+    serve(open_service(Workspace.open(root), target), Connection(descriptor))
 
 
 def open_world_model(

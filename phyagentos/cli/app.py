@@ -118,6 +118,10 @@ COMMANDS: dict[str, tuple[str, str]] = {  # name -> module and function, and the
         "mcp_server:serve",
         "Serve the tools of a workspace to an agent, over stdio or HTTP, until it hangs up or Ctrl-C.",
     ),
+    "forecasts": (
+        "forecasts:show_forecasts",
+        "Compare what forecasters foresaw of sessions with what happened: Brier score, reliability, who is asked.",
+    ),
     "verify": (
         "verification:verify",
         "Add a judgement to a session that has its verdict; erases none and changes no state.",

@@ -11,6 +11,7 @@ from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
 from phyagentos.agent.judging.judges.metrics import MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
 from phyagentos.agent.judging.verifier import SessionVerifier
+from phyagentos.protocol.sessions.calibration import TrackRecord
 from phyagentos.protocol.sessions.evidence import TRAJECTORY, Event, read_bundle, write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadRequest, LookaheadResult
 from phyagentos.protocol.sessions.session import Ended, Execution
@@ -187,6 +188,12 @@ def test_no_rollouts_leave_no_criterion(tmp_path):
 def test_a_prediction_that_nobody_asked_for_leaves_no_criterion(tmp_path):
     write_lookahead(tmp_path)
     assert LookaheadJudge().judge(make_bundle(DONE, folder=tmp_path)) == []
+
+
+def test_where_no_forecaster_was_fit_to_be_asked_look_ahead_has_nothing_to_say(tmp_path):
+    worse = {"hasty/1": TrackRecord(cases=31, brier=0.4, base_brier=0.2)}
+    write_json(tmp_path / LOOKAHEAD, LookaheadResult(samples=0, succeeded=0, threshold=0.7, withheld=worse))
+    assert LookaheadJudge().judge(make_bundle(DONE, session=ASKING, folder=tmp_path)) == []
 
 
 def test_the_share_of_rollouts_is_compared_with_the_threshold_that_was_asked(tmp_path):

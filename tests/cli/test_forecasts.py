@@ -1,6 +1,7 @@
 from phyagentos.cli.forecasts import find_forecast, render_forecast
+from phyagentos.protocol.sessions.calibration import TrackRecord
 from phyagentos.protocol.sessions.evidence import write_json
-from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, Alternative, LookaheadResult
+from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, Alternative, Forecast, LookaheadResult
 from phyagentos.protocol.sessions.strategy import Strategy
 
 SLOWER = Alternative(strategy=Strategy(speed=0.5), samples=8, succeeded=8)
@@ -41,3 +42,36 @@ def test_a_damaged_forecast_is_said_to_be_so_and_not_shown(tmp_path, capsys):
 
     assert find_forecast(tmp_path) is None
     assert "EVIDENCE_UNREADABLE" in capsys.readouterr().err
+
+
+def test_who_else_was_asked_and_who_was_not_stands_beside_the_forecast(tmp_path):
+    learned = Forecast(forecaster="learned/1(9f86d081)", samples=40, succeeded=29.6, causes={"LOAD_LOST": 10.4})
+    worse = {"hasty/1": TrackRecord(cases=31, brier=0.4, base_brier=0.2)}
+    result = LookaheadResult(samples=8, succeeded=8, threshold=0.8, cost_ms=1900, others=(learned,), withheld=worse)
+    write_json(tmp_path / LOOKAHEAD, result)
+
+    assert list(render_forecast(find_forecast(tmp_path))) == [
+        "not asked: hasty/1, Brier score 0.400, base rate 0.200, 31 cases",
+        "foreseen 100 % [68, 100] success: 8 of 8 rollouts, 0.8 asked (1900 ms)",
+        "         beside it 74 % [59, 85] by learned/1(9f86d081) (0 ms)",
+    ]
+
+
+def test_where_a_model_decides_its_cases_are_not_called_rollouts(tmp_path):
+    causes = {"LOAD_LOST": 10.4}
+    write_json(
+        tmp_path / LOOKAHEAD,
+        LookaheadResult(forecaster="learned/1(9f86d081)", samples=40, succeeded=29.6, threshold=0.8, causes=causes),
+    )
+
+    first, *_ = render_forecast(find_forecast(tmp_path))
+    assert first.startswith("foreseen 74 % [59, 85] success: 29.6 of 40 cases foreseen by learned/1(9f86d081), 0.8")
+
+
+def test_where_nobody_was_fit_to_be_asked_that_is_all_that_is_shown(tmp_path):
+    worse = {"hasty/1": TrackRecord(cases=31, brier=0.4, base_brier=0.2)}
+    write_json(tmp_path / LOOKAHEAD, LookaheadResult(samples=0, succeeded=0, threshold=0.8, withheld=worse))
+
+    assert list(render_forecast(find_forecast(tmp_path))) == [
+        "not asked: hasty/1, Brier score 0.400, base rate 0.200, 31 cases"
+    ]

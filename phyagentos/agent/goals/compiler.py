@@ -4,7 +4,7 @@ The contract is fully substituted: it holds no `${...}`, no role and no default 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
@@ -17,6 +17,7 @@ from phyagentos.agent.goals.spec import REFERENCE, NodeSpec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.placed_scenes import name_placed
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.sessions.calibration import TrackRecord
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.session import GoalId, Limits, Scene, Session, SessionId
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
@@ -59,12 +60,14 @@ class SessionCompiler:
     Attributes:
         goal: Id of the goal; also the episode, so that its sessions share one world.
         seed: Root of every random choice of the goal.
+        distrusted: Forecasters that its sessions do not ask.
     """
 
     graph: GoalGraph
     catalogue: Catalogue
     goal: GoalId
     seed: int
+    distrusted: Mapping[str, TrackRecord] = field(default_factory=dict)
 
     def compile_node(
         self, name: str, *, outputs: Outputs | None = None, attempt: int = 0, revision: Revision | None = None
@@ -150,7 +153,18 @@ class SessionCompiler:
             return None
         threshold = asked.threshold if revision is None or revision.threshold is None else revision.threshold
         seed = compute_seed(self.seed, "node", name, "attempt", attempt)
-        return LookaheadRequest(samples=asked.samples, threshold=threshold, seed=seed)
+        return LookaheadRequest(
+            samples=asked.samples,
+            threshold=threshold,
+            seed=seed,
+            forecasters=asked.forecasters,
+            distrusted=dict(self.distrusted),
+        )
+
+    @property
+    def asks_ahead(self) -> bool:
+        """Whether any session of the goal asks for look-ahead."""
+        return any(self._ask_ahead(name, 0, None) for name in self.graph.nodes)
 
     def preview(self) -> tuple[Session, ...]:
         """The first session of every node, in the order of the graph; data edges stay as they are written.

@@ -8,6 +8,7 @@ import pydantic
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.sessions.session import PRIORITY_MAX, ResetPolicy
+from phyagentos.protocol.settings.forecasting import SHIPPED, check_forecasters
 
 NODE_NAME = r"^[a-z][a-z0-9_]*$"
 NAME_MAX = 80  # letters of a goal or node as authored; ids add a seed, or the values of a fan-out
@@ -21,15 +22,19 @@ class Promise(Authored):
 
 
 class LookaheadSpec(Authored):
-    """What is simulated before a session starts.
+    """What is foreseen before a session starts.
 
     Attributes:
         samples: Rollouts at most, each in a world of its own; clear cases take fewer.
-        threshold: Least share of successful rollouts with which a session is worth a try.
+        threshold: Least chance of success with which a session is worth a try.
+        forecasters: Asked in this order; the first that answers decides, the others are recorded beside it.
     """
 
     samples: int = pydantic.Field(default=16, ge=1, le=1000)
     threshold: float = pydantic.Field(default=0.7, ge=0.0, le=1.0)
+    forecasters: Annotated[tuple[str, ...], pydantic.AfterValidator(check_forecasters)] = pydantic.Field(
+        default=(SHIPPED.name,), min_length=1
+    )
 
 
 class Defaults(Authored):
@@ -46,7 +51,7 @@ class Defaults(Authored):
         policy_s: Longest wait for an answer of a policy server, by the wall clock [s].
         max_replans: Children that a node may have.
         reset_policy: When a target's world may be begun anew for this goal.
-        lookahead: What is simulated before a session starts; nothing when it is absent.
+        lookahead: What is foreseen before a session starts; nothing when it is absent.
     """
 
     timeout_s: float = pydantic.Field(default=60.0, gt=0)

@@ -1,10 +1,8 @@
 """Counts of successes: the Wilson interval and the mean under a flat prior."""
 
-import math
-
 import msgspec
 
-Z_95 = 1.959964  # two-sided 95 % of the normal distribution
+from phyagentos.protocol.sessions.calibration import compute_interval
 
 
 class Count(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -24,14 +22,8 @@ class Count(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % score interval of Wilson (1927), doi:10.1080/01621459.1927.10502953."""
-        if not self.trials:
-            return 0.0, 1.0
-        n, share = self.trials, self.successes / self.trials
-        scale = 1.0 + Z_95**2 / n
-        centre = (share + Z_95**2 / (2 * n)) / scale
-        half = Z_95 * math.sqrt(share * (1.0 - share) / n + Z_95**2 / (4 * n * n)) / scale
-        return max(0.0, centre - half), min(1.0, centre + half)
+        """The 95 % score interval of Wilson."""
+        return compute_interval(self.successes, self.trials)
 
     def __str__(self) -> str:
         """`19 of 20 (95 % [76, 99])`."""

@@ -3,6 +3,7 @@
 The loop holds no state of its own: the controller decides from the records, so a mission may be killed and run again.
 """
 
+import dataclasses
 import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -30,6 +31,7 @@ from phyagentos.protocol.sessions.session import GoalId, check_goal_id
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.admission import IllegalEvent
+from phyagentos.store.forecast_record import find_distrusted
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
@@ -159,6 +161,8 @@ class Mission:
 
     def _make_controller(self, compiler: SessionCompiler) -> GoalController:
         self.ledger.keep_goal(compiler.goal)  # the report comes after the verdict
+        if compiler.asks_ahead:
+            compiler = dataclasses.replace(compiler, distrusted=find_distrusted(self._workspace, compiler.goal))
         return GoalController(
             compiler=compiler,
             ledger=self.ledger,

@@ -33,8 +33,8 @@ def revise_refused(refused: SessionStatus, folder: Path) -> Advice | None:
 
 
 def _explain(own: Alternative, best: Alternative, result: LookaheadResult) -> str:
-    ahead = f"{own.succeeded} of {own.samples} rollouts succeed, {result.threshold:.0%} are asked"
+    ahead = f"{own.succeeded:.4g} of {own.samples} {result.cases} succeed, {result.threshold:.0%} are asked"
     cause = f", mostly {own.likely_cause}" if own.likely_cause else ""
     if best is own:
         return f"look-ahead: {ahead}{cause}; none of {len(result.alternatives)} other ways is better, so it is tried"
-    return f"look-ahead: {ahead}{cause}; with {best.strategy} it is {best.succeeded} of {best.samples}"
+    return f"look-ahead: {ahead}{cause}; with {best.strategy} it is {best.succeeded:.4g} of {best.samples}"

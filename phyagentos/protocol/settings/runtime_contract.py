@@ -57,6 +57,19 @@ class CameraRecording(Authored):
     rate_hz: float = pydantic.Field(gt=0)
 
 
+class Forecasting(Authored):
+    """What forecasters are given, and when one is no longer asked; goal graphs name those that are (`lookahead`).
+
+    Attributes:
+        least_cases: From so many forecasts with a verdict on, one that did worse than the base rate in this workspace,
+            by its Brier score, is not asked.
+        options: What a forecaster is given, by its name: `learned: {model: ...}`.
+    """
+
+    least_cases: int = pydantic.Field(default=20, ge=2)
+    options: dict[str, dict[str, str | float | bool]] = pydantic.Field(default_factory=dict)
+
+
 class RuntimeContract(Authored):
     """runtime_contract.yaml: what runtime and world agree on.
 
@@ -74,6 +87,7 @@ class RuntimeContract(Authored):
         lease_s: A worker without a message from its watchdog for so long brings its target to rest [s]. Longer than a
             slow disk keeps a watchdog busy, shorter than a person takes to wonder.
         evidence: How long evidence is kept.
+        forecasting: How sessions are foreseen that ask for it.
         verification: Who judges sessions, and what a judgement is for.
         record: Cameras that are recorded all through; none without it.
     """
@@ -89,6 +103,7 @@ class RuntimeContract(Authored):
     ageing_per_min: float = pydantic.Field(default=1.0, gt=0)
     lease_s: float = pydantic.Field(default=15.0, ge=1.0)
     evidence: EvidenceRetention = EvidenceRetention()
+    forecasting: Forecasting = Forecasting()
     verification: Verification = Verification()
     record: CameraRecording | None = None
 

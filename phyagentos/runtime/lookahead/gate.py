@@ -1,4 +1,4 @@
-"""The last gate of preflight: a session with a look-ahead starts only when enough of its rollouts succeeded.
+"""The last gate of preflight: a session with a look-ahead starts only when its chance of success is great enough.
 
 The result stands in the session's evidence as `lookahead.json`, also when the session was refused and left nothing
 else.
@@ -11,7 +11,8 @@ from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.sessions.evidence import write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadResult
 from phyagentos.protocol.sessions.session import Session
-from phyagentos.runtime.lookahead.process import LOOKAHEAD_FAILED, RehearsalProcess, Rehearse
+from phyagentos.runtime.lookahead.forecaster import LOOKAHEAD_FAILED, Case
+from phyagentos.runtime.lookahead.process import RehearsalProcess
 from phyagentos.runtime.perception.world_model import WORLD, WorldModel
 
 LOOKAHEAD_LOW = "LOOKAHEAD_LOW"
@@ -36,20 +37,17 @@ class LookaheadGate:
 
         Args:
             session: The contract.
-            tree: Of its plan; empty for a policy, which cannot be rehearsed.
+            tree: Of its plan; empty for a policy.
             should_stop: Called several times a second.
         """
         self._result = None
         if session.lookahead is None:
             return ()
         address = f"{session.id}: look-ahead"
-        if not tree:
-            expected = "a skill that is a tree, on a target with a model"
-            return (Problem(LOOKAHEAD_FAILED, address, repr(session.skill), expected),)
         try:
             self._world.enter(session.scene)
             estimate = self._world.observe(WORLD)
-            question = Rehearse(session=session, request=session.lookahead, tree=tree, environment=estimate)
+            question = Case(session=session, request=session.lookahead, tree=tree, environment=estimate)
             result = self._forecasts.ask(question, should_stop)
         except ExecutionError as error:
             return (Problem(error.code, address, str(error)),)
@@ -76,9 +74,9 @@ class LookaheadGate:
 
 
 def _explain(result: LookaheadResult, address: str) -> Problem:
-    causes = ", ".join(f"{cause} {count}" for cause, count in sorted(result.causes.items(), key=lambda c: -c[1]))
+    causes = ", ".join(f"{cause} {count:.4g}" for cause, count in sorted(result.causes.items(), key=lambda c: -c[1]))
     best = max(result.alternatives, key=lambda each: each.share, default=None)
     better = best is not None and best.share > result.share
-    found = f"{result.succeeded} of {result.samples} rollouts succeed ({causes})"
-    hint = f"With {best.strategy} it is {best.succeeded} of {best.samples}." if best is not None and better else ""
+    found = f"{result.succeeded:.4g} of {result.samples} {result.cases} succeed ({causes})"
+    hint = f"With {best.strategy} it is {best.succeeded:.4g} of {best.samples}." if best is not None and better else ""
     return Problem(LOOKAHEAD_LOW, address, found, f"at least {result.threshold:g} of them", hint)

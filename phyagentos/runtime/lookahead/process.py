@@ -1,4 +1,4 @@
-"""The rehearsal process, and the port through which a worker asks it.
+"""The process of the forecasters, and the port through which a worker asks it.
 
 It is started at the first question and kept warm: imagined worlds never share a process with the real one, and their
 errors stay there.
@@ -7,35 +7,22 @@ errors stay there.
 import signal
 from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.sessions.lookahead import LookaheadRequest, LookaheadResult
-from phyagentos.protocol.sessions.session import Session
-from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.sessions.lookahead import LookaheadResult
 from phyagentos.runtime.channel import Child
 from phyagentos.runtime.codec import Codec
+from phyagentos.runtime.lookahead.forecaster import LOOKAHEAD_FAILED, Case
+from phyagentos.runtime.lookahead.service import ForecastService
 
-if TYPE_CHECKING:
-    from phyagentos.runtime.lookahead.forecast import Forecaster
-
-LOOKAHEAD_FAILED = "LOOKAHEAD_FAILED"
 WAIT_S = 0.1  # longest sleep between looks at a cancellation
 CLOSE_GRACE_S = 1.0
 
 
-class Rehearse(msgspec.Struct, frozen=True, tag=True):
-    """One question: how often, how sure, from which seed, with which tree, from which estimate."""
-
-    session: Session
-    request: LookaheadRequest
-    tree: str
-    environment: Environment
-
-
-class Forecast(msgspec.Struct, frozen=True, tag=True):
+class Foreseen(msgspec.Struct, frozen=True, tag=True):
     """The answer."""
 
     result: LookaheadResult
@@ -47,8 +34,8 @@ class Unforeseen(msgspec.Struct, frozen=True, tag=True):
     message: str
 
 
-_QUESTIONS = Codec[Rehearse](Rehearse, "question")
-_ANSWERS = Codec[Forecast | Unforeseen](Forecast | Unforeseen, "forecast")
+_QUESTIONS = Codec[Case](Case, "question")
+_ANSWERS = Codec[Foreseen | Unforeseen](Foreseen | Unforeseen, "forecast")
 
 
 class RehearsalProcess:
@@ -62,7 +49,7 @@ class RehearsalProcess:
         self._command = command
         self._child: Child | None = None
 
-    def ask(self, question: Rehearse, should_stop: Callable[[], bool]) -> LookaheadResult | None:
+    def ask(self, question: Case, should_stop: Callable[[], bool]) -> LookaheadResult | None:
         """The forecast; None once `should_stop` is true, which is called several times a second.
 
         Raises:
@@ -90,19 +77,19 @@ class RehearsalProcess:
             self._child.close(CLOSE_GRACE_S)
 
 
-def serve(forecaster: "Forecaster", connection: "Connection[Any, Any]") -> None:
+def serve(service: ForecastService, connection: "Connection[Any, Any]") -> None:
     """Answer until the connection ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the worker ends it
     while True:
         try:
             asked = _QUESTIONS.decode(connection.recv_bytes())
-            connection.send_bytes(_ANSWERS.encode(_answer(forecaster, asked)))
+            connection.send_bytes(_ANSWERS.encode(_answer(service, asked)))
         except (EOFError, OSError):
             return
 
 
-def _answer(forecaster: "Forecaster", asked: Rehearse) -> Forecast | Unforeseen:
+def _answer(service: ForecastService, asked: Case) -> Foreseen | Unforeseen:
     try:
-        return Forecast(forecaster.forecast(asked.session, asked.request, asked.tree, asked.environment))
+        return Foreseen(service.forecast(asked))
     except (DefinitionError, ExecutionError) as error:
         return Unforeseen(str(error))

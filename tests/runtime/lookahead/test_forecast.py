@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from phyagentos.clock import SystemClock
+from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.session import Ended, Scene
 from phyagentos.protocol.sessions.strategy import Strategy
@@ -18,10 +19,12 @@ from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.lookahead.estimate import believe_scene
-from phyagentos.runtime.lookahead.forecast import BATCH, Forecaster
+from phyagentos.runtime.lookahead.forecaster import Case
 from phyagentos.runtime.lookahead.rehearsal import Rehearser
 from phyagentos.runtime.lookahead.resolve_penetration import stand_up_sunk
+from phyagentos.runtime.lookahead.rollout_forecaster import BATCH, RolloutForecaster
 from phyagentos.runtime.lookahead.rollouts import Playback, find_cause
+from phyagentos.runtime.lookahead.service import ForecastService
 from phyagentos.runtime.lookahead.shared_prefix import SharedPrefix
 from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_starts
 from phyagentos.runtime.models.scene import draw_bodies
@@ -87,7 +90,13 @@ def rehearsal(rehearser, stage, session):
 @pytest.fixture(scope="module")
 def result(rehearser, session, environment):
     request = LookaheadRequest(samples=8, threshold=0.8, seed=5)
-    return Forecaster(rehearser=rehearser, threads=2).forecast(session, request, "pick_and_place", environment)
+    return foresee(rehearser, session, request, environment, threads=2)
+
+
+def foresee(rehearser, session, request, environment, threads=1, tree="pick_and_place"):
+    forecaster = RolloutForecaster(rehearser=rehearser, threads=threads)
+    service = ForecastService({"rollouts": forecaster}.__getitem__, SystemClock())
+    return service.forecast(Case(session=session, request=request, tree=tree, environment=environment))
 
 
 def draw(rehearser, stage, environment, samples, seed=5):
@@ -181,7 +190,7 @@ def test_what_cannot_be_planned_is_foreseen_with_the_planner_s_code(rehearser, s
     )
     request = LookaheadRequest(samples=3, threshold=0.5, seed=1)
 
-    foreseen = Forecaster(rehearser=rehearser).forecast(away, request, "pick_and_place", environment)
+    foreseen = foresee(rehearser, away, request, environment)
 
     assert foreseen.succeeded == 0
     assert foreseen.samples == 1, "what cannot be planned needs no rollouts"
@@ -190,11 +199,16 @@ def test_what_cannot_be_planned_is_foreseen_with_the_planner_s_code(rehearser, s
     assert "the rehearsal itself ended skill_failed" in foreseen.notes[-1]
 
 
+def test_a_policy_has_no_tree_so_rollouts_do_not_foresee_it_and_nothing_starts(rehearser, session, environment):
+    with pytest.raises(ExecutionError, match="LOOKAHEAD_FAILED: skill 'pick_and_place' is no tree"):
+        foresee(rehearser, session, LookaheadRequest(), environment, tree="")
+
+
 def test_what_is_tried_whatever_is_foreseen_costs_one_batch(rehearser, session, environment):
     slow = msgspec.structs.replace(session, strategy=Strategy(speed=0.5))
     request = LookaheadRequest(samples=16, threshold=0.0, seed=5)
 
-    foreseen = Forecaster(rehearser=rehearser).forecast(slow, request, "pick_and_place", environment)
+    foreseen = foresee(rehearser, slow, request, environment)
 
     assert foreseen.samples == BATCH
     assert foreseen.alternatives == ()

@@ -5,8 +5,9 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadRequest, LookaheadResult, read_lookahead
 from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.world.environment import Environment
+from phyagentos.runtime.lookahead.forecaster import Case
 from phyagentos.runtime.lookahead.gate import LookaheadGate
-from phyagentos.runtime.lookahead.process import RehearsalProcess, Rehearse
+from phyagentos.runtime.lookahead.process import RehearsalProcess
 
 WORLD = Environment(time_s=0.4, scene="tabletop/waiter", episode="e", revision=1, sensing="truth", entities={})
 SLOWER = Alternative(strategy=Strategy(speed=0.5), samples=16, succeeded=15)
@@ -89,8 +90,8 @@ def test_the_forecast_is_asked_from_the_estimate(open_gate, careful):
     gate.find_problems(careful, "pick_and_place", never)
 
     (asked,) = gate._forecasts.asked
-    assert asked == Rehearse(session=careful, request=careful.lookahead, tree="pick_and_place", environment=WORLD)
-    assert msgspec.msgpack.decode(msgspec.msgpack.encode(asked), type=Rehearse) == asked
+    assert asked == Case(session=careful, request=careful.lookahead, tree="pick_and_place", environment=WORLD)
+    assert msgspec.msgpack.decode(msgspec.msgpack.encode(asked), type=Case) == asked
 
 
 @pytest.mark.parametrize(
@@ -98,7 +99,6 @@ def test_the_forecast_is_asked_from_the_estimate(open_gate, careful):
     [
         (ExecutionError("LOOKAHEAD_FAILED", "the rehearsal process ended with code -9"), "pick", "code -9"),
         (None, "pick", "an end was asked for"),
-        (make_result(16), "", "pick_and_place"),
     ],
 )
 def test_what_cannot_be_foreseen_does_not_start(open_gate, careful, answer, tree, found):
@@ -109,7 +109,7 @@ def test_what_cannot_be_foreseen_does_not_start(open_gate, careful, answer, tree
 
 
 def test_a_rehearsal_process_that_dies_is_an_error_and_the_next_question_starts_another(careful):
-    question = Rehearse(session=careful, request=careful.lookahead, tree="pick", environment=WORLD)
+    question = Case(session=careful, request=careful.lookahead, tree="pick", environment=WORLD)
     forecasts = RehearsalProcess(["sh", "-c", "exit 3"])
 
     for _ in range(2):
@@ -118,7 +118,7 @@ def test_a_rehearsal_process_that_dies_is_an_error_and_the_next_question_starts_
 
 
 def test_a_question_that_nobody_wants_any_more_ends_the_process(careful):
-    question = Rehearse(session=careful, request=careful.lookahead, tree="pick", environment=WORLD)
+    question = Case(session=careful, request=careful.lookahead, tree="pick", environment=WORLD)
     forecasts = RehearsalProcess(["sh", "-c", "exec sleep 60"])
 
     assert forecasts.ask(question, lambda: True) is None

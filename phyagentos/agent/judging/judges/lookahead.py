@@ -1,4 +1,4 @@
-"""The judge of look-ahead: the share of rollouts with true acceptance; it never outvotes an observation."""
+"""The judge of look-ahead: the chance of true acceptance that was foreseen; it never outvotes an observation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,34 +15,33 @@ KIND = "lookahead"
 
 @dataclass(frozen=True, slots=True)
 class LookaheadJudge:
-    """Judges the chance of success that was simulated before the session."""
+    """Judges the chance of success that was foreseen before the session."""
 
     name: str = "lookahead/1"
 
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
-        """One criterion when rollouts were asked for and made, none otherwise."""
+        """One criterion when a forecast was asked for and made, none otherwise."""
         if bundle.session.lookahead is None:
             return []
         try:
             result = read_lookahead(bundle.folder)
         except ExecutionError as error:
             return [make_unknown(KIND, KIND, LOOKAHEAD, str(error))]
-        return [] if result is None else [_judge(result)]
+        return [] if result is None or (result.withheld and not result.samples) else [_judge(result)]
 
 
 def _judge(result: LookaheadResult) -> Criterion:
     text = f"{KIND} >= {result.threshold:g}"
     if result.samples <= 0:
         return make_unknown(text, KIND, LOOKAHEAD, "no rollout came to an end")
-    share = result.succeeded / result.samples
-    because = f"{result.succeeded} of {result.samples} rollouts met the acceptance"
+    because = f"{result.succeeded:.4g} of {result.samples} {result.cases} met the acceptance"
     if result.likely_cause:
-        because += f"; the others failed with {', '.join(f'{c} ({n})' for c, n in sorted(result.causes.items()))}"
+        because += f"; the others failed with {', '.join(f'{c} ({n:.4g})' for c, n in sorted(result.causes.items()))}"
     return Criterion(
         text=text,
         kind=KIND,
-        truth=Truth.TRUE if share >= result.threshold else Truth.FALSE,
-        measured={"share": round(share, 4), "samples": result.samples, "cost_ms": round(result.cost_ms, 1)},
+        truth=Truth.TRUE if not result.is_low else Truth.FALSE,
+        measured={"share": round(result.share, 4), "samples": result.samples, "cost_ms": round(result.cost_ms, 1)},
         evidence=LOOKAHEAD,
         because=because,
     )

@@ -1,65 +1,73 @@
-"""The forecast of one session: rehearsed as it is and, where that looks bad, with a few other strategies.
+"""The forecaster `rollouts`: a session is rehearsed as it is and, where that looks bad, with a few other strategies.
 
 Every strategy is judged in the same imagined worlds, so that two of them differ by their effect and not by chance.
 """
 
+import os
 from collections import Counter
 from dataclasses import dataclass
 
 import msgspec
 
+from phyagentos.clock import SystemClock
+from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.placed_scenes import read_placed
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadRequest, LookaheadResult
+from phyagentos.protocol.sessions.lookahead import ROLLOUTS, Alternative, Forecast, LookaheadRequest
 from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.sessions.trace import Role, find_label
+from phyagentos.protocol.settings.safety import get_target_limits, read_safety
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.scenes import SceneSpec
+from phyagentos.runtime.execution.leaf_registry import build_registry
+from phyagentos.runtime.lookahead.forecaster import LOOKAHEAD_FAILED, Case, ForecasterSite
 from phyagentos.runtime.lookahead.rehearsal import Rehearsal, Rehearser, Stage
 from phyagentos.runtime.lookahead.rollouts import Playback, find_cause
 from phyagentos.runtime.lookahead.sprt import is_decided
 from phyagentos.runtime.lookahead.strategies import Tried, propose
 from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_starts
+from phyagentos.runtime.models.robot import read_profile
+from phyagentos.runtime.motion.planner import MotionPlanner
+from phyagentos.runtime.motion.process import LocalPlanner
+from phyagentos.runtime.motion.tool_bounds import read_tool_bounds
 
 ALTERNATIVES_MAX = 5  # each costs as much as the contract's own way
 BATCH = 2  # rollouts between two looks at their count, whatever the number of threads
 
 
-@dataclass(slots=True, kw_only=True)
-class Forecaster:
-    """Forecasts sessions of one target.
-
-    Attributes:
-        threads: Of the rollouts.
-    """
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RolloutForecaster:
+    """Foresees sessions by simulation, with so many threads."""
 
     rehearser: Rehearser
     threads: int = 1
+    name: str = ROLLOUTS
 
-    def forecast(
-        self, session: Session, request: LookaheadRequest, tree: str, environment: Environment
-    ) -> LookaheadResult:
-        """How a session is likely to end from the estimate on, carried out by the tree of its skill."""
-        clock = self.rehearser.clock
-        began_s = clock.now_s()
+    def forecast(self, case: Case) -> Forecast:
+        """How often the session meets its contract from the estimate on, carried out by the tree of its skill.
+
+        Raises:
+            ExecutionError: `LOOKAHEAD_FAILED` without a tree.
+        """
+        session, request, environment = case.session, case.request, case.environment
+        if not case.tree:
+            raise ExecutionError(LOOKAHEAD_FAILED, f"skill {session.skill!r} is no tree, so it cannot be rehearsed")
         spec = read_placed(self.rehearser.library, environment.scene)
         stage = self.rehearser.open_stage(environment)
         worlds = _Worlds(stage, spec, environment, self.rehearser.profile, request)
-        first, rehearsal = self._try_out(session, worlds, tree)
+        first, rehearsal = self._try_out(session, worlds, case.tree)
         results, tried = [first], [_describe(first, rehearsal)]
         while results[-1].share < request.threshold and len(tried) <= ALTERNATIVES_MAX:
             if (strategy := propose(tried)) is None:
                 break
             other = msgspec.structs.replace(session, strategy=strategy)
-            result, attempt = self._try_out(other, worlds, tree, is_other=True)
+            result, attempt = self._try_out(other, worlds, case.tree, is_other=True)
             results.append(result)
             tried.append(_describe(result, attempt))
-        return LookaheadResult(
+        return Forecast(
             samples=first.samples,
             succeeded=first.succeeded,
-            threshold=request.threshold,
             causes=first.causes,
-            cost_ms=1e3 * (clock.now_s() - began_s),
             notes=_explain(environment, spec, rehearsal),
             alternatives=tuple(sorted(results[1:], key=lambda each: -each.share)),
         )
@@ -83,6 +91,27 @@ class Forecaster:
             rollouts = playback.play(worlds.get(len(causes), len(causes) + BATCH))
             causes += [find_cause(rollout, nominal, rehearsal) for rollout in rollouts]
         return _count(session, causes), rehearsal
+
+
+def open_rollouts(site: ForecasterSite) -> RolloutForecaster:
+    """The forecaster, with a planner of its own; takes seconds, in which that is compiled."""
+    workspace, target = site.workspace, site.target
+    library = workspace.library()
+    path = library.get_target(target)
+    profile, folder = read_profile(path)
+    limits = get_target_limits(read_safety(workspace.safety), target, str(workspace.safety))
+    planner = MotionPlanner.open(path, bounds=read_tool_bounds(limits))
+    planner.warm_up()
+    rehearser = Rehearser(
+        profile=profile,
+        folder=folder,
+        limits=limits,
+        library=library,
+        registry=build_registry(library),
+        planner=LocalPlanner(planner),
+        clock=SystemClock(),
+    )
+    return RolloutForecaster(rehearser=rehearser, threads=len(os.sched_getaffinity(0)))
 
 
 class _Worlds:

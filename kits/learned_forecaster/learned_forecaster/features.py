@@ -1,0 +1,67 @@
+"""A session and the estimate that it begins in, as numbers: what the learned forecaster goes by.
+
+A feature with `=` in its name is a category, 1 where it applies and absent elsewhere; all others are quantities, absent
+where they have no meaning (the size of a thing, in a session about none).
+"""
+
+import math
+from collections.abc import Iterator
+
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.world.environment import Entity, Environment
+
+Point = tuple[float, float, float]
+NEAR_M = 0.12  # a thing so close to another one is in its way
+
+
+def describe_case(session: Session, environment: Environment) -> dict[str, float]:
+    """Features by name; lengths in metres, in the frame of the world."""
+    found = {f"skill={session.skill}": 1.0, f"target={session.target}": 1.0, f"scene={session.scene.name}": 1.0}
+    found |= {
+        "attempt": float(session.attempt),
+        "speed": session.strategy.speed,
+        "avoided": float(len(session.strategy.avoid_grasps) + len(session.strategy.avoid_sites)),
+        "conditions": float(len(session.accept) + len(session.hold)),
+    }
+    name = environment.find_movable(session.parameters.values())
+    thing = environment.entities[name] if name is not None else None
+    target = environment.targets.get(session.target)
+    if thing is not None:
+        found |= dict(_describe_thing(thing, environment))
+        if target is not None:
+            found["hand_to_thing_m"] = math.dist(target.tcp.position_m, thing.pose.position_m)
+    places = (each for each in session.parameters.values() if each != name)
+    place = next((each for each in places if _find_place(environment, each)), None)
+    point = _find_place(environment, place)
+    if point is not None:
+        entity = environment.entities.get(str(place))
+        found[f"place={entity.kind if entity else 'region'}"] = 1.0
+        found["place_crowd"] = float(len(_find_near(point, environment, {name, str(place)})))
+        if thing is not None:
+            found["thing_to_place_m"] = math.dist(thing.pose.position_m, point)
+        if target is not None:
+            found["hand_to_place_m"] = math.dist(target.tcp.position_m, point)
+    return found
+
+
+def _describe_thing(thing: Entity, environment: Environment) -> Iterator[tuple[str, float]]:
+    yield f"kind={thing.kind}", 1.0
+    if sizes_m := [size_m for shape in thing.shapes for size_m in shape.size_m]:
+        yield from (("largest_m", max(sizes_m)), ("smallest_m", min(sizes_m)))
+    _, x, y, _ = thing.pose.quaternion_wxyz
+    yield "height_m", thing.pose.position_m[2]
+    yield "tilt", math.hypot(x, y)  # of its z axis to the vertical: sin(angle / 2)
+    yield "position_std_m", thing.position_std_m
+    near = _find_near(thing.pose.position_m, environment, {thing.name})
+    yield "crowd", float(len(near))
+    yield "load", float(sum(each.pose.position_m[2] > thing.pose.position_m[2] for each in near))
+
+
+def _find_place(environment: Environment, name: object) -> Point | None:
+    found = environment.entities.get(str(name)) or environment.regions.get(str(name))
+    return found.pose.position_m if found is not None else None
+
+
+def _find_near(point: Point, environment: Environment, besides: set[str | None]) -> list[Entity]:
+    things = (each for each in environment.entities.values() if each.movable and each.name not in besides)
+    return [each for each in things if math.dist(each.pose.position_m, point) < NEAR_M]
