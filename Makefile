@@ -40,8 +40,8 @@ $(VENV)/.kernels: $(STAMP) $(shell grep -rl "import njit" phyagentos --include='
 
 demo: setup  ## tidy a table while a cube slips out of the fingers: verify, replan, verify again
 	@rm -rf $(DEMO_SPACE)
-	@echo "demo: paos run goal_graphs/tidy_table.yaml --seed $(DEMO_SEED) --faults $(DEMO_FAULTS) --workspace $(DEMO_SPACE)"
-	@$(BIN)/paos run goal_graphs/tidy_table.yaml --seed $(DEMO_SEED) --faults $(DEMO_FAULTS) --workspace $(DEMO_SPACE)
+	@echo "demo: paos run goal_graphs/tidy_table.yaml --seed $(DEMO_SEED) --faults $(DEMO_FAULTS) --workspace $(DEMO_SPACE) --memory none"
+	@$(BIN)/paos run goal_graphs/tidy_table.yaml --seed $(DEMO_SEED) --faults $(DEMO_FAULTS) --workspace $(DEMO_SPACE) --memory none
 	@echo "demo: documents in $(DEMO_SPACE) (begin with TASK.md and SESSIONS.md), evidence and pictures in $(DEMO_SPACE)/evidence"
 
 test: setup  ## every test, journeys last

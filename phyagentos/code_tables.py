@@ -111,6 +111,7 @@ NOT_BY_HAND       An edit by hand may not change this field.
 NOT_EXECUTED      The session never ran, so it cannot be run again.
 NOT_PAIRED        Two runs have no episode in common that could be compared.
 NOT_LATCHED       There is no latched emergency stop to reset.
+NOT_PROMOTED      A lesson has not proved itself as a skill, or a skill was not made of one.
 NO_JOURNAL        The workspace has no such partition of the journal.
 NO_SNAPSHOT       The session left no state of its start, so it cannot be run again.
 POLICY_MISSING    A policy server of a suite cannot be started, or does not listen.

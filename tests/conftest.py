@@ -13,6 +13,7 @@ import pytest
 from tests.command_line import paos  # noqa: F401 - a fixture
 from tests.monitors.hook import silence_is_proved  # noqa: F401 - a fixture for every journey
 
+os.environ["PHYAGENTOS_MEMORY"] = "none"  # a test that is about memory names one
 if not os.environ.get("DISPLAY"):
     os.environ.setdefault("MUJOCO_GL", "egl")  # as a world process does; read by MuJoCo when it is imported
 

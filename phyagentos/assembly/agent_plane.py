@@ -17,6 +17,7 @@ from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.mission.mission import Mission
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
+from phyagentos.assembly.memory_choice import ChosenMemory, choose_memory
 from phyagentos.assembly.paths import find_project, open_project
 from phyagentos.assembly.process_tuning import collect_rarely
 from phyagentos.assembly.verification import build_verifier
@@ -82,26 +83,30 @@ def open_agent(
     catalogue = Catalogue.of_workspace(workspace)
     surroundings = Surroundings(skills=catalogue.skills, scenes=catalogue.scenes, targets=catalogue.targets)
     folder = workspace.memory if memory is None else memory.resolve() / workspace.memory.name
-    experience = Memory(folder, clock=clock, by="agent")
-    recorder = EpisodeRecorder(
-        experience, surroundings, workspace, clock=clock, report=_log, is_shared=folder != workspace.memory
-    )
+    experience = None if memory_use is MemoryUse.NONE else Memory(folder, clock=clock, by="agent")
+    recorders = []
+    if experience is not None and memory_use is MemoryUse.LEARN:
+        is_shared = folder != workspace.memory
+        recorders = [
+            EpisodeRecorder(experience, surroundings, workspace, clock=clock, report=_log, is_shared=is_shared)
+        ]
     journal = Journal(workspace.root, side=Side.AGENT, by=by, clock=clock)
     mission = Mission(
         workspace,
         journal,
         clock=clock,
         verifier=verifier,
-        advisor=None if memory_use is MemoryUse.NONE else MemoryAdvisor(experience, surroundings),
+        advisor=MemoryAdvisor(experience, surroundings, workspace.recalled) if experience is not None else None,
         policy=policy,
-        observers=(recorder,) if memory_use is MemoryUse.LEARN else (),
+        observers=recorders,
         is_runtime_alive=is_runtime_alive
         or (lambda goal: not goal.is_cancelled or is_held(workspace.root / WATCHDOG_LOCK)),
     )
     try:
-        yield Agent(mission, experience.version)
+        yield Agent(mission, experience.version if experience is not None else "")
     finally:
-        experience.close()
+        if experience is not None:
+            experience.close()
         journal.close()
 
 
@@ -113,24 +118,27 @@ def run_agent(
     overrides: Mapping[str, str] | None = None,
     goal: str | None = None,
     verify: VerificationMode | None = None,
-    memory: Path | None = None,
+    memory: str | None = None,
     restrict: Callable[[Catalogue], Catalogue] | None = None,
     is_runtime_alive: Callable[[GoalStatus], bool] | None = None,
 ) -> MissionReport:
     """The agent plane: pursue one goal to its verdict; continues it when the workspace already knows it.
 
     `overrides` maps dotted paths to YAML values (`targets.arm` -> `panda`). With the id of a `goal` that has a verdict,
-    that is reported and nothing begins anew. `verify`, `memory` and `is_runtime_alive` are those of `open_agent`; with
-    `restrict`, which narrows what the goal may use, experience is not asked: it may name other means.
+    that is reported and nothing begins anew. `verify` and `is_runtime_alive` are those of `open_agent`, `memory` that
+    of `choose_memory`; with `restrict`, which narrows what the goal may use, experience is not asked: it may name other
+    means.
     """
     workspace = open_project(root, find_project(graph))
-    use = MemoryUse.LEARN if restrict is None else MemoryUse.NONE
+    narrowed = ChosenMemory(None, "what this goal may use is narrowed")
+    chosen = choose_memory(workspace, graph, memory) if restrict is None else narrowed
+    _log(f"memory {chosen}")
     with open_agent(
         workspace,
         SystemClock(),
         verify=verify,
-        memory=memory,
-        memory_use=use,
+        memory=chosen.folder,
+        memory_use=MemoryUse.NONE if chosen.folder is None else MemoryUse.LEARN,
         is_runtime_alive=is_runtime_alive,
     ) as agent:
         if restrict is not None:

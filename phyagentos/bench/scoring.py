@@ -40,7 +40,11 @@ def score(order: Order, workspace: Workspace, report: MissionReport, statuses: S
     promised: dict[str, tuple[str, ...]] = {}
     for status in statuses:
         session = status.contract
-        if session.node not in order.score or promised.setdefault(session.node, session.accept) != session.accept:
+        if (
+            session.purpose
+            or session.node not in order.score
+            or promised.setdefault(session.node, session.accept) != session.accept
+        ):
             continue  # a repair may promise something else
         asked, bundle = {session.node: order.score[session.node]}, workspace.evidence_of(session.id)
         found = scorer.score(asked, workspace.root, bundle) if status.execution else {session.node: False}

@@ -23,7 +23,7 @@ def open_bench(
     sense: Sensing | None = None,
     verify: VerificationMode | None = None,
     memory: Path | None = None,
-    memory_use: MemoryUse = MemoryUse.LEARN,
+    memory_use: MemoryUse = MemoryUse.NONE,
     policy: RepairPolicy | None = None,
 ) -> Iterator[Agent]:
     """Both planes of a workspace, the agent in this process; arguments as of `start_watch` and `open_agent`."""

@@ -1,4 +1,4 @@
-"""Commands about memory: `memory show`, `memory why`, `memory forget`."""
+"""Commands about memory: `show`, `why`, `forget` an entry; `promote` one to a skill, and `revoke` that."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -100,29 +100,66 @@ def forget(
             print_result(f"{entry}: retracted; {memory.version} does without it")
 
 
+def promote(
+    entry: Entry,
+    workspace: Space,
+    name: Annotated[str, typer.Option(help="Of the skill and its tree.")],
+    into: Annotated[Path, typer.Option(help="Project that gets skills/NAME and trees/NAME.yaml.", file_okay=False)],
+    trials: Annotated[int, typer.Option(help="Known starts that it must succeed on first.", min=1)] = 3,
+) -> None:
+    """Make a skill of a sequence of sessions that has proved itself; nothing is written unless it passes again."""
+    from phyagentos.assembly import learned_skills
+    from phyagentos.cli.lint import lint_file
+
+    with _opened(workspace) as memory:
+        _find(memory, entry, workspace)
+        lesson = memory.experience.corrections.get(entry)
+        if lesson is None:
+            raise DefinitionError.of("NOT_PROMOTED", str(workspace), entry, "a lesson about what has to come first")
+        opened = Workspace.open(workspace)
+        files = learned_skills.promote(memory, lesson, opened, into, name, trials=trials, lint=lint_file)
+    print_result(f"{name}: success on {trials} known starts; wrote {', '.join(map(str, files))}")
+
+
+def revoke(
+    name: Annotated[str, typer.Argument(help="A skill that `paos memory promote` wrote.")],
+    from_: Annotated[Path, typer.Option("--from", help="Project folder that holds it.", file_okay=False)],
+) -> None:
+    """Take a promoted skill and its tree out of a project; its lesson stays as it is."""
+    from phyagentos.assembly.learned_skills import revoke as take_out
+
+    entry = take_out(from_, name).entry
+    print_result(f"{name}: taken out; its lesson {entry} still advises, until `paos memory forget`")
+
+
 @contextmanager
 def _opened(root: Path) -> "Iterator[Memory]":
     from phyagentos.agent.memory.memory import Memory
+    from phyagentos.assembly.memory_choice import read_choice
 
-    shared = root / "memory"
-    is_shared = shared.is_dir() and not (root / MARKER).exists()
-    folder = shared if is_shared else Workspace.open(root).memory
+    folder = root / "memory"
+    if not folder.is_dir() or (root / MARKER).exists():
+        workspace = Workspace.open(root)
+        chosen = read_choice(workspace)
+        folder = chosen.folder / folder.name if chosen is not None and chosen.folder else workspace.memory
     with closing(Memory(folder, clock=SystemClock(), by="paos memory", side=Side.OPERATOR)) as memory:
         yield memory
 
 
 def _find(memory: "Memory", entry: str, root: Path) -> "MemoryEntry":
     """The entry as it is recorded; raises `UNKNOWN_ENTRY`."""
-    from phyagentos.agent.memory import methodological, semantic
+    from phyagentos.agent.memory import cautions, methodological, semantic
 
     experience = memory.experience
     if (lesson := experience.corrections.get(entry)) is not None:
         return methodological.describe(lesson, experience.find_baseline(lesson), experience.seq)
     if (pattern := experience.patterns.get(entry)) is not None:
         return semantic.describe(pattern)
+    if (caution := experience.cautions.get(entry)) is not None:
+        return cautions.describe(caution)
     if (fact := experience.facts.get(entry)) is not None:
         return fact
-    known = [*experience.corrections, *experience.patterns, *experience.facts]
+    known = [*experience.corrections, *experience.cautions, *experience.patterns, *experience.facts]
     expected = format_names(known[:20]) if known else "nothing is remembered yet"
     raise DefinitionError.of("UNKNOWN_ENTRY", str(root), repr(entry), expected, format_hint(entry, known))
 
@@ -134,6 +171,7 @@ def _trace(memory: "Memory", entry: str) -> "tuple[list[Episode], list[Edit]]":
 
     lesson = memory.experience.corrections.get(entry)
     named = {session for chain in (lesson.chains if lesson else ()) for session in (chain.failed, chain.corrected)}
+    named.update(caution.sessions if (caution := memory.experience.cautions.get(entry)) is not None else ())
     episodes: list[Episode] = []
     edits: list[Edit] = []
     for event in memory.read_all():

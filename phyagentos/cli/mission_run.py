@@ -18,6 +18,7 @@ from pathlib import Path
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.mission.mission import choose_goal
+from phyagentos.assembly.memory_choice import choose_memory
 from phyagentos.assembly.paths import choose_folder, serve_alone
 from phyagentos.assembly.planes import Plane, start_watch
 from phyagentos.cli.arguments import get_file, get_settings, open_library, parse_overrides
@@ -67,7 +68,7 @@ class Order:
     verify: VerificationMode | None = None
     sense: Sensing | None = None
     prior: Prior | None = None
-    memory: Path | None = None
+    memory: str | None = None
     trusts_python: bool = False
 
 
@@ -128,7 +129,8 @@ def run_mission(order: Order, clock: Clock | None = None) -> int:
             declare_world_mode(workspace.runtime_contract, order.world_mode)
         declare_sensing(workspace.perception, order.sense, order.prior)
         started_s = clock.now_s()
-        print_note(f"workspace {root}")  # from now on there is something to interrupt
+        memory = choose_memory(workspace, graph, order.memory)
+        print_note(f"workspace {root}\nmemory {memory}")  # from now on there is something to interrupt
         fold = run_planes(order, f"{compiled.name}-{order.seed}", graph, faults, workspace, interrupts, clock)
     code = ExitCode.INTERRUPTED if interrupts.count else compute_exit_code(fold)
     report = build_report(fold, workspace=root, wall_s=clock.now_s() - started_s, exit_code=code)
@@ -217,7 +219,7 @@ def start_planes(order: Order, goal: GoalId, graph: Path, faults: Path | None, w
     watch = start_watch(workspace, faults=faults, pictures=order.pictures)
     agent = [str(graph), "--workspace", str(workspace.root), "--seed", str(order.seed), "--goal", goal]
     agent += ["--verify", order.verify] if order.verify is not None else []
-    agent += ["--memory", str(order.memory.resolve())] if order.memory is not None else []
+    agent += ["--memory", order.memory] if order.memory is not None else []
     agent += [part for override in order.overrides for part in ("--set", override)]
     return [watch, Plane("agent", agent, workspace.logs)]
 

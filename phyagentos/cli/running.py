@@ -25,8 +25,8 @@ Sense = Annotated[Sensing | None, typer.Option(help="What agent and verifier see
 Known = Annotated[Prior | None, typer.Option(help="What perception knows at first; kept in perception.yaml.")]
 Verify = Annotated[VerificationMode | None, typer.Option(help="What judgements are for, over runtime_contract.yaml.")]
 _FOLDER_HELP = "Folder of the run; a new one under workspaces/ by default."
-_MEMORY_HELP = "Folder of a memory that outlives the workspace, instead of its own."
-SharedMemory = Annotated[Path | None, typer.Option("--memory", help=_MEMORY_HELP, file_okay=False)]
+_MEMORY_HELP = "Whose memory: `project`, `workspace`, `none`, or a folder; over runtime_contract.yaml."
+WhichMemory = Annotated[str | None, typer.Option("--memory", help=_MEMORY_HELP, envvar="PHYAGENTOS_MEMORY")]
 
 
 def run(
@@ -42,7 +42,7 @@ def run(
     verify: Verify = None,
     sense: Sense = None,
     prior: Known = None,
-    memory: SharedMemory = None,
+    memory: WhichMemory = None,
     trust_python: TrustPython = False,
 ) -> int:
     """Run a goal graph to its verdict: both planes, live progress, a final table."""
@@ -81,7 +81,7 @@ def agent(
     ] = None,
     with_parent: WithParent = None,
     verify: Verify = None,
-    memory: SharedMemory = None,
+    memory: WhichMemory = None,
 ) -> int:
     """Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict."""
     from phyagentos.assembly.agent_plane import run_agent

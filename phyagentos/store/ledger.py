@@ -6,7 +6,7 @@ what it forgot see `history`. Bodies that it reads:
 
 - `submit`: the contract. `amend`: an `Amendment`. `execution`, `attempt`, `reason` in the body of any later session
   record.
-- `goal_submitted`: `graph`, `seed`, `objective`.
+- `goal_submitted`: `graph`, `seed`, `objective`, `memory`.
 - `goal_compiled`: `nodes` (name -> mapping with `objective`, `skill`, `target`, `after`, `on_failure`), `accept`,
   `constraints`.
 - `amendment_asked`: `file`, `reason`. `goal_amended`: `file`, `nodes`, `removed`, `accept`, `constraints`, `reason`.
@@ -287,6 +287,7 @@ class Ledger:
             case GoalEvent.GOAL_SUBMITTED:
                 goal.graph, goal.seed = str(body.get("graph", "")), int(body.get("seed", 0))
                 goal.objective, goal.asked_by = str(body.get("objective", "")), record.by
+                goal.memory = str(body.get("memory", ""))
             case GoalEvent.GOAL_COMPILED:
                 goal.nodes |= {name: _read_node(node) for name, node in body.get("nodes", {}).items()}
                 goal.objective = str(body.get("objective", goal.objective))

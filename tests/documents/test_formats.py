@@ -69,7 +69,7 @@ def test_every_problem_of_every_block_is_told_at_its_place():
         (("id: grip", "id: grap"), "NAME_MISMATCH: found 'grap'; expected its heading 'grip'"),
         (("id: grip", "id: grip\nid: grip"), "DUPLICATE_KEY: found 'id'"),
         (("id: grip", "id: [grip"), "YAML_SYNTAX"),
-        (("\n```\n", "\n"), "F.md:20:1: UNCLOSED_FENCE: expected a line '```' below"),
+        (("\n```\n", "\n"), "F.md:21:1: UNCLOSED_FENCE: expected a line '```' below"),
         (("## grip", "## grip\n\n```yaml\nid: grip\nstatement: x\n```\n\n## grip"), "DUPLICATE_BLOCK: found 'grip'"),
     ],
 )

@@ -32,9 +32,10 @@ _NOTHING = NodeSpec(skill="")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Revision:
-    """What a child does differently from its parent.
+    """What a session does differently from its node, or a child from its parent.
 
     Attributes:
+        parent: None for the first session of a node.
         requires: Preconditions of the child; None keeps those of skill and node.
         reasons: One sentence for each change.
         choice: None keeps the node's own skill, target and parameters.
@@ -43,7 +44,7 @@ class Revision:
         threshold: Of its look-ahead; None keeps the node's, 0 accepts every forecast.
     """
 
-    parent: SessionId
+    parent: SessionId | None
     strategy: Strategy = OWN_WAY
     requires: tuple[str, ...] | None = None
     reasons: tuple[str, ...] = ()

@@ -1,6 +1,9 @@
 """Causes of a missed objective, and the classes that benchmarks count them in. Each cause is also an error code."""
 
+from collections.abc import Iterable
 from enum import StrEnum
+
+from phyagentos.errors import Problem
 
 
 class Cause(StrEnum):
@@ -78,3 +81,19 @@ _CLASSES = {
     CauseClass.MACHINE: (Cause.RUNNER_LOST, Cause.TARGET_LOST, Cause.STALLED),
 }
 CLASSES = {cause: kind for kind, causes in _CLASSES.items() for cause in causes}
+
+_OF_REFUSALS = {  # of preflight: what a repair can answer; no means gives a destination room
+    "TOO_WIDE": Cause.IMPOSSIBLE,
+    "TOO_HEAVY": Cause.IMPOSSIBLE,
+    "OUT_OF_REACH": Cause.IMPOSSIBLE,
+    "OUTSIDE_WORKSPACE": Cause.IMPOSSIBLE,
+    "TOO_SLIPPERY": Cause.IMPOSSIBLE,
+    "NO_FREE_SITE": Cause.NO_PLAN,
+    "TARGET_UNAVAILABLE": Cause.TARGET_LOST,
+}
+
+
+def find_refusal(problems: Iterable[Problem]) -> Cause | None:
+    """The cause for which preflight refused a session; None where a repair has no answer to it."""
+    codes = {problem.code for problem in problems}
+    return next((cause for code, cause in _OF_REFUSALS.items() if code in codes), None)

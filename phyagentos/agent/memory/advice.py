@@ -8,6 +8,7 @@ from typing import Protocol
 
 import msgspec
 
+from phyagentos.protocol.sessions.means import OWN_MEANS, Means
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.world.environment import Environment
@@ -21,28 +22,47 @@ class Advice:
         reasons: One sentence for each change, naming what it rests on.
         sources: Ids of the entries of memory that it rests on.
         threshold: Of the child's look-ahead; None for that of its node.
+        means: Other means, where they can be had in the present world.
+        otherwise: The advice where they cannot.
     """
 
     strategy: Strategy = OWN_WAY
+    means: Means = OWN_MEANS
+    otherwise: "Advice | None" = None
     reasons: tuple[str, ...] = ()
     sources: tuple[str, ...] = ()
     threshold: float | None = None
 
 
 class Advisor(Protocol):
-    """The port: asked once for every contract, before it is submitted."""
+    """The port: asked once for the first attempt of every node, before it is submitted."""
+
+    def begin(self, graph: str, snapshot: str) -> str:
+        """Advise a goal from one snapshot to its end.
+
+        Args:
+            graph: Name of its goal graph.
+            snapshot: That it has begun with; empty for a new goal, and the present one.
+
+        Returns:
+            Name of the snapshot; empty without a memory.
+        """
 
     def advise(self, session: Session, world: Environment | None) -> Advice:
         """Advice of experience about this contract.
 
         Args:
-            session: As compiled; a child has the strategy that its repair chose.
+            session: As compiled; where others have prepared it, with a parent.
             world: The latest snapshot that was judged, None before the first.
         """
 
 
 class NoAdvice:
     """The advisor without memory."""
+
+    def begin(self, graph: str, snapshot: str) -> str:
+        """Nothing."""
+        return ""
 
     def advise(self, session: Session, world: Environment | None) -> Advice:
         """Nothing."""

@@ -1,12 +1,25 @@
 """The advisor: what verified experience advises for a session before it is submitted. Paper section 4.3 (retrieval).
 
-Only the first attempt of a node is advised: a repair rests on fresher evidence.
+Only the first attempt of a node is advised: a repair rests on fresher evidence. A copy of what was recalled for a
+session stays in its workspace, whatever becomes of the memory.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.agent.memory import cautions, methodological, semantic
 from phyagentos.agent.memory.advice import NOTHING, Advice
+from phyagentos.agent.memory.cautions import Caution
 from phyagentos.agent.memory.features import Features, Surroundings
-from phyagentos.agent.memory.memory import Found, Memory
-from phyagentos.protocol.sessions.memory_entries import Scope
+from phyagentos.agent.memory.memory import Memory
+from phyagentos.agent.memory.retrieval import Found, Retrieval
+from phyagentos.agent.memory.semantic import Pattern
+from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.sessions.means import OWN_MEANS
+from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Risk, Scope
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.strategy import OWN_WAY
 from phyagentos.protocol.world.environment import Environment
@@ -15,49 +28,95 @@ REMEMBERED = 4096  # answers that are kept until memory changes
 
 
 class MemoryAdvisor:
-    """Advises from memory; see `Advisor`."""
+    """Advises from memory; see `Advisor`.
 
-    def __init__(self, memory: Memory, surroundings: Surroundings) -> None:
-        self._memory, self._surroundings = memory, surroundings
-        self._answers: dict[Scope, Advice] = {}
+    Args:
+        memory: The records.
+        surroundings: Kinds of things and bodies of targets.
+        copies: Folder for what is recalled, `<session>.json`; None keeps no copy.
+    """
+
+    def __init__(self, memory: Memory, surroundings: Surroundings, copies: Path | None = None) -> None:
+        self._memory, self._surroundings, self._copies = memory, surroundings, copies
+        self._known: Retrieval = memory
+        self._graph = self._snapshot = ""
+        self._answers: dict[Scope, tuple[Advice, tuple[MemoryEntry, ...]]] = {}
         self._seq = -1
 
+    def begin(self, graph: str, snapshot: str) -> str:
+        """Advise from the snapshot that a goal has begun with, as far as its records are there."""
+        now = self._memory.snapshot
+        earlier = self._memory.look_back(snapshot) if snapshot not in {"", now} else None
+        self._known, self._seq = earlier or self._memory, -1
+        self._graph, self._snapshot = graph, snapshot if earlier is not None else now
+        return self._snapshot
+
     def advise(self, session: Session, world: Environment | None) -> Advice:
-        """What was verified to help in its scope; nothing for a child, or where nothing is known."""
+        """What was verified to help in its scope; nothing where nothing is known."""
         del world  # kinds are known from the inventory before anything was seen
-        experience = self._memory.experience
-        if session.parent is not None or session.purpose or not (experience.corrections or experience.patterns):
+        experience = self._known.experience
+        if not (experience.corrections or experience.patterns or experience.cautions):
             return NOTHING
         if self._seq != experience.seq or len(self._answers) > REMEMBERED:
             self._answers, self._seq = {}, experience.seq
         features = self._surroundings.describe(session)
-        scope = make_scope(session, features, self._surroundings)
+        scope = make_scope(session, features, self._surroundings, self._graph)
         if scope not in self._answers:
             self._answers[scope] = self._find(scope)
-        return self._answers[scope]
+        advice, entries = self._answers[scope]
+        if entries and self._copies is not None:
+            self._copies.mkdir(exist_ok=True)
+            kept = msgspec.json.format(msgspec.json.encode({"snapshot": self._snapshot, "entries": entries}))
+            publish(self._copies / f"{session.id}.json", kept.decode())
+        return advice
 
-    def _find(self, scope: Scope) -> Advice:
-        found = self._memory.recall(scope)
-        promoted = self._memory.find_promoted(scope)
-        strategy = OWN_WAY
+    def _find(self, scope: Scope) -> tuple[Advice, tuple[MemoryEntry, ...]]:
+        known = self._known
+        found, promoted, warned = known.recall(scope), known.find_promoted(scope), known.warn(scope)
+        advice = self._join(found, promoted, warned)
+        if advice.means:
+            plain = [each for each in found if not each.lesson.means]
+            advice = replace(advice, otherwise=self._join(plain, promoted, warned))
+        experience = known.experience
+        lessons = [each.lesson for each in found]
+        entries: list[MemoryEntry] = [
+            methodological.describe(each, experience.find_baseline(each), experience.seq) for each in lessons
+        ]
+        entries += map(cautions.describe, warned)
+        entries += [semantic.describe(promoted)] if promoted is not None else []
+        return advice, tuple(entries)
+
+    def _join(self, found: Sequence[Found], promoted: Pattern | None, warned: Sequence[Caution]) -> Advice:
+        """One advice of several lessons: of two that disagree the better one."""
+        strategy, means = OWN_WAY, OWN_MEANS
         used: list[Found] = []
         for each in found:
-            if strategy.changed.isdisjoint(each.lesson.advice.changed):  # of two that disagree the better one
-                strategy = strategy.join(each.lesson.advice)
-                used.append(each)
-        reasons = [f"{each.lesson.advice}: lesson {each.lesson.id}, {each.because}" for each in used]
-        sources = [each.lesson.id for each in used]
-        if promoted is not None and strategy.changed.isdisjoint(promoted.strategy.changed):
+            lesson = each.lesson
+            is_other = bool(lesson.means.skill or lesson.means.target)  # what is known of the own one says nothing then
+            is_at_odds = not strategy.changed.isdisjoint(lesson.advice.changed)
+            if is_at_odds or (used and is_other) or (means and lesson.means):
+                continue
+            strategy, means = strategy.join(lesson.advice), lesson.means or means
+            used.append(each)
+            if is_other:
+                break
+        lessons = [each.lesson for each in used]
+        ways = [methodological.join_ways(each.advice, each.means) for each in lessons]
+        reasons = [f"{way}: lesson {each.lesson.id}, {each.because}" for way, each in zip(ways, used, strict=True)]
+        sources = [each.id for each in lessons]
+        if promoted is not None and not means and strategy.changed.isdisjoint(promoted.strategy.changed):
             strategy = strategy.join(promoted.strategy)
             reasons.append(f"{promoted.strategy}: promoted, {promoted.count} ({promoted.id})")
             sources.append(promoted.id)
-        if not used and promoted is None:
+        reasons += [f"{Risk.HIGH} risk: {each.code} in {each.events} sessions ({each.id})" for each in warned]
+        if not reasons:
             return NOTHING
-        return Advice(strategy=strategy, reasons=(*reasons, f"as of {self._memory.version}"), sources=tuple(sources))
+        version = f"as of {self._known.version}"
+        return Advice(strategy=strategy, means=means, reasons=(*reasons, version), sources=tuple(sources))
 
 
-def make_scope(session: Session, features: Features, surroundings: Surroundings) -> Scope:
-    """The scope of a contract."""
+def make_scope(session: Session, features: Features, surroundings: Surroundings, graph: str = "") -> Scope:
+    """The case of a contract: its goal, scene, skill, things, body, and what is at stake."""
     return Scope(
         scene=session.scene.name,
         skill=session.skill,
@@ -65,4 +124,6 @@ def make_scope(session: Session, features: Features, surroundings: Surroundings)
         object=features.object_kind,
         destination=features.destination_kind,
         body=surroundings.describe_target(session.target),
+        goal=graph,
+        risk=Risk.GUARDED if session.hold else Risk.NORMAL,
     )

@@ -3,6 +3,7 @@
 An episode that is recorded twice counts once, so the next agent catches up after a crash.
 """
 
+import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -16,20 +17,23 @@ from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.memory.promotion import Rank
 from phyagentos.agent.memory.semantic import Pattern
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, PhyAgentOSError
+from phyagentos.errors import DefinitionError, ExecutionError, PhyAgentOSError
 from phyagentos.protocol.capabilities.registries import read_skill_registry, render_skills
 from phyagentos.protocol.capabilities.skill_runtimes import PromotedWay
 from phyagentos.protocol.documents.document import DocumentFormat, read_document
 from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.sessions.evidence import read_bundle
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE, Fact, render_knowledge
 from phyagentos.protocol.sessions.lessons import LESSONS, Lesson, render_lessons
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Standing
+from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.shared_file import SharedFile
 from phyagentos.store.ledger import Ledger
 
 _EntryT = TypeVar("_EntryT", bound=MemoryEntry)
+INTERVENTION = "intervention"  # kind of an event: a guard or a watched condition stopped or changed a command
 PERSON = "a person"
 UNSAID = "retracted by hand, without a reason"
 
@@ -74,19 +78,30 @@ class EpisodeRecorder:
     def consolidate(self, ledger: Ledger) -> None:
         """Record every judged session that is not known yet, and publish."""
         known = self._memory.experience.known
+        sessions = ledger.sessions
         found = [
-            self._place(episode)
-            for status in ledger.sessions.values()
-            if find_key(status) not in known and (episode := find_episode(status, self._surroundings)) is not None
+            self._complete(episode, status, ledger)
+            for status in sessions.values()
+            if find_key(status) not in known
+            and (episode := find_episode(status, self._surroundings, sessions)) is not None
         ]
         self._memory.record(found)
         self.publish()
 
-    def _place(self, episode: Episode) -> Episode:
-        """The episode as it is kept: where several workspaces share a memory, its evidence has its whole path."""
-        if not episode.evidence or not self._is_shared:
-            return episode
-        return msgspec.structs.replace(episode, evidence=str(self._workspace.root / episode.evidence))
+    def _complete(self, episode: Episode, status: SessionStatus, ledger: Ledger) -> Episode:
+        """The episode with what is known of its goal, and what its bundle says of safety.
+
+        Where several workspaces share a memory, its evidence has its whole path.
+        """
+        goal, execution = ledger.goals.get(status.contract.goal), status.execution
+        safety = episode.safety
+        if execution is not None and execution.interventions:
+            with contextlib.suppress(ExecutionError):  # of a damaged bundle the verdict alone is known
+                events = read_bundle(self._workspace.root / execution.evidence, status.contract, execution).events
+                safety = tuple(dict.fromkeys((*safety, *(each.code for each in events if each.kind == INTERVENTION))))
+        where = str(self._workspace.root / episode.evidence) if episode.evidence and self._is_shared else ""
+        of_goal = {"graph": goal.graph, "begun": goal.submitted_at} if goal else {}
+        return msgspec.structs.replace(episode, safety=safety, evidence=where or episode.evidence, **of_goal)
 
     def publish(self) -> None:
         """Take in what people changed in the two documents, render both, and renew what is promoted."""

@@ -3,17 +3,23 @@
 An episode repeats nothing of the evidence; it points there.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import msgspec
 
-from phyagentos.agent.judging.causes import Cause
+from phyagentos.agent.goals.selector import begins_with_holding
+from phyagentos.agent.judging.causes import CLASSES, Cause, CauseClass, find_refusal
 from phyagentos.agent.memory.features import Features, Surroundings
 from phyagentos.protocol.sessions.lifecycle import SessionState
-from phyagentos.protocol.sessions.memory_entries import Embodiment
-from phyagentos.protocol.sessions.session import Session, SessionStatus
+from phyagentos.protocol.sessions.memory_entries import Embodiment, Risk
+from phyagentos.protocol.sessions.session import Ended, Execution, Session, SessionId, SessionStatus
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
 
 JUDGED = frozenset({SessionState.SUCCEEDED, SessionState.FAILED, SessionState.REPLANNED})
+CAUSES_OF_SAFETY = frozenset(cause for cause, kind in CLASSES.items() if kind is CauseClass.SAFETY)
+_NO_SESSIONS: Mapping[SessionId, SessionStatus] = {}
 INTERRUPTIONS = frozenset({Cause.RUNNER_LOST, Cause.TARGET_LOST, Cause.CANCELLED})
 
 
@@ -31,6 +37,13 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         sensing: What the judgement rests on, `truth` or `perceived`.
         evidence: Bundle, relative to the workspace; its whole path where the memory is outside.
         judged_at: Wall time of the verdict, UTC; distinguishes sessions of one name in two workspaces.
+        graph: Name of its goal graph.
+        begun: Wall time at which its goal was submitted, UTC: sessions of one run have the same.
+        parameters: Arguments of its skill.
+        prepared: Whether sessions before it prepared it, and none was an attempt.
+        resumes: Whether its skill begins with the thing in the hand.
+        risk: What was at stake; None in records of before.
+        safety: Codes of what stopped it or changed its commands for safety.
     """
 
     session: str
@@ -52,6 +65,13 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     sensing: str = ""
     evidence: str = ""
     judged_at: str = ""
+    graph: str = ""
+    begun: str = ""
+    parameters: dict[str, Any] = {}
+    prepared: bool = False
+    resumes: bool = False
+    risk: Risk | None = None
+    safety: tuple[str, ...] = ()
 
     @property
     def key(self) -> str:
@@ -71,7 +91,12 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def is_first(self) -> bool:
         """Whether it is the first attempt of its node."""
-        return self.parent is None and not self.purpose
+        return (self.parent is None or self.prepared) and not self.purpose
+
+    @property
+    def is_own_way(self) -> bool:
+        """Whether nothing was done differently from what node and skill say."""
+        return not (self.strategy or self.advised_by or self.prepared)
 
 
 def find_key(status: SessionStatus) -> str:
@@ -79,14 +104,21 @@ def find_key(status: SessionStatus) -> str:
     return f"{status.contract.id} {status.updated_at}"
 
 
-def find_episode(status: SessionStatus, surroundings: Surroundings) -> Episode | None:
-    """The episode of a session; None while its verdict is open, when it serves no goal, or had nothing to do."""
-    decision = status.decision
-    if status.state not in JUDGED or decision is None or not status.contract.goal:
+def find_episode(
+    status: SessionStatus, surroundings: Surroundings, sessions: Mapping[SessionId, SessionStatus] = _NO_SESSIONS
+) -> Episode | None:
+    """The episode of a session; None while its verdict is open, when it serves no goal, or had nothing to do.
+
+    A session that preflight refused for what no second try changes is one, too. `sessions` are those of its goal.
+    """
+    decision, contract, execution = status.decision, status.contract, status.execution
+    refused = find_refusal(status.problems) if status.state == SessionState.REJECTED else None
+    is_judged = status.state in JUDGED and decision is not None
+    if not contract.goal or not (is_judged or refused) or (execution is not None and execution.is_idle):
         return None
-    if status.execution is not None and status.execution.is_idle:
-        return None
-    contract: Session = status.contract
+    skill = surroundings.skills.get(contract.skill)
+    found = (decision.found or decision.verdict) if decision is not None and is_judged else Verdict.FAILURE
+    cause = decision.cause if decision is not None and is_judged else str(refused)
     return Episode(
         session=contract.id,
         goal=contract.goal,
@@ -101,10 +133,32 @@ def find_episode(status: SessionStatus, surroundings: Surroundings) -> Episode |
         features=surroundings.describe(contract),
         strategy=contract.strategy,
         advised_by=contract.advised_by,
-        verdict=decision.found or decision.verdict,  # in an audit the controller's word decides; it is no experience
-        cause=decision.cause,
-        purpose=status.contract.purpose,
-        sensing=decision.sensing,
-        evidence=status.execution.evidence if status.execution else "",
+        verdict=found,  # in an audit the controller's word decides; it is no experience
+        cause=cause,
+        purpose=contract.purpose,
+        sensing=decision.sensing if decision is not None else "",
+        evidence=execution.evidence if execution is not None else "",
         judged_at=status.updated_at,
+        parameters=contract.parameters,
+        prepared=_is_prepared(contract, sessions),
+        resumes=skill is not None and begins_with_holding(skill),
+        risk=Risk.GUARDED if contract.hold else Risk.NORMAL,
+        safety=_find_safety(cause, execution),
     )
+
+
+def _is_prepared(contract: Session, sessions: Mapping[SessionId, SessionStatus]) -> bool:
+    """Whether it has parents, and every one prepared an attempt."""
+    parents = []
+    parent = sessions.get(contract.parent) if contract.parent else None
+    while parent is not None:
+        parents.append(parent.contract)
+        parent = sessions.get(parent.contract.parent) if parent.contract.parent else None
+    return bool(parents) and parents[-1].parent is None and all(each.purpose for each in parents)
+
+
+def _find_safety(cause: str, execution: Execution | None) -> tuple[str, ...]:
+    """What stopped it for safety; what a guard changed stands in the events of its bundle."""
+    if execution is None or cause not in CAUSES_OF_SAFETY:
+        return ()
+    return (execution.code if execution.ended is Ended.SAFETY_STOP and execution.code else cause,)

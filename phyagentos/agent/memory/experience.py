@@ -8,21 +8,26 @@ from typing import Any
 
 import msgspec
 
-from phyagentos.agent.memory import methodological, semantic
+from phyagentos.agent.memory import cautions, methodological, semantic
+from phyagentos.agent.memory.cautions import Caution
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.experience_log import Edit, Event
 from phyagentos.agent.memory.intervals import Count
 from phyagentos.agent.memory.methodological import Correction, Failure
-from phyagentos.agent.memory.scopes import compute_id, compute_scope, widen
+from phyagentos.agent.memory.scopes import compute_id, compute_scope, find_mismatch, widen
 from phyagentos.agent.memory.semantic import Pattern
 from phyagentos.protocol.sessions.knowledge import Fact
 from phyagentos.protocol.sessions.lessons import Lesson
+from phyagentos.protocol.sessions.means import Preparation
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
-from phyagentos.protocol.sessions.strategy import Strategy
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
 CORRECTIONS_KEPT = 2_000
 PATTERNS_KEPT = 4_000
 ENTRIES_MAX = 500  # of either document; a longer one is not read
+CAUTIONS_KEPT = 200
+ACCIDENTS_KEPT = 5
+CLEARS = "clear"  # purpose of what changes the world for an attempt; a look changes nothing
 FAILURES_KEPT = 2_000  # that a child may still follow
 SESSIONS_KEPT = 10_000  # that are known to be in
 _OF_THINGS = Strategy(speed=0.5)  # these two stand for the two ways to widen a scope
@@ -39,6 +44,7 @@ class Experience(msgspec.Struct, kw_only=True):
         facts: Added by people, by id.
         known: Key of an episode -> its record, for those that were taken in last.
         baselines: Id of a scope -> first attempts in it, the skill's own way.
+        cautions: Safety events, by id.
     """
 
     seq: int = 0
@@ -48,6 +54,7 @@ class Experience(msgspec.Struct, kw_only=True):
     failures: dict[str, Failure] = msgspec.field(default_factory=dict)
     known: dict[str, int] = msgspec.field(default_factory=dict)
     baselines: dict[str, Count] = msgspec.field(default_factory=dict)
+    cautions: dict[str, Caution] = msgspec.field(default_factory=dict)
 
     def extend(self, events: Iterable[tuple[int, Event]]) -> set[str]:
         """Take in records, in order; ids of the entries that changed."""
@@ -69,6 +76,7 @@ class Experience(msgspec.Struct, kw_only=True):
         lessons = [
             methodological.describe(each, self.find_baseline(each), self.seq) for each in self.corrections.values()
         ]
+        lessons += map(cautions.describe, self.cautions.values())
         lessons.sort(key=lambda lesson: (_ORDER[lesson.state], -lesson.confidence, -lesson.supported, lesson.id))
         return lessons[:ENTRIES_MAX]
 
@@ -84,14 +92,27 @@ class Experience(msgspec.Struct, kw_only=True):
         self.known[episode.key] = self.seq
         if not episode.is_interrupted:
             yield from self._count(episode)
+        if not episode.is_interrupted or episode.safety:
+            yield from self._warn(episode)
         yield from self._follow(episode)
+
+    def _warn(self, episode: Episode) -> Iterator[str]:
+        """Its safety events, and one more session for the cautions in whose scope it was."""
+        for begun in cautions.begin(episode):
+            self.cautions.setdefault(begun.id, begun)
+            _shrink(self.cautions, CAUTIONS_KEPT)
+        case = compute_scope(episode)
+        for caution in [*self.cautions.values()]:
+            if not find_mismatch(caution.where, case, OWN_WAY):
+                self.cautions[caution.id] = caution.add(episode, self.seq)
+                yield caution.id
 
     def _count(self, episode: Episode) -> Iterator[str]:
         if (id := semantic.find_pattern_id(episode)) is not None:
             self.patterns[id] = semantic.extend(self.patterns.pop(id, None), episode, id, self.seq)
             _shrink(self.patterns, PATTERNS_KEPT)
             yield id
-        if episode.is_first and not episode.strategy:
+        if episode.is_first and episode.is_own_way:
             self._count_baselines(episode)
         if episode.is_first:
             yield from self._apply(episode)
@@ -103,6 +124,8 @@ class Experience(msgspec.Struct, kw_only=True):
                 self.corrections[id] = msgspec.structs.replace(
                     lesson,
                     applied=lesson.applied.add(success=episode.is_success),
+                    trial=lesson.trial.add(episode.seed, success=episode.is_success),
+                    accidents=(*lesson.accidents, *([episode.session] if episode.safety else []))[-ACCIDENTS_KEPT:],
                     last_seq=self.seq if episode.is_success else lesson.last_seq,
                 )
                 yield id
@@ -110,15 +133,21 @@ class Experience(msgspec.Struct, kw_only=True):
     def _follow(self, episode: Episode) -> Iterator[str]:
         """A child speaks for or against what it did differently from the failure that it follows."""
         before = self.failures.get(episode.parent) if episode.parent else None
+        before = before if before is not None and before.begun == episode.begun else None  # ids recur in other runs
         if before is not None and (episode.purpose or episode.is_interrupted):
             # it prepared the next attempt, or was none: that follows the same failure
             if (before.goal, before.node) == (episode.goal, episode.node):
                 cause = "" if episode.is_interrupted else episode.cause  # a later judgement may know more
+                prepares = episode.purpose == CLEARS and episode.is_success
+                done = (_describe_preparation(episode, before),) if prepares else ()
                 self.failures[episode.session] = msgspec.structs.replace(
-                    before, session=episode.session, cause=cause or before.cause
+                    before,
+                    session=episode.session,
+                    cause=cause or before.cause,
+                    prepared=(*before.prepared, *done),
                 )
             return
-        if episode.is_interrupted:
+        if episode.is_interrupted or episode.purpose:  # what prepares a first attempt follows no failure
             return
         if before is not None:
             for proposed in methodological.propose(before, episode):
@@ -127,14 +156,10 @@ class Experience(msgspec.Struct, kw_only=True):
                 _shrink(self.corrections, CORRECTIONS_KEPT)
                 yield proposed.id
         if not episode.is_success:
-            is_same = before is not None and (before.goal, before.node) == (episode.goal, episode.node)
-            self.failures[episode.session] = Failure(
-                session=episode.session,
-                goal=episode.goal,
-                node=episode.node,
-                root=before.root if before and is_same else episode.session,
-                cause=before.cause if before and is_same else episode.cause,
-                strategy=episode.strategy,
+            if before is None or (before.goal, before.node) != (episode.goal, episode.node):
+                before = methodological.begin_failure(episode)
+            self.failures[episode.session] = msgspec.structs.replace(
+                before, session=episode.session, strategy=episode.strategy
             )
 
     def _count_baselines(self, episode: Episode) -> None:
@@ -148,6 +173,9 @@ class Experience(msgspec.Struct, kw_only=True):
         if (lesson := self.corrections.get(edit.entry)) is not None:
             amended = edit.scope or lesson.amended
             self.corrections[edit.entry] = msgspec.structs.replace(lesson, amended=amended, **_compute_changes(edit))
+        elif (caution := self.cautions.get(edit.entry)) is not None:
+            amended = edit.scope or caution.amended
+            self.cautions[edit.entry] = msgspec.structs.replace(caution, amended=amended, **_compute_changes(edit))
         elif (pattern := self.patterns.get(edit.entry)) is not None:
             self.patterns[edit.entry] = msgspec.structs.replace(pattern, **_compute_changes(edit))
         elif (fact := self.facts.get(edit.entry)) is not None:
@@ -170,6 +198,13 @@ def _compute_changes(edit: Edit) -> dict[str, Any]:
     if edit.note:
         changes["note"] = edit.note
     return changes
+
+
+def _describe_preparation(episode: Episode, before: Failure) -> Preparation:
+    own = before.parameters.values()
+    is_own = bool(episode.features.object) and episode.features.object in own
+    kind = "" if is_own else episode.features.object_kind
+    return Preparation(purpose=episode.purpose, skill=episode.skill, kind=kind)
 
 
 def _drop_oldest(entries: dict[str, Any], kept: int) -> None:

@@ -16,7 +16,7 @@ from phyagentos.agent.memory.experience_log import LogPosition
 from phyagentos.agent.memory.methodological import Correction
 from phyagentos.store.cache_file import CacheFile
 
-VERSION = 2  # of what stands in it: another one is thrown away
+VERSION = 3  # of what stands in it: another one is thrown away
 _ANY = "any"  # of a lesson that no skill, or no thing, narrows
 _WAIT_S = 10.0
 _SCHEMA = """

@@ -11,9 +11,11 @@ import msgspec
 
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.intervals import Count
+from phyagentos.agent.memory.promotion import Trial
 from phyagentos.agent.memory.scopes import compute_id, compute_scope, measure_width, name_left_out, widen
 from phyagentos.protocol.sessions.lessons import Lesson
-from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.means import OWN_MEANS, Means, Preparation
+from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
 CHAINS_KEPT = 5  # of failure and verified correction, the latest
@@ -29,6 +31,11 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         root: The first session of the same node, and its cause.
         cause: Coded cause of the first failure.
+        objective: Of the first session.
+        begun: As of its episode: a child is of the same run.
+        scope: Of the first session.
+        parameters: Of the first session.
+        prepared: What was done for the node since.
     """
 
     session: str
@@ -36,7 +43,12 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     node: str
     root: str
     cause: str
+    objective: str = ""
+    begun: str = ""
     strategy: Strategy = OWN_WAY
+    scope: Scope
+    parameters: dict[str, Any] = {}
+    prepared: tuple[Preparation, ...] = ()
 
 
 class Chain(msgspec.Struct, frozen=True, kw_only=True):
@@ -52,6 +64,10 @@ class Correction(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         id: Of its entry in LESSONS.md.
         values: Parts of the strategy that were the same every time.
+        means: What was done by other means; parameters as in the latest success.
+        goals: Names of the goal graphs that it was verified in, the latest.
+        accidents: Sessions with it that a safety event met.
+        trial: First attempts that it advised, as the test of promotion sees them.
         labels: Lists of the strategy: key -> label -> in how many verified corrections it stood.
         tried: Children that followed a failure with it; a success verifies it.
         applied: First attempts that it advised.
@@ -66,6 +82,10 @@ class Correction(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     cause: str
     values: dict[str, Any] = {}
     labels: dict[str, dict[str, int]] = {}
+    means: Means = OWN_MEANS
+    goals: tuple[str, ...] = ()
+    accidents: tuple[str, ...] = ()
+    trial: Trial = Trial()
     tried: Count = Count()
     applied: Count = Count()
     cases: tuple[str, ...] = ()
@@ -108,18 +128,51 @@ class Correction(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return msgspec.convert({**self.values, **lists}, Strategy)
 
 
+def begin_failure(episode: Episode) -> Failure:
+    """The first failure of a node."""
+    return Failure(
+        session=episode.session,
+        goal=episode.goal,
+        node=episode.node,
+        root=episode.session,
+        cause=episode.cause,
+        objective=episode.objective,
+        begun=episode.begun,
+        strategy=episode.strategy,
+        scope=compute_scope(episode),
+        parameters=episode.parameters,
+    )
+
+
 def propose(failure: Failure, child: Episode) -> tuple[Correction, ...]:
     """The lessons that a child of a failure tests, without any count: its own case, and that widened.
 
-    Empty when the child is of another node, or did nothing that its parent had not done.
+    Empty when the child is of another node, or did nothing that its parent had not done. What has to come first, and
+    other values of parameters, are believed in their own case alone.
     """
     if (child.goal, child.node) != (failure.goal, failure.node) or child.parent != failure.session:
         return ()
-    if not child.strategy or child.strategy == failure.strategy:
+    means = find_means(failure, child)
+    if means.skill and child.resumes:  # nothing is held at the beginning
         return ()
-    scope = compute_scope(child)
-    wide = widen(scope, child.strategy)
-    return tuple(_begin(each, failure, child) for each in dict.fromkeys((scope, wide)))
+    if not means and (not child.strategy or child.strategy == failure.strategy):
+        return ()
+    is_wide = means == Means(skill=means.skill)
+    scopes = (failure.scope, widen(failure.scope, child.strategy)) if is_wide else (failure.scope,)
+    return tuple(_begin(each, means, failure, child) for each in dict.fromkeys(scopes))
+
+
+def find_means(failure: Failure, child: Episode) -> Means:
+    """What a child did by other means than the first session of its node."""
+    first = failure.scope
+    skill, target = (child.skill if child.skill != first.skill else "", child.target)
+    changed = {key: value for key, value in child.parameters.items() if failure.parameters.get(key) != value}
+    return Means(
+        skill=skill,
+        target=target if target != first.target else "",
+        parameters={} if skill else changed,  # of another skill they follow from what is wanted
+        prepare=failure.prepared,
+    )
 
 
 def test(correction: Correction, failure: Failure, child: Episode, seq: int) -> Correction:
@@ -132,7 +185,7 @@ def test(correction: Correction, failure: Failure, child: Episode, seq: int) -> 
         counted = labels.setdefault(key, {})
         for label in items:
             counted[label] = counted.get(label, 0) + 1
-    case = name_left_out(compute_scope(child), correction.scope)
+    case = name_left_out(failure.scope, correction.scope)
     return msgspec.structs.replace(
         correction,
         tried=tried,
@@ -141,6 +194,8 @@ def test(correction: Correction, failure: Failure, child: Episode, seq: int) -> 
         chains=(*correction.chains, Chain(failed=failure.root, corrected=child.session))[-CHAINS_KEPT:],
         evidence=tuple(dict.fromkeys((*correction.evidence, *filter(None, (child.evidence,)))))[-CHAINS_KEPT:],
         last_seq=seq,
+        goals=tuple(dict.fromkeys((*correction.goals, *filter(None, (child.graph,)))))[-CASES_KEPT:],
+        means=msgspec.structs.replace(correction.means, parameters=find_means(failure, child).parameters),
     )
 
 
@@ -150,6 +205,8 @@ def judge(correction: Correction, seq: int) -> tuple[Standing, str]:
         return Standing.RETRACTED, correction.reason
     if not correction.tried.successes:
         return Standing.HYPOTHESIS, ""
+    if correction.accidents:
+        return Standing.EXPIRED, f"a safety event met {correction.accidents[-1]}, which followed it"
     outcomes = correction.outcomes
     if outcomes.trials >= DOUBTED_FROM and outcomes.mean < DOUBTED_BELOW:
         return Standing.EXPIRED, f"contradicted: {outcomes} outcomes speak for it"
@@ -164,7 +221,7 @@ def describe(correction: Correction, baseline: Count, seq: int) -> Lesson:
     """The lesson as an entry of LESSONS.md at record `seq`; `baseline` counts first attempts without any correction."""
     state, reason = judge(correction, seq)
     where, advice = correction.where, correction.advice
-    what_helped = advice or correction.tried_way
+    what_helped = join_ways(advice or correction.tried_way, correction.means)
     what = " ".join(filter(None, (where.object or "anything", f"to {where.destination}" if where.destination else "")))
     verb = "helps" if state is Standing.ACTIVE else "was tried"
     return Lesson(
@@ -182,21 +239,35 @@ def describe(correction: Correction, baseline: Count, seq: int) -> Lesson:
         objective=correction.objective,
         cause=correction.cause,
         advice=advice,
+        means=correction.means,
+        risk=where.risk or Risk.NORMAL,
         verified_by=correction.chains[-1].corrected if correction.chains else "",
         baseline=str(baseline),
     )
 
 
-def _begin(scope: Scope, failure: Failure, child: Episode) -> Correction:
+def join_ways(strategy: Strategy, means: Means) -> str:
+    """Both as words."""
+    return ", ".join(filter(None, (str(means), str(strategy))))
+
+
+def _begin(scope: Scope, means: Means, failure: Failure, child: Episode) -> Correction:
     values, lists = _split(child.strategy)
-    shape = {**values, **dict.fromkeys(lists, "*")}  # what stands in the lists is counted, not part of its name
+    shape: dict[str, Any] = {
+        **values,
+        **dict.fromkeys(lists, "*"),
+    }  # what stands in the lists is counted, not part of its name
+    if means:
+        named: dict[str, Any] = msgspec.to_builtins(means)
+        shape["means"] = named | {"parameters": sorted(means.parameters)}
     return Correction(
         id=compute_id("lesson", scope, failure.cause, shape),
         scope=scope,
-        objective=child.objective,
+        objective=failure.objective,
         cause=failure.cause,
         values=values,
         labels={key: {} for key in lists},
+        means=means,
     )
 
 

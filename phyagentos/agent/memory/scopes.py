@@ -29,6 +29,7 @@ def compute_scope(episode: Episode) -> Scope:
         object=episode.features.object_kind,
         destination=episode.features.destination_kind,
         body=episode.body,
+        risk=episode.risk,
     )
 
 
@@ -48,12 +49,14 @@ def name_left_out(narrow: Scope, wide: Scope) -> str:
 def find_mismatch(scope: Scope, case: Scope, strategy: Strategy) -> str:
     """Why experience of `scope` must not be used in `case`; empty when it may.
 
-    What is empty in `scope` does not narrow it; a strategy that concerns the hand needs a similar hand.
+    What is empty in `scope` does not narrow it; all but places to avoid concerns the hand, and needs a similar one.
     """
-    for field in ("skill", "scene", "object", "destination"):
+    for field in ("skill", "scene", "object", "destination", "goal"):
         wanted, found = getattr(scope, field), getattr(case, field)
         if wanted and wanted != found:
             return f"{field} {found or 'unknown'}, not {wanted}"
+    if scope.risk is not None and case.risk is not None and scope.risk.rank < case.risk.rank:
+        return f"verified at {scope.risk} risk, not at {case.risk}"
     if scope.entities and not {case.object, case.destination} & set(scope.entities):
         return f"it is about {', '.join(scope.entities)}"
     if not scope.target or scope.target == case.target:
@@ -82,7 +85,7 @@ def _compare_bodies(known: Embodiment | None, found: Embodiment | None, strategy
         return "another target, and it is not known in which body this was learned"
     if known.kind != found.kind:
         return f"learned with a body of kind {known.kind}, not {found.kind}"
-    if not strategy.changed - OF_PLACES:
+    if strategy.changed and strategy.changed <= OF_PLACES:
         return ""
     if abs(known.grip_width_m - found.grip_width_m) > 1e-6:
         return f"learned with a gripper of {known.grip_width_m} m, not {found.grip_width_m} m"

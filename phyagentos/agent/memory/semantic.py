@@ -42,9 +42,11 @@ class Pattern(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 def find_pattern_id(episode: Episode) -> str | None:
-    """The pattern that an episode counts for; None for a child, whose world its parent disturbed."""
-    strategy = msgspec.to_builtins(episode.strategy)
-    return compute_id("way", compute_scope(episode), "", strategy) if episode.is_first else None
+    """The pattern that an episode counts for; None for a child, whose world its parent disturbed, and other means."""
+    is_by_other_means = episode.prepared or (episode.advised_by and not episode.strategy)
+    if not episode.is_first or is_by_other_means:
+        return None
+    return compute_id("way", compute_scope(episode), "", msgspec.to_builtins(episode.strategy))
 
 
 def extend(pattern: Pattern | None, episode: Episode, id: str, seq: int) -> Pattern:

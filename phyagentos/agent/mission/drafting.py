@@ -7,11 +7,14 @@ from typing import Any
 import msgspec
 
 from phyagentos.agent.goals.compiler import Outputs, Revision, SessionCompiler
+from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.goal_judgement import Evidence
-from phyagentos.agent.memory.advice import Advisor, apply_advice
+from phyagentos.agent.memory.advice import NOTHING, Advisor, apply_advice
 from phyagentos.agent.mission.goal_facts import GoalFacts
+from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.foreseen import foresee
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import NodeState, Relation, compute_session_id, get_relation
 from phyagentos.store.admission import Entry, GoalEvent
 
@@ -45,7 +48,38 @@ class Drafter:
             session = self.compiler.compile_node(node, outputs=outputs, attempt=attempt, revision=revision)
         except DefinitionError as error:
             return str(error)
-        return apply_advice(session, self.advisor.advise(session, self.evidence.all.now))
+        before = self.facts.get_sessions(node)
+        if session.purpose or not all(status.contract.purpose for status in before):
+            return session  # what a repair chose rests on fresher evidence
+        advice = self.advisor.advise(session, self.evidence.all.now)
+        if advice.means:
+            step = foresee(self._make_case(node, session, before, fresh), advice.means)
+            try:
+                if step is not None:
+                    session = self.compiler.compile_node(node, outputs=outputs, attempt=attempt, revision=step)
+            except DefinitionError:
+                step = None
+            if session.purpose:
+                return msgspec.structs.replace(session, advice=advice.reasons, advised_by=advice.sources)
+            advice = advice if step is not None else advice.otherwise or NOTHING
+        return apply_advice(session, advice)
+
+    def _make_case(self, node: str, session: Session, before: tuple[SessionStatus, ...], fresh: Outputs) -> Case:
+        """The case of a first attempt that has not failed yet."""
+        for status in self.facts.find_ended():
+            self.evidence.take_in(status)
+        own = self.evidence.by_target.get(session.target, self.evidence.all)
+        miss = Miss(session=session, cause=Cause.NO_PLAN, reason="", world=own.now or self.evidence.all.now)
+        return Case(
+            miss=miss,
+            choice=self.facts.graph.choices[node],
+            catalogue=self.compiler.catalogue,
+            lineage=before,
+            replans_left=self.facts.graph.max_replans(node),
+            left=self.facts.compute_left(node),
+            protected=self.facts.find_protected(fresh).union(session.kept),
+            time_of=self.facts.compute_times(),
+        )
 
     def submit(self, session: Session, reasons: Iterable[str] = (), relation: Relation | None = None) -> list[Entry]:
         """The contract; of a child also its relation to its parent, with the reasons of the choice."""

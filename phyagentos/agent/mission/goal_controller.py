@@ -64,6 +64,8 @@ class GoalController:
     ) -> None:
         self.goal, self.graph = compiler.goal, compiler.graph
         self.worklist = Worklist(self.graph, self.goal, ledger)
+        begun = ledger.goals[self.goal].memory if self.goal in ledger.goals else ""
+        self._memory = advisor.begin(self.graph.name, begun)
         self._seed, self._ledger, self._evidence, self._verifier = compiler.seed, ledger, evidence, verifier
         self._facts = GoalFacts(graph=self.graph, goal=self.goal, ledger=ledger, dag=self.worklist.dag)
         self._drafter = Drafter(facts=self._facts, compiler=compiler, evidence=evidence, advisor=advisor)
@@ -98,6 +100,7 @@ class GoalController:
         spec = self.graph.spec
         nodes = {name: describe_node(self.graph, name) for name in self.graph.nodes}
         asked = {"graph": spec.goal, "seed": self._seed, "objective": spec.objective, "scene": spec.scene}
+        asked |= {"memory": self._memory} if self._memory else {}
         judged = {"accept": list(spec.accept), "constraints": list(spec.constraints)}
         names = list(nodes)
         parts = [names[index : index + NODES_A_RECORD] for index in range(0, len(names), NODES_A_RECORD)]

@@ -1,6 +1,6 @@
 """Queries on the records of one goal: sessions of its nodes, finished work, spent budget."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,16 +104,17 @@ class GoalFacts:
         own = self.find_own(name)
         return own.execution.outputs if own and own.execution else {}
 
-    def find_finished(self) -> dict[str, Session]:
-        """Nodes that are done -> the session that did it."""
+    def find_finished(self, fresh: Collection[str] = ()) -> dict[str, Session]:
+        """Nodes that are done, and those whose end is not yet recorded -> the session that did it."""
         goal = self.ledger.goals.get(self.goal)
-        done = [name for name, node in (goal.nodes.items() if goal else ()) if node.state is NodeState.DONE]
+        nodes = goal.nodes if goal else {}
+        done = [name for name, node in nodes.items() if node.state is NodeState.DONE or name in fresh]
         return {name: own.contract for name in done if (own := self.find_own(name)) is not None}
 
     def find_ended(self) -> list[SessionStatus]:
         """Sessions that were executed and judged."""
-        nodes = self.ledger.goals[self.goal].nodes
-        sessions = [self.ledger.sessions[id] for node in nodes.values() for id in node.sessions]
+        goal = self.ledger.goals.get(self.goal)
+        sessions = [self.ledger.sessions[id] for node in (goal.nodes.values() if goal else ()) for id in node.sessions]
         return [status for status in sessions if status.execution and status.state in FINAL_STATES]
 
     def count_replans(self, name: str) -> int:
@@ -144,11 +145,11 @@ class GoalFacts:
                 times.setdefault(status.contract.skill, []).append(status.execution.sim_time_s)
         return {skill: sum(values) / len(values) for skill, values in times.items()}
 
-    def find_protected(self) -> frozenset[str]:
+    def find_protected(self, fresh: Collection[str] = ()) -> frozenset[str]:
         """Entities that finished nodes have put where they belong."""
         return frozenset(
             name
-            for session in self.find_finished().values()
+            for session in self.find_finished(fresh).values()
             for text in session.accept
             if (predicate := parse_predicate(text)).is_lasting
             and (name := next(iter_entities(predicate), None)) is not None

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import msgspec
 
 from phyagentos.agent.goals.compiler import Revision
-from phyagentos.agent.judging.causes import Cause
+from phyagentos.agent.judging.causes import Cause, find_refusal
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import find_missing_evidence
 from phyagentos.agent.mission.amending import Amender
@@ -38,15 +38,6 @@ from phyagentos.store.admission import Entry, GoalEvent
 
 _UNMET = "PRECONDITION_UNMET"  # preflight's code for a precondition that is false or unknown
 
-_REFUSALS = {  # of preflight: what a repair can answer; no means gives a destination room
-    "TOO_WIDE": Cause.IMPOSSIBLE,
-    "TOO_HEAVY": Cause.IMPOSSIBLE,
-    "OUT_OF_REACH": Cause.IMPOSSIBLE,
-    "OUTSIDE_WORKSPACE": Cause.IMPOSSIBLE,
-    "TOO_SLIPPERY": Cause.IMPOSSIBLE,
-    "NO_FREE_SITE": Cause.NO_PLAN,
-    "TARGET_UNAVAILABLE": Cause.TARGET_LOST,
-}
 _OF_WORLD = {Cause.NO_PLAN, Cause.PLACED_WRONG, Cause.WITHOUT_EFFECT}  # another way through the world may help
 _NEVER_CARRIED = {"TOO_WIDE", "TOO_HEAVY"}  # nobody looks for a thing that cannot be carried wherever it is
 
@@ -89,8 +80,10 @@ class Recovery:
     def prepares(self, status: SessionStatus) -> bool:
         """Whether a session cannot finish its node: it clears an obstruction, or looks before the first attempt."""
         purpose = status.contract.purpose
-        looked_first = purpose == looking.PURPOSE and self.facts.find_subject(status.contract).execution is None
-        return purpose == clearing.PURPOSE or looked_first
+        if purpose != looking.PURPOSE:
+            return purpose == clearing.PURPOSE
+        subject = self.facts.find_subject(status.contract)
+        return subject.execution is None or bool(subject.contract.purpose)
 
     def follow_refusal(self, refused: SessionStatus) -> list[Entry]:
         """Records after preflight refused a session."""
@@ -112,6 +105,8 @@ class Recovery:
         """Continue a node whose latest session is over: its restoration is done, or preflight refused it."""
         node = latest.contract.node
         subject = self.facts.find_subject(latest.contract)
+        if subject.contract.purpose:
+            return self._begin(latest)
         miss, why = self._find_miss(subject), f"{latest.state}: {latest.reason}"
         if miss is None:  # a look for the goal's sake changes nothing about a node that is done
             is_done = subject.state == SessionState.SUCCEEDED
@@ -254,6 +249,9 @@ class Recovery:
     ) -> tuple[Attempt, list[Entry]]:
         """The same objective again after a success, another way after a failure."""
         node, subject = status.contract.node, self.facts.find_subject(status.contract)
+        if subject.contract.purpose:
+            decided = attempt.verdict if attempt.verdict is Verdict.SUCCESS else Verdict.REPLAN
+            return msgspec.structs.replace(attempt, verdict=decided), self._begin(status)
         miss, catalogue = self._find_miss(subject), self.drafter.compiler.catalogue
         if miss is None:
             return attempt, [self.drafter.note(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
@@ -271,13 +269,21 @@ class Recovery:
         verdict = Verdict.FAILURE if _is_end(entries) else Verdict.REPLAN
         return msgspec.structs.replace(attempt, verdict=verdict), entries
 
+    def _begin(self, prepared: SessionStatus) -> list[Entry]:
+        """The next step of a first attempt that memory had prepared, whatever came of that."""
+        node = prepared.contract.node
+        session = self.drafter.draft(node, Revision(parent=prepared.contract.id))
+        if isinstance(session, str):
+            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, session)]
+        return self.drafter.submit(session, (f"{prepared.contract.id} came first, as memory advised",))
+
     def _find_miss(self, subject: SessionStatus) -> Miss | None:
         """The miss of a session, judged or refused by preflight; None when a repair has no answer to it."""
         if subject.execution is not None:
             decided = subject.decision
             return Miss.of_execution(self.evidence.read(subject), decided) if decided is not None else None
         codes = {problem.code for problem in subject.problems}
-        cause = next((cause for code, cause in _REFUSALS.items() if code in codes), None)
+        cause = find_refusal(subject.problems)
         unmet, world = _find_unmet(subject), self.evidence.find_latest(subject.contract.scene.episode)
         if world is None or "AMBIGUOUS" in codes:  # no look tells which is meant
             return None

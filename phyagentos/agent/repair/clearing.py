@@ -37,21 +37,31 @@ def propose_clearing(case: Case) -> Iterator[Alternative]:
         return
     if len(cleared) >= CLEARED_MAX or case.replans_left <= 0:
         return
-    bound = {name for text in case.session.hold for name in iter_entities(parse_predicate(text))}
+    bound = find_bound(case)
     blockers = [name for name in find_blockers(case.miss) if name not in bound]
     loose = [name for name in blockers if name not in case.protected]
     placed = [name for name in blockers if name in case.protected and FULL in case.miss.codes]
     for name in loose + placed:  # what was placed is placed again afterwards, where it leaves more room
         tried = {session.skill for session in cleared if name in session.parameters.values()}
-        here = world.entities[name].pose.position_m
-        needed = (here, *_find_needed(case, world))
-        spot = find_free_spot(world, name, needed, target.mount_position_m, target.grasp_band_m)
-        if spot is None:
-            continue
-        found = list(_iter_ways(case, world, target, name, spot, tried))
+        found = list(propose_moving(case, world, target, name, tried))
         if found:
             yield from found
             return
+
+
+def find_bound(case: Case) -> set[str]:
+    """Entities that a condition of the session speaks of."""
+    return {name for text in case.session.hold for name in iter_entities(parse_predicate(text))}
+
+
+def propose_moving(
+    case: Case, world: Environment, target: TargetProfile, name: str, tried: set[str]
+) -> Iterator[Alternative]:
+    """One alternative for each skill that can move an entity to the nearest free spot; `tried` skills have moved it."""
+    needed = (world.entities[name].pose.position_m, *_find_needed(case, world))
+    spot = find_free_spot(world, name, needed, target.mount_position_m, target.grasp_band_m)
+    if spot is not None:
+        yield from _iter_ways(case, world, target, name, spot, tried)
 
 
 def find_blockers(miss: Miss) -> list[str]:

@@ -37,7 +37,7 @@ def propose_other_skill(case: Case) -> Iterator[Alternative]:
     for name, skill in sorted(case.catalogue.skills.items()):
         if skill.loop is not None or name in tried or not promised or next(find_lacks(skill, target), None):
             continue
-        parameters = _cover(promised, skill, world)
+        parameters = cover(promised, skill, world)
         if parameters is None or find_false(skill, parameters, world, case.session):
             continue
         because = f"{name} promises {'; '.join(skill.guarantees)}, which covers {'; '.join(promised)}"
@@ -80,7 +80,7 @@ def bind_requires(case: Case, choice: Choice) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*own, *keep_requires(case))))
 
 
-def _cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -> dict[str, Any] | None:
+def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -> dict[str, Any] | None:
     """Arguments with which a skill keeps every promise, None without any."""
     parameters: dict[str, Any] = {}
     for wanted in promised:

@@ -118,6 +118,24 @@ class PromotedWay(Authored):
     rate: str = ""
 
 
+class Learned(Authored):
+    """Where a skill comes from that memory has proved; `paos memory promote` writes it.
+
+    Attributes:
+        entry: The lesson, of LESSONS.md.
+        memory: Snapshot of the memory.
+        rate: First attempts that succeeded with it.
+        sessions: With which it was verified, and tried again as one skill.
+        seeds: Of the starts of these.
+    """
+
+    entry: str
+    memory: str
+    rate: str = ""
+    sessions: tuple[str, ...] = ()
+    seeds: tuple[int, ...] = ()
+
+
 class SkillRuntime(Authored):
     """The front matter of one SKILL.md.
 
@@ -139,6 +157,7 @@ class SkillRuntime(Authored):
         policy: The policy server of a `policy`.
         loop: What the agent of an `agent_loop` may do.
         promoted: Ways that have become its default somewhere.
+        learned: Of a skill that was promoted from a sequence of sessions.
     """
 
     skill: str = pydantic.Field(pattern=r"^[a-z][a-z0-9_]*$")
@@ -155,6 +174,7 @@ class SkillRuntime(Authored):
     policy: PolicyDescriptor | None = None
     loop: AgentLoop | None = None
     promoted: tuple[PromotedWay, ...] = ()
+    learned: Learned | None = None
 
     @pydantic.model_validator(mode="before")
     @classmethod

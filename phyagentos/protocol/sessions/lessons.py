@@ -7,7 +7,8 @@ correction helps.
 from collections.abc import Iterable
 
 from phyagentos.protocol.documents.document import DocumentFormat, Front
-from phyagentos.protocol.sessions.memory_entries import MemoryEntry, render_entries
+from phyagentos.protocol.sessions.means import OWN_MEANS, Means
+from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Risk, render_entries
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
 
@@ -17,16 +18,20 @@ class Lesson(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         objective: What was wanted and not reached.
         cause: The coded cause that it is about (`GRASP_LOST`).
-        advice: What to do differently.
+        advice: What the skill does differently.
+        means: What is done by other means: skill, target, parameters, what comes first.
         verified_by: The latest session in which a verdict showed that it helps; empty for a hypothesis.
         baseline: How often the same succeeds without it.
+        risk: Of a session in its scope: `high` for a safety event.
     """
 
     objective: str = ""
     cause: str = ""
     advice: Strategy = OWN_WAY
+    means: Means = OWN_MEANS
     verified_by: str = ""
     baseline: str = ""
+    risk: Risk = Risk.NORMAL
 
 
 LESSONS = DocumentFormat(
@@ -43,6 +48,7 @@ What verified outcomes taught: under which conditions a strategy failed, and wha
 - **Written by** the agent, from the records of memory, at the end of a goal; at most 500, the most useful first.
 - **Only `state: active` is ever used**: then a session with this correction was judged a success after one without it
   had failed (`verified_by`). A hypothesis waits for its verdict.
+- **A safety event is a lesson at once** (`risk: high`): it is a fact, and advises nothing by itself.
 - **An edit is taken in** at the end of the next goal: `state: retracted` with a `reason`, `note`, and the words of
   `scope`. A section that is missing means nothing. `paos memory why ID` shows where a lesson comes from.
 - **A lesson is advice.** It cannot widen a limit: limits are in `safety.yaml` only.

@@ -29,6 +29,22 @@ class Standing(StrEnum):
     """It is kept for the record and used no more."""
 
 
+class Risk(StrEnum):
+    """What is at stake in a session, in rising order."""
+
+    NORMAL = "normal"
+    """Nothing has to be kept on the way."""
+    GUARDED = "guarded"
+    """Conditions must hold all through."""
+    HIGH = "high"
+    """A safety event stands on record in its scope."""
+
+    @property
+    def rank(self) -> int:
+        """Its place in this order, from 0."""
+        return list(Risk).index(self)
+
+
 class Embodiment(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The body of a target, as far as what it learned depends on it.
 
@@ -56,6 +72,8 @@ class Scope(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         destination: Kind of the place where it goes.
         entities: Names or kinds of the things it is about.
         body: Of the target where it was learned: another target must have one that matches.
+        goal: Name of a goal graph.
+        risk: At which it was verified: at a higher one it does not hold.
     """
 
     scene: str = ""
@@ -65,6 +83,8 @@ class Scope(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     destination: str = ""
     entities: tuple[str, ...] = ()
     body: Embodiment | None = None
+    goal: str = ""
+    risk: Risk | None = None
 
 
 class MemoryEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

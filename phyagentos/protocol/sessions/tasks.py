@@ -108,6 +108,7 @@ class GoalStatus(msgspec.Struct, kw_only=True, omit_defaults=True):
         seed: Root of every random choice of this goal.
         objective: In words, for people.
         asked_by: Who submitted it.
+        memory: Snapshot of the memory that advises it; empty for none.
         nodes: By name, in the order of the graph.
         accept: Predicates that decide the goal.
         constraints: Predicates that must hold all through every session.
@@ -128,6 +129,7 @@ class GoalStatus(msgspec.Struct, kw_only=True, omit_defaults=True):
     seed: int = 0
     objective: str = ""
     asked_by: str = ""
+    memory: str = ""
     nodes: dict[str, NodeStatus] = {}
     accept: tuple[str, ...] = ()
     constraints: tuple[str, ...] = ()

@@ -90,6 +90,8 @@ class RuntimeContract(Authored):
         forecasting: How sessions are foreseen that ask for it.
         verification: Who judges sessions, and what a judgement is for.
         record: Cameras that are recorded all through; none without it.
+        memory: `project`: one memory for every run of a project; `workspace`: each workspace has its own; `none`; or a
+            folder, relative to the workspace.
     """
 
     version: Literal[1] = 1
@@ -106,6 +108,7 @@ class RuntimeContract(Authored):
     forecasting: Forecasting = Forecasting()
     verification: Verification = Verification()
     record: CameraRecording | None = None
+    memory: str = pydantic.Field(default="project", min_length=1)
 
     @pydantic.model_validator(mode="after")
     def _check_record(self) -> "RuntimeContract":

@@ -49,6 +49,8 @@ class Workspace:
     goals = _Place("goals")  # goal graphs as submitted, `<goal id>.yaml`
     evidence = _Place("evidence")  # bundles, one folder a session
     memory = _Place("memory")  # records of memory, one folder a partition
+    memory_place = _Place("memory.yaml")  # which memory it began with, and goes on with
+    recalled = _Place("recalled")  # copies of what memory said, `<session>.json`
     signals = _Place("signals/new")  # stop requests; those taken stand beside it (see `stop_signals`)
     inbox = _Place("inbox")  # requests of writers without this library, `new/` and `tmp/` (see `edits.inbox`)
     proposals = _Place("proposals")  # goals that a person or a policy decides on (see `agent.tools.proposals`)

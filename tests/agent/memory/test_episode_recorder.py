@@ -1,5 +1,6 @@
 """Missions that remember: the next one begins with what the last one found out."""
 
+import json
 import shutil
 from textwrap import dedent
 
@@ -9,6 +10,7 @@ import pytest
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.memory.advisor import MemoryAdvisor
 from phyagentos.agent.memory.episode_recorder import EpisodeRecorder
+from phyagentos.agent.memory.experience_log import Edit
 from phyagentos.agent.memory.features import Surroundings
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.clock import SystemClock
@@ -75,7 +77,7 @@ class Lab:
             memory, self.surroundings, self.workspace, clock=SystemClock(), report=self.reported.append
         )
         observers = [self.stage.runtime, *([episode_recorder] if learns else [])]
-        advisor = MemoryAdvisor(memory, self.surroundings)
+        advisor = MemoryAdvisor(memory, self.surroundings, self.workspace.recalled)
         mission = self.stage.make_mission(observers=observers, advisor=advisor)
         try:
             report = mission.run(self.graph, seed=seed)
@@ -121,6 +123,29 @@ def test_the_second_goal_succeeds_at_the_first_attempt_and_its_contract_says_why
     assert any(lesson.id in sentence for sentence in contract.advice)
     assert any("memory/" in sentence for sentence in contract.advice)
     assert (lesson.scope.object, lesson.scope.destination) == ("cube", "tray")
+
+
+def test_what_was_recalled_for_a_session_is_copied_and_its_goal_names_the_snapshot(lab):
+    lab.run(1)
+    snapshot = lab.open().snapshot
+    report, (contract,) = lab.run(2)
+    copied = json.loads((lab.workspace.recalled / f"{contract.id}.json").read_text())
+    assert (copied["snapshot"], [each["id"] for each in copied["entries"]]) == (snapshot, list(contract.advised_by))
+    assert lab.stage.make_mission().ledger.goals[report.goal].memory == snapshot
+
+
+def test_a_goal_that_goes_on_is_advised_from_the_snapshot_that_it_began_with(lab):
+    _, (first, _) = lab.run(1)
+    memory = lab.open()
+    begun = memory.snapshot
+    (lesson,) = (each for each in lab.lessons.values() if each.state is Standing.ACTIVE)
+    memory.record([Edit(entry=lesson.id, retracts=True, reason="meanwhile, in another run", by="a person")])
+    advisor = MemoryAdvisor(memory, lab.surroundings)
+    assert advisor.begin("tidy", "") == memory.snapshot
+    assert not advisor.advise(first, None).strategy
+    assert advisor.begin("tidy", begun) == begun
+    assert advisor.advise(first, None).sources == (lesson.id,)
+    memory.close()
 
 
 def test_without_its_memory_the_same_goal_fails_as_before(lab):

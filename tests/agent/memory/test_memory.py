@@ -198,3 +198,15 @@ def test_sessions_of_one_name_from_two_workspaces_are_two_and_one_that_is_told_t
     other = msgspec.structs.replace(first, judged_at="2026-01-02T10:00:00.000Z", seed=first.seed + 1)
     memory.record([first, other, first])
     assert sum(pattern.count.trials for pattern in memory.experience.patterns.values()) == 2
+
+
+def test_a_snapshot_answers_as_it_did_however_much_is_recorded_later(memory, open_memory):
+    failed, corrected = make_correction()
+    memory.record([failed, corrected])
+    snapshot, said = memory.snapshot, memory.recall(ask(failed))
+    assert open_memory().snapshot == snapshot
+    for _ in range(5):
+        memory.record([make_episode(ok=False, strategy=SLOW, advised_by=(said[0].lesson.id,))])
+    assert memory.recall(ask(failed)) == ()
+    assert memory.look_back(snapshot).recall(ask(failed)) == said
+    assert memory.look_back(snapshot[:-1] + "x") is None

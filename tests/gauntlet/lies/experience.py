@@ -67,13 +67,49 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.agent.memory.episodes",
-                "verdict=decision.found or decision.verdict,",
-                "verdict=decision.verdict,",
+                "found = (decision.found or decision.verdict)",
+                "found = decision.verdict",
             ),
         ),
         tests=(
             "tests/agent/memory/test_episodes.py::"
             "test_what_an_audit_let_pass_is_remembered_as_the_failure_that_was_found",
+        ),
+    ),
+    Sabotage(
+        name="prepared_success_is_the_own_way",
+        lie="What succeeded only because memory had prepared it counts as a success without any advice.",
+        edits=(
+            Edit(
+                "phyagentos.agent.memory.episodes",
+                "return not (self.strategy or self.advised_by or self.prepared)",
+                "return not self.strategy",
+            ),
+        ),
+        tests=(
+            "tests/agent/memory/test_means.py::"
+            "test_a_first_attempt_that_memory_prepared_counts_for_the_lesson_and_not_for_the_own_way",
+        ),
+    ),
+    Sabotage(
+        name="accident_forgiven",
+        lie="A lesson that led to a safety event goes on advising.",
+        edits=(Edit(METHODS, "    if correction.accidents:\n", "    if False:\n"),),
+        tests=("tests/agent/memory/test_cautions.py::test_a_lesson_that_a_safety_event_followed_is_used_no_more",),
+    ),
+    Sabotage(
+        name="snapshot_moves",
+        lie="A goal that goes on is advised from what other runs have recorded since.",
+        edits=(
+            Edit(
+                "phyagentos.agent.memory.advisor",
+                "self._known, self._seq = earlier or self._memory, -1",
+                "self._known, self._seq = self._memory, -1",
+            ),
+        ),
+        tests=(
+            "tests/agent/memory/test_episode_recorder.py::"
+            "test_a_goal_that_goes_on_is_advised_from_the_snapshot_that_it_began_with",
         ),
     ),
 )

@@ -1,0 +1,114 @@
+"""Repair ahead: what verified experience says a first attempt needs, by the means that a repair would take.
+
+The step is a revision as any other: it keeps acceptance, conditions and limits of its node, and preflight checks it.
+"""
+
+import math
+from collections.abc import Iterator
+
+from phyagentos.agent.goals.compiler import Revision
+from phyagentos.agent.goals.selector import Choice, find_lacks, select
+from phyagentos.agent.goals.spec import Promise
+from phyagentos.agent.repair import clearing, looking
+from phyagentos.agent.repair.alternative import SESSION_S
+from phyagentos.agent.repair.case import Case
+from phyagentos.agent.repair.other_means import cover, find_false, find_promises
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.capabilities.skill_runtimes import find_roles
+from phyagentos.protocol.sessions.means import Means, Preparation
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.world.environment import Environment
+
+NEAR_M = 0.16  # a thing that is farther from all that the session names is not in its way
+
+
+def foresee(case: Case, means: Means) -> Revision | None:
+    """The next step of a first attempt: a look, a preparation, or the attempt by other means.
+
+    Args:
+        case: Of the node, with the session as compiled, and those that have prepared it.
+        means: Of a verified lesson.
+
+    Returns:
+        None where the present world, the targets or the budget have no room for these means.
+    """
+    done = [status.contract for status in case.lineage]
+    cleared = [each for each in done if each.purpose == clearing.PURPOSE]
+    parent = done[-1].id if done else None
+    if case.world is None:
+        choice = _find_look(case) if not done else None
+        return Revision(parent=None, choice=choice, purpose=looking.PURPOSE) if choice is not None else None
+    for preparation in means.prepare[len(cleared) :]:
+        choice = _find_preparation(case, case.world, preparation, cleared)
+        steps = 1 + len(means.prepare) - len(cleared)
+        if choice is not None and not case.left.find_excess(steps, steps * SESSION_S):
+            return Revision(parent=parent, choice=choice, purpose=preparation.purpose, lead=1)
+    choice = _find_choice(case, case.world, means)
+    if choice is None or (means.prepare and not cleared):
+        return None
+    return Revision(parent=parent, choice=choice)
+
+
+def _find_choice(case: Case, world: Environment, means: Means) -> Choice | None:
+    """Skill, target and parameters of the attempt."""
+    session = case.session
+    skill = case.catalogue.skills.get(means.skill or session.skill)
+    name = means.target or session.target
+    target = case.catalogue.targets.get(name)
+    is_there = not means.target or name in world.targets
+    if skill is None or target is None or not is_there or next(find_lacks(skill, target), None):
+        return None
+    own = {key: value for key, value in {**session.parameters, **means.parameters}.items() if key in skill.parameters}
+    parameters = cover(find_promises(case), skill, world) if means.skill else own
+    if parameters is None or (means.skill and find_false(skill, parameters, world, session)):
+        return None
+    return Choice(skill=skill.skill, target=name, parameters=parameters, reasons=(f"verified: {means}",))
+
+
+def _find_look(case: Case) -> Choice | None:
+    """Where nothing was seen yet: a look for the thing that the session is about."""
+    thing = case.session.parameters.get(find_roles(case.catalogue.skills[case.session.skill])[0])
+    try:
+        return select(Promise(guarantees=f"visible({thing})"), case.session.target, {}, case.catalogue)
+    except DefinitionError:
+        return None
+
+
+def _find_preparation(
+    case: Case, world: Environment, preparation: Preparation, cleared: list[Session]
+) -> Choice | None:
+    """The session that prepares, by the skill of the lesson where that has a way; None where there is nothing to do."""
+    skill, target = case.catalogue.skills.get(preparation.skill), case.catalogue.targets.get(case.session.target)
+    if target is None:
+        return None
+    if not preparation.kind:
+        if skill is None:
+            return None
+        given = {key: value for key, value in case.session.parameters.items() if key in skill.parameters}
+        needed = {key for key, each in skill.parameters.items() if not each.optional and each.default is None}
+        choice = Choice(skill=skill.skill, target=case.session.target, parameters=given)
+        return choice if needed <= given.keys() and not cleared else None
+    moved = {str(value) for session in cleared for value in session.parameters.values()}
+    for name in _iter_near(case, world, preparation.kind):
+        ways = [] if name in moved else clearing.propose_moving(case, world, target, name, set())
+        ranked = sorted(ways, key=lambda way: -way.worth)
+        choices = [
+            way.revision.choice for way in ranked if way.revision is not None and way.revision.choice is not None
+        ]
+        if choices:
+            return next((each for each in choices if each.skill == preparation.skill), choices[0])
+    return None
+
+
+def _iter_near(case: Case, world: Environment, kind: str) -> Iterator[str]:
+    """Movable things of a kind near what the session names, the nearest first; what must stay is left out."""
+    own = {str(value) for value in case.session.parameters.values()}
+    places = [world.entities[name].pose.position_m for name in sorted(own) if name in world.entities]
+    free = (e for e in world.entities.values() if e.kind == kind and e.movable and e.visible and e.name not in own)
+    kept = clearing.find_bound(case) | case.protected
+    distances = [
+        (min((math.dist(each.pose.position_m[:2], place[:2]) for place in places), default=math.inf), each.name)
+        for each in free
+        if each.name not in kept
+    ]
+    return (name for distance_m, name in sorted(distances) if distance_m <= NEAR_M)

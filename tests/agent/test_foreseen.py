@@ -1,0 +1,156 @@
+"""What memory says a first attempt needs is done before it: another skill, another target, or what comes first."""
+
+import pytest
+
+from phyagentos.agent.memory.advice import Advice, NoAdvice
+from phyagentos.protocol.sessions.means import Means, Preparation
+from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.strategy import Strategy
+
+from .conftest import Play, add_skills, put
+from .test_recovery_missions import GRAPH, MORE_SKILLS, make_table_world, move_away
+
+SLOW = Strategy(speed=0.5)
+CLEAR = Preparation(purpose="clear", skill="set_aside", kind="cube")
+SHOVE = """
+    description: Brings an object into a container otherwise.
+    tree: shove
+    parameters: {object: {type: entity}, destination: {type: place}}
+    guarantees: ["inside(${object}, ${destination})"]
+    needs: {actions: [joint_position], capabilities: [manipulation]}
+    """
+
+
+class Told(NoAdvice):
+    """Advises the node `red`, as a memory with one lesson."""
+
+    def __init__(self, means, **otherwise):
+        plain = Advice(strategy=SLOW, reasons=("slowly",), sources=("lesson-2",))
+        self.advice = Advice(means=means, reasons=("because",), sources=("lesson-1",), otherwise=plain)
+
+    def begin(self, graph, snapshot):
+        return snapshot or "memory/7-abc"
+
+    def advise(self, session, world):
+        return self.advice if session.node == "red" else Advice()
+
+
+@pytest.fixture
+def library(library):
+    return add_skills(library, {**MORE_SKILLS, "shove": SHOVE})
+
+
+@pytest.fixture
+def two(write_graph):
+    return write_graph(GRAPH.replace("BUDGET", ""))
+
+
+def crowd(world, name="yellow_cube"):
+    """A cube beside the red one."""
+    return put(world, name, (0.4, 0.22, 0.02))
+
+
+def pursue(make_stage, graph, means, script=None, world=None):
+    stage = make_stage(script or {}, world=world or crowd(make_table_world()))
+    report = stage.make_mission(advisor=Told(means)).run(graph, seed=7)
+    return stage, report, [s for s in stage.runtime.ran if s.node == "red"]
+
+
+def test_what_is_in_the_way_is_cleared_before_the_first_attempt(make_stage, two):
+    stage, report, (clear, attempt) = pursue(make_stage, two, Means(prepare=(CLEAR,)), {"red": move_away})
+    assert report.verdict == "success"
+    assert (clear.skill, clear.purpose, clear.parameters["object"]) == ("set_aside", "clear", "yellow_cube")
+    assert (attempt.skill, attempt.parent, attempt.purpose) == ("pick_and_place", clear.id, "")
+    assert clear.advised_by == attempt.advised_by == ("lesson-1",)
+    assert report.replans == 0, "nothing has failed"
+    status = stage.make_mission().ledger.goals["two-7"]
+    assert status.memory == "memory/7-abc"
+
+
+def test_where_nothing_stands_in_the_way_nothing_is_cleared_and_the_lesson_is_not_counted(make_stage, two):
+    _, report, (attempt,) = pursue(make_stage, two, Means(prepare=(CLEAR,)), world=make_table_world())
+    assert report.verdict == "success"
+    assert (attempt.skill, attempt.advised_by, attempt.strategy) == ("pick_and_place", ("lesson-2",), SLOW)
+
+
+def test_what_a_finished_node_has_placed_is_not_cleared_away(make_stage, two):
+    world = crowd(make_table_world(), "green_cube")
+    script = {"green": lambda world, session: Play(world=put(world, "green_cube", (0.55, 0.0, 0.03)))}
+    near = put(world, "red_cube", (0.5, 0.05, 0.02))
+    _, _, (attempt,) = pursue(make_stage, two, Means(prepare=(CLEAR,)), script, near)
+    assert attempt.skill == "pick_and_place"
+
+
+def test_a_preparation_that_fails_is_followed_by_the_attempt(make_stage, two):
+    script = {"red": lambda world, session: Play(world=world, ended=Ended.STALLED)}
+    _, report, ran = pursue(make_stage, two, Means(prepare=(CLEAR,)), script)
+    assert report.verdict == "success"
+    assert [session.skill for session in ran] == ["set_aside", "pick_and_place"]
+
+
+def test_another_skill_must_keep_the_promise_of_the_node(make_stage, two):
+    _, report, (attempt,) = pursue(make_stage, two, Means(skill="shove"))
+    assert report.verdict == "success"
+    assert (attempt.skill, attempt.accept) == ("shove", ("inside(red_cube, red_tray)",))
+    assert (attempt.parent, attempt.advised_by) == (None, ("lesson-1",))
+
+
+@pytest.mark.parametrize("means", [Means(skill="inspect"), Means(skill="gone"), Means(target="gone")])
+def test_means_that_cannot_be_had_leave_the_advice_without_them(make_stage, two, means):
+    _, report, (attempt,) = pursue(make_stage, two, means)
+    assert report.verdict == "success"
+    assert (attempt.skill, attempt.strategy, attempt.advised_by) == ("pick_and_place", SLOW, ("lesson-2",))
+
+
+def test_other_values_of_parameters_stand_in_the_contract(make_stage, two):
+    _, _, (attempt,) = pursue(make_stage, two, Means(parameters={"speed": 0.4, "of_no_skill": 1}))
+    assert attempt.parameters["speed"] == 0.4
+    assert "of_no_skill" not in attempt.parameters
+
+
+def test_nothing_is_prepared_beyond_the_budget_of_the_goal(make_stage, write_graph):
+    graph = write_graph(GRAPH.replace("BUDGET", "budget: {sessions: 2}"))
+    _, report, (attempt,) = pursue(make_stage, graph, Means(prepare=(CLEAR,)))
+    assert report.verdict == "success"
+    assert attempt.skill == "pick_and_place"
+
+
+def test_before_anything_was_seen_a_look_comes_first(make_stage, write_graph):
+    alone = GRAPH.replace("BUDGET", "")
+    start, end = alone.index("      green:"), alone.index("      red:")
+    graph = write_graph(
+        (alone[:start] + alone[end:]).replace("after: [green]", "").replace(', "inside(green_cube, green_tray)"', "")
+    )
+    _, report, ran = pursue(make_stage, graph, Means(prepare=(CLEAR,)), {"red.r1": move_away})
+    assert report.verdict == "success"
+    assert [(s.skill, s.purpose) for s in ran] == [
+        ("inspect", "inspect"),
+        ("set_aside", "clear"),
+        ("pick_and_place", ""),
+    ]
+
+
+def test_an_agent_that_died_while_a_way_was_cleared_goes_on_with_the_attempt(make_stage, two):
+    stage = make_stage({"red": move_away}, world=crowd(make_table_world()))
+
+    class Killed(Exception):
+        pass
+
+    class Killer:
+        def on_change(self, goal, ledger):
+            if any(status.contract.purpose for status in ledger.sessions.values()):
+                raise Killed
+
+    with pytest.raises(Killed):
+        stage.make_mission(advisor=Told(Means(prepare=(CLEAR,))), observers=[stage.runtime, Killer()]).run(two, seed=7)
+    report = stage.make_mission(advisor=Told(Means(prepare=(CLEAR,)))).run(two, seed=7)
+    assert report.verdict == "success"
+    assert [s.skill for s in stage.runtime.ran if s.node == "red"] == ["set_aside", "pick_and_place"]
+
+
+def test_a_contract_by_other_means_keeps_conditions_and_limits(make_stage, write_graph):
+    text = GRAPH.replace("BUDGET", 'constraints: ["height(bottle) < 0.5"]').replace(
+        "max_replans", "timeout_s: 33, max_replans"
+    )
+    _, _, (shoved,) = pursue(make_stage, write_graph(text), Means(skill="shove"))
+    assert (shoved.hold, shoved.limits.timeout_s) == (("height(bottle) < 0.5",), 33.0)
