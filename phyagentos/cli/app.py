@@ -156,7 +156,16 @@ GROUPS: dict[str, tuple[str, dict[str, str]]] = {
             "setup": "bench:setup",
         },
     ),
-    "memory": ("What verdicts taught.", {"show": "memory:show", "why": "memory:why", "forget": "memory:forget"}),
+    "memory": (
+        "What verdicts taught.",
+        {
+            "show": "memory:show",
+            "why": "memory:why",
+            "forget": "memory:forget",
+            "promote": "memory:promote",
+            "revoke": "memory:revoke",
+        },
+    ),
 }
 
 
