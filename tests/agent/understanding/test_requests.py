@@ -2,20 +2,14 @@
 
 from collections import Counter
 
-import pytest
-
 from benchmarks.requests import LEAST, LEAST_UNSEEN, SETS, Grade, grade, measure
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 
 from .conftest import get_vocabulary
 
 
-@pytest.fixture(scope="module")
-def results():
-    return {name: list(measure(folder)) for name, folder in SETS.items()}
-
-
-def test_there_are_as_many_requests_as_asked_and_many_that_have_no_goal(results):
+def test_written_requests_are_right_often_enough_and_never_silently_wrong():
+    results = {name: list(measure(folder)) for name, folder in SETS.items()}  # seconds: once, whatever the workers
     cases = [case for found in results.values() for case, _, _ in found]
     without = [case for case in cases if {"safe", "ask", "refuse"} & case.expected.keys()]
 
@@ -24,18 +18,12 @@ def test_there_are_as_many_requests_as_asked_and_many_that_have_no_goal(results)
     assert len(without) >= 20
     assert len({case.scene for case in cases}) >= 15
     assert len({(case.scene, case.say) for case in cases}) == len(cases)
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_enough_are_right(results, name):
-    grades = Counter(found for _, _, found in results[name])
-
-    assert grades[Grade.RIGHT] / len(results[name]) >= LEAST.get(f"{name}_right", LEAST_UNSEEN)
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_none_is_silently_wrong(results, name):
-    assert [case.say for case, _, found in results[name] if found is Grade.WRONG] == []
+    assert [
+        case.say for found in results.values() for case, _, found_grade in found if found_grade is Grade.WRONG
+    ] == []
+    for name, found in results.items():
+        right = Counter(each for _, _, each in found)[Grade.RIGHT]
+        assert right / len(found) >= LEAST.get(f"{name}_right", LEAST_UNSEEN), name
 
 
 def test_a_grade_tells_another_goal_from_the_right_one_and_from_a_question():
