@@ -38,6 +38,8 @@ _SHORT = (  # contractions and spellings
     (r"([,;()&])", r" \1 "),
     (r"\s*,(\s*,)+", " ,"),
     (r",?\s*\b(after that|then|afterwards|finally|next)\s*,", r" \1 "),
+    (r",\s*(except|except for|apart from|but not) ([^,;]+),", r" \1 \2 "),
+    (r"\bnothing else (is |gets |should be |may be )?(moved|moves|touched)\b", "do not move anything else"),
 )
 
 
