@@ -97,3 +97,18 @@ def test_what_stands_on_a_thing_is_moved_before_another_way_is_tried(make_stage,
     ran = [(session.skill, session.parameters["object"]) for session in stage.runtime.ran]
     assert ran.index(("pick", "yellow_cube")) < ran.index(("pick_and_place", "red_cube"), 1)
     assert "not on(yellow_cube, red_cube)" in stage.make_mission().ledger.goals["row-7"].nodes["red"].reason
+
+
+def test_what_a_node_that_fans_out_would_bring_about_is_no_part_of_the_rest(make_stage, write_graph):
+    text = ROW.replace('    accept: ["inside(red_cube, red_tray)", "inside(green_cube, green_tray)"]\n', "").rstrip()
+    each = """
+      each:
+        after: [green]
+        foreach: {thing: "inside(${thing}, red_tray)"}
+        skill: pick_and_place
+        target: arm
+        with: {object: "${thing}", destination: blue_tray}
+    """
+    report = make_stage({"red": no_way, "red.r1": no_way}).pursue(write_graph(text + each))
+
+    assert (report.verdict, report.nodes["red"]) == ("success", "rescued")

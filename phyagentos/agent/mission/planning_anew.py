@@ -100,7 +100,8 @@ class Replanner:
         if not texts:
             own = [compiler.compile_node(name).accept for name in (node, *replaced)]
             own += [session.accept for session in facts.find_finished().values()]
-            texts = dict.fromkeys(text for accept in own for text in accept if parse_predicate(text).is_lasting)
+            promised = (text for accept in own for text in accept if "${" not in text)  # of what is known by now
+            texts = dict.fromkeys(text for text in promised if parse_predicate(text).is_lasting)
         others = [name for name in facts.graph.nodes if name not in {node, *replaced}]
         live = [name for name in others if facts.get_state(name) in _OPEN | {NodeState.ACTIVE}]
         coming = {text for name in live for text in compiler.compile_node(name).accept}
