@@ -111,7 +111,7 @@ def find_kind(path: Path) -> FileKind | None:
     from phyagentos.agent.goals.wanted import is_wanted
 
     keys = _read_keys(path)
-    if is_wanted(dict.fromkeys(keys)) and "accept" in keys:  # without one, a graph that is only begun
+    if is_wanted(dict.fromkeys(keys)):  # without `accept`, a graph that is only begun
         return FileKind.WANTED
     found = next((kind for key, kind in _KEYS.items() if key in keys), None)
     if found is not None:

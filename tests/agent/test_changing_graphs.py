@@ -2,6 +2,7 @@
 
 import re
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 
 import pytest
 import yaml
@@ -11,10 +12,12 @@ from hypothesis import strategies as st
 from phyagentos.agent.goals.amendment import compute_difference, describe_node
 from phyagentos.agent.goals.compiler import SessionCompiler
 from phyagentos.agent.goals.graph import check_goal_graph, read_goal_graph
+from phyagentos.agent.mission.task_document import TaskDocument
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.tasks import NodeState, iter_edges, iter_steps
+from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.admission import Entry
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
@@ -333,6 +336,22 @@ def test_an_amendment_that_was_asked_for_without_an_agent_is_answered_by_the_nex
     stage.runtime.script.clear()
     report = stage.make_mission().resume(GoalId("changing-7"))
     assert states(report) == {"first": "done", "other": "done"}
+
+
+def test_an_edit_of_the_task_document_that_cannot_be_read_is_kept_word_for_word(tmp_path, library, caplog):
+    workspace, ledger = Workspace.create(tmp_path / "workspace", library), Ledger()
+    with closing(TaskDocument(workspace, SystemClock())) as task:
+        task.publish(ledger)
+        torn = workspace.task.read_text().replace("view: 0", "view: {") + "what a person wrote\n"
+        unknown = workspace.task.read_text().replace("view: 0", "view: 7") + "of another rendering\n"
+        for text in (torn, unknown):
+            workspace.task.write_text(text)
+            assert task.is_touched()
+            task.publish(ledger)
+            assert task.take(at_once=True) == []
+    kept = workspace.task.with_suffix(".rejected.md").read_text()
+    assert (torn in kept, unknown in kept) == (True, True)
+    assert caplog.text.count("TASK.rejected.md") == 2
 
 
 @pytest.fixture

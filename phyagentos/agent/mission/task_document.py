@@ -46,6 +46,7 @@ class TaskDocument:
     def __init__(self, workspace: Workspace, clock: Clock) -> None:
         self._file = SharedFile(workspace.task, workspace.edits / workspace.task.stem, clock)
         self._file.adopt()
+        self._rejected = workspace.task.with_suffix(".rejected.md")
         self._shown: dict[int, dict[GoalId, GoalStatus]] = {}
         self._edits: list[TaskEdit] = []
 
@@ -73,18 +74,25 @@ class TaskDocument:
         self._file.close()
 
     def _read(self, data: bytes, _is_whole: bool) -> None:
+        text = data.decode(errors="replace")
         try:
-            document = read_document(data.decode(errors="replace"), TASK)
+            document = read_document(text, TASK)
         except DefinitionError as error:
-            _LOG.warning("TASK.md was edited and cannot be read: %s", error)
+            self._refuse(text, f"it cannot be read: {error}")
             return
         shown = self._shown.get(getattr(document.front, "view", -1))
         if shown is None:
-            _LOG.warning("TASK.md was edited from a rendering that is not known any more; use `paos amend`")
+            self._refuse(text, "it was made from a rendering that is not known any more; use `paos amend`")
             return
         for id, goal in shown.items():
             if id in document.blocks and (edit := _compare(goal, document.blocks[id])) is not None:
                 self._edits.append(edit)
+
+    def _refuse(self, text: str, reason: str) -> None:
+        """Keep refused text word for word beside the document."""
+        with self._rejected.open("a", encoding="utf-8") as file:
+            file.write(f"{reason}\n\n{text}\n\n")
+        _LOG.warning("TASK.md: an edit was not taken in (%s); see %s", reason, self._rejected.name)
 
 
 def _compare(ours: GoalStatus, theirs: GoalStatus) -> TaskEdit | None:
