@@ -14,8 +14,7 @@ from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.seeds import compute_seed
-from phyagentos.runtime.execution.commands import CommandBuffer
-from phyagentos.runtime.execution.lag import Lag
+from phyagentos.runtime.execution.commands import CommandBuffer, Lag
 from phyagentos.runtime.perception.world_model import HAND, WorldModel
 from phyagentos.runtime.targets.wire import Description, Neighbour, Step
 

@@ -31,9 +31,9 @@ from phyagentos.runtime.actions.chunks import iter_periods, run_up
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.actions.set_points import Array, SetPoints
 from phyagentos.runtime.actions.violations import Violation
-from phyagentos.runtime.execution.already_met import is_met
 from phyagentos.runtime.execution.commands import compute_brake
 from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.execution.criteria import is_met
 from phyagentos.runtime.execution.leaf import FailureCode
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
 from phyagentos.runtime.perception.world_model import WORLD

@@ -19,7 +19,7 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import find_entities
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.handle import TargetSessionHandle
-from phyagentos.runtime.execution.already_met import weigh_before
+from phyagentos.runtime.execution.criteria import weigh_before
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import check_tree
 from phyagentos.runtime.models.scene_start import find_start_problems
