@@ -274,7 +274,7 @@ def open_world_model(
 
     A real robot without a camera perceives itself, and nothing else.
     """
-    from phyagentos.runtime.perception.true_world import TrueWorld
+    from phyagentos.runtime.perception.world_model import TrueWorld
 
     if profile.kind == "real_robot" and not settings.sensors.cameras:
         return TrueWorld(target, handle, sensing="perceived", profile=profile)

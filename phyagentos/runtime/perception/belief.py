@@ -24,8 +24,7 @@ from phyagentos.runtime.perception.grip import Hand, carry, check_hand, find_hel
 from phyagentos.runtime.perception.inventory import ALIKE, Inventory, ObjectModel
 from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solids import Solids
-from phyagentos.runtime.perception.views import CameraView, Cloud, Views
-from phyagentos.runtime.perception.visibility import compute_sight
+from phyagentos.runtime.perception.views import CameraView, Cloud, Views, compute_sight
 
 SOURCE, FILLING = "rgbd", "rgbd filling"
 RIM_M = 0.008  # of a vessel: how far its filling may stand out, and how far its pose may be off

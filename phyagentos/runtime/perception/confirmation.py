@@ -16,7 +16,7 @@ from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solid_distance import project
 from phyagentos.runtime.perception.solids import Array
-from phyagentos.runtime.perception.visibility import DEPTH_M, FACING
+from phyagentos.runtime.perception.views import DEPTH_M, FACING
 from phyagentos.runtime.targets.wire import Frame
 
 LOOKS_MIN = 2  # a pose from one look alone is worth another fit

@@ -20,8 +20,7 @@ from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solid_distance import linearise
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
-from phyagentos.runtime.perception.views import Cloud, Views
-from phyagentos.runtime.perception.visibility import Sight, compute_sight
+from phyagentos.runtime.perception.views import Cloud, Sight, Views, compute_sight
 
 HUBER_M = 0.004  # residuals beyond this count linearly: mixed pixels at edges
 DAMPING = 2.0  # of the normal equations, in points: what the points do not determine stays as it was

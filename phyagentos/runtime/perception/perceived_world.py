@@ -20,14 +20,13 @@ from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.belief import lose_sight
 from phyagentos.runtime.perception.confirmation import is_settled
 from phyagentos.runtime.perception.detection.detector import Detector
-from phyagentos.runtime.perception.displacement import DISPLACED
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.look import FrameSource, Look, Moment, RecordedFrames
 from phyagentos.runtime.perception.pipeline import MAX_AGE_S, Pipeline
 from phyagentos.runtime.perception.regions_of_interest import Extrinsics, find_regions_of_interest
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.segmentation import DetectorSegmenter
-from phyagentos.runtime.perception.sensor_health import AHEAD_S, check_probes, find_probe_regions
+from phyagentos.runtime.perception.sensor_health import AHEAD_S, DISPLACED, check_probes, find_probe_regions
 from phyagentos.runtime.perception.world_model import Glance, Need, WorldModel
 from phyagentos.runtime.targets.wire import Capture, Crop, Frames, Step
 

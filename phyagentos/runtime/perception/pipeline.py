@@ -18,13 +18,17 @@ from phyagentos.protocol.world.environment import Entity, Environment, SensorHea
 from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.belief import find_changes, follow_hand, lose_sight, read_regions, update_belief
 from phyagentos.runtime.perception.confirmation import confirm
-from phyagentos.runtime.perception.displacement import find_disagreeing, find_displaced, note_displaced
 from phyagentos.runtime.perception.grip import Hand
 from phyagentos.runtime.perception.inventory import Inventory
-from phyagentos.runtime.perception.motion_in_view import has_moved_in_view
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.segmentation import Colorless, Palette, Segmenter
-from phyagentos.runtime.perception.sensor_health import assess
+from phyagentos.runtime.perception.sensor_health import (
+    assess,
+    find_disagreeing,
+    find_displaced,
+    has_moved_in_view,
+    note_displaced,
+)
 from phyagentos.runtime.perception.strangers import find_strangers, is_stranger
 from phyagentos.runtime.perception.supports import measure_supports, replace_surface
 from phyagentos.runtime.perception.views import CameraView, drop_stray, find_cloud, make_view

@@ -1,4 +1,8 @@
-"""From frames to labelled points of the world that belong neither to the map nor to the robot."""
+"""From frames to labelled points of the world that belong neither to the map nor to the robot, and what they show.
+
+Surface points of a believed thing that face a camera are compared with the measured depth: nearer means hidden, equal
+means confirmed, farther means that the camera sees through the believed surface.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation
-from phyagentos.runtime.perception.inventory import Inventory
+from phyagentos.runtime.perception.inventory import Inventory, ObjectModel
 from phyagentos.runtime.perception.segmentation import is_among
+from phyagentos.runtime.perception.solid_distance import project
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
 from phyagentos.runtime.targets.wire import Frame
 
@@ -19,6 +24,8 @@ MAP_LIKE_M = 0.007  # this near to the map and of a colour like its own: part of
 STEEP = 6.0  # tangent of the greatest slope on which neighbouring pixels surely share a surface
 SHARED = 2  # so many of a pixel's eight neighbours do
 _UNKNOWN = np.float32(np.inf)
+DEPTH_M = 0.010  # depths this close are the same surface
+FACING = 0.2  # cosine of the steepest surface that a camera can be expected to see
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,3 +169,40 @@ def _find_map(points: Array, colors: NDArray[np.uint8], inventory: Inventory) ->
         among = is_among(colors, lookalikes)
         found[among] = inventory.map.measure(points[among]) < margin
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """Points of a thing's surface over all cameras, measured at the expected depth, nearer, or farther."""
+
+    confirmed: int
+    hidden: int
+    contradicted: int
+
+    @property
+    def contradicted_fraction(self) -> float:
+        """Of the points that are not hidden."""
+        return self.contradicted / max(self.confirmed + self.contradicted, 1)
+
+
+def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, views: Views) -> Sight:
+    """Visibility of a thing in a pose."""
+    return measure_sight(thing.samples_m, thing.normals, rotation, position_m, views)
+
+
+def measure_sight(samples_m: Array, normals: Array, rotation: Array, position_m: Array, views: Views) -> Sight:
+    """Visibility of a posed surface, of which points (n, 3) and normals are in its own frame."""
+    pose = np.ascontiguousarray(rotation), position_m
+    confirmed = hidden = contradicted = 0
+    for view in views:
+        v, u, depth, _ = project(
+            samples_m, normals, pose, (view.rotation, view.position_m), view.focal, view.nearest_m.shape, FACING
+        )
+        near, far = view.nearest_m[v, u], view.farthest_m[v, u]
+        measured = np.isfinite(near)
+        through = measured & (near > depth + DEPTH_M)
+        before = measured & (far < depth - DEPTH_M)
+        contradicted += int(through.sum())
+        hidden += int(before.sum())
+        confirmed += int((measured & ~through & ~before).sum())
+    return Sight(confirmed, hidden, contradicted)

@@ -66,7 +66,7 @@ SABOTAGES = (
         name="stray_pixels_are_a_thing",
         lie="A thing out of view is where another one shows stray pixels of its colour.",
         edits=(
-            Edit("phyagentos.runtime.perception.pieces", "PURE = 0.6", "PURE = 0.0"),
+            Edit("phyagentos.runtime.perception.clusters", "PURE = 0.6", "PURE = 0.0"),
             Edit("phyagentos.runtime.perception.association", "STRAY_SHARE = 0.025, 0.15", "STRAY_SHARE = 0.025, 0.0"),
             Edit("phyagentos.runtime.perception.separate_overlaps", "WITHIN = 0.7", "WITHIN = 7.0"),
         ),
@@ -228,7 +228,7 @@ SABOTAGES = (
         lie="A camera without noise that shows the arm where it was is live.",
         edits=(
             Edit(
-                "phyagentos.runtime.perception.motion_in_view",
+                "phyagentos.runtime.perception.sensor_health",
                 "return _count_absent(view, robot, state) > _count_absent(view, robot, then) + SAMPLES",
                 "return not view",
             ),
@@ -450,7 +450,7 @@ SABOTAGES = (
     Sabotage(
         name="cameras_never_move",
         lie="Every camera stands where it says.",
-        edits=(Edit("phyagentos.runtime.perception.displacement", "TIMES = 0.005, 2.5", "TIMES = 1.0, 2.5"),),
+        edits=(Edit("phyagentos.runtime.perception.sensor_health", "TIMES = 0.005, 2.5", "TIMES = 1.0, 2.5"),),
         tests=(
             "tests/runtime/perception/test_displacement.py::"
             "test_a_camera_that_is_shifted_is_displaced_and_things_are_where_the_others_see_them",
