@@ -24,10 +24,9 @@ from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.actions.bridges.chain import BridgeChain
-from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.actions.bridges.chain import BridgeChain, compile_chain
 from phyagentos.runtime.actions.bridges.tool_poses import describe_frames, read_arm
-from phyagentos.runtime.actions.chunks import iter_periods, run_up
+from phyagentos.runtime.actions.chunks import TemporalEnsemble, iter_periods, run_up
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.actions.set_points import Array, SetPoints
 from phyagentos.runtime.actions.violations import Violation
@@ -39,7 +38,6 @@ from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, Tic
 from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient
-from phyagentos.runtime.policies.ensemble import TemporalEnsemble
 from phyagentos.runtime.policies.exchanges import ExchangeLog
 from phyagentos.runtime.policies.observations import Observer
 

@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 from phyagentos.errors import ExecutionError
 from phyagentos.network.deadline import Deadline, connect
 from phyagentos.protocol.capabilities.policy_descriptors import SCHEMES
+from phyagentos.runtime.policies import wire
 
 CONNECT_S = 2.0  # a server that is there accepts at once
 REPLY_MAX_BYTES = 2**20  # some hundred times an ordinary chunk; unpacked, hostile bytes are 64 times as large
@@ -98,3 +99,26 @@ class _Http:
 
     def close(self) -> None:
         self._client.close()
+
+
+class PolicyService(Protocol):
+    """A connection to one policy.
+
+    Every method raises ExecutionError `POLICY_LOST` or `POLICY_FAULT`; `POLICY_LOST` with a `TimeoutError` as its cause
+    where the server was silent.
+    """
+
+    def exchange(self, request: wire.Request, timeout_s: float, silence_s: float) -> wire.Reply:
+        """The reply, which may be a fault.
+
+        Args:
+            request: Asked once.
+            timeout_s: Longest wait [s].
+            silence_s: Longest wait without any sign of life [s].
+        """
+
+    def probe(self, silence_s: float) -> None:
+        """See that the server lives, while nothing is asked of it."""
+
+    def close(self) -> None:
+        """Close the connection; an exchange that waits in another thread ends."""

@@ -11,8 +11,7 @@ from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.actions.bridges.chain import BridgeChain
-from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.actions.bridges.chain import BridgeChain, compile_chain
 from phyagentos.runtime.actions.bridges.tool_poses import describe_frames
 from phyagentos.runtime.preflight.adapter_plan import (
     AdapterPlan,
@@ -31,12 +30,14 @@ from phyagentos.runtime.preflight.arguments import (
     iter_predicate_problems,
 )
 from phyagentos.runtime.preflight.findings import locate, make_problem
-from phyagentos.runtime.preflight.live import iter_handshake_problems, iter_live_ability_problems, iter_timing_problems
 from phyagentos.runtime.preflight.needs import (
     find_exposed,
     iter_ability_problems,
+    iter_handshake_problems,
+    iter_live_ability_problems,
     iter_operation_problems,
     iter_resource_problems,
+    iter_timing_problems,
     iter_version_problems,
 )
 from phyagentos.runtime.preflight.policy_checks import AskPolicy, iter_policy_problems, iter_served_problems
