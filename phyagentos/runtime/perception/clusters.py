@@ -28,6 +28,10 @@ AROUND_POINTS = 60  # at which the surroundings are looked up
 EXPLAINED_M = 0.006  # from the surface of a thing: its own point
 REST_SHARE = 0.03  # of a cluster: what is less is its edges
 JOIN_M = 0.006  # a stray point is this near to the cluster that it lies on
+FINE_M, FINE_POINTS = 0.007, 40  # the same of things with looks, which fine pictures part; fewer points are their edges
+
+Piece = NDArray[np.intp]
+"""Indices of points in a cloud."""
 
 
 def find_clusters(points: Array, link_m: float) -> list[NDArray[np.intp]]:
@@ -112,12 +116,6 @@ def _measure_diameter(points: Array) -> float:
     """The greatest extent along thirteen directions: of a ball its diameter, where a diagonal is nearly twice that."""
     low, high = np.percentile(points @ _DIRECTIONS.T, (1, 99), axis=0)
     return float((high - low).max())
-
-
-FINE_M, FINE_POINTS = 0.007, 40  # the same of things with looks, which fine pictures part; fewer points are their edges
-
-Piece = NDArray[np.intp]
-"""Indices of points in a cloud."""
 
 
 def find_pieces(

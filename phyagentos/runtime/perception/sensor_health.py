@@ -41,6 +41,9 @@ TILES = 4  # along each side of a picture
 TILE_POINTS = 15  # with fewer a tile is not read
 NOISE = 2.5  # median deviations of the points of a tile
 SAMPLES = 8  # so many more points of the robot that are absent than when the picture was new
+REACH_M, POINTS_MIN = 0.05, 40  # of a thing, within which points of its colour are its own; with fewer none is compared
+OFF_M, TIMES = 0.005, 2.5  # no calibration errs by so much where that of another camera errs so many times less
+CARRIED_M, CARRIED_RAD = 0.002, 0.002  # by which the camera itself was moved
 
 
 def assess(
@@ -141,10 +144,6 @@ def _turn(was: SensorHealth | None, status: str, now_s: float, detail: str) -> S
     return msgspec.structs.replace(was or SensorHealth(), status=status, since_s=since_s, detail=detail)
 
 
-REACH_M, POINTS_MIN = 0.05, 40  # of a thing, within which points of its colour are its own; with fewer none is compared
-OFF_M, TIMES = 0.005, 2.5  # no calibration errs by so much where that of another camera errs so many times less
-
-
 def find_displaced(
     frames: Sequence[Frame],
     before: Mapping[str, SensorHealth],
@@ -232,9 +231,6 @@ def _find_median(values: Array) -> float:
     middle = len(values) // 2
     parts = np.partition(values, (max(middle - 1, 0), middle))
     return float(parts[middle]) if len(values) % 2 else float((parts[middle - 1] + parts[middle]) / 2.0)
-
-
-CARRIED_M, CARRIED_RAD = 0.002, 0.002  # by which the camera itself was moved
 
 
 def has_moved_in_view(frame: Frame, was: SensorHealth, robot: RobotMask, state: TargetState) -> bool:

@@ -22,8 +22,7 @@ from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.execution.criteria import weigh_before
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import check_tree
-from phyagentos.runtime.models.scene_start import find_start_problems
-from phyagentos.runtime.models.sight import explain_unseen
+from phyagentos.runtime.models.scene_start import explain_unseen, find_start_problems
 from phyagentos.runtime.models.world import Robot
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.perception.look import Look

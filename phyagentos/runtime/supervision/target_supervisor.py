@@ -28,8 +28,7 @@ from phyagentos.protocol.sessions.session import (
     SessionId,
     SessionStatus,
 )
-from phyagentos.runtime.supervision.limits import Due, Measure, Standing, find_due
-from phyagentos.runtime.supervision.liveness import HeartbeatMonitor
+from phyagentos.runtime.supervision.limits import Due, HeartbeatMonitor, Measure, Standing, find_due
 from phyagentos.runtime.supervision.queues import Queues
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry, make_rejection
 from phyagentos.runtime.supervision.target_phase import Phase, PhaseLog, fire_phase

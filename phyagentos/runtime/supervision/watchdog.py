@@ -12,7 +12,7 @@ from phyagentos.clock import Clock
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.supervision.liveness import HeartbeatMonitor
+from phyagentos.runtime.supervision.limits import HeartbeatMonitor
 from phyagentos.runtime.supervision.operator_signals import OperatorSignals
 from phyagentos.runtime.supervision.queues import AGEING_PER_S, QUEUE_TIMED_OUT, Queues
 from phyagentos.runtime.supervision.shared_time import SharedTime

@@ -15,7 +15,7 @@ SABOTAGES = (
     Sabotage(
         name="what_comes_is_forgotten",
         lie="A place is called good although what the goal brings there next finds no room beside it.",
-        edits=(Edit("phyagentos.runtime.motion.packing", "if space.walled else []", "if False else []"),),
+        edits=(Edit("phyagentos.runtime.motion.placements", "if space.walled else []", "if False else []"),),
         tests=("tests/runtime/motion/test_placements.py::test_room_is_left_for_what_still_comes",),
     ),
     Sabotage(

@@ -25,6 +25,10 @@ DAMPING = 0.7  # of them, as a share of the critical one
 CATCH = 0.5  # share of the step that would stop a velocity that was not asked for
 SWAY_RAD_S = 14.0  # with which the centre of mass returns above the feet: four times what a pendulum of 1 m falls with
 TILT_RAD_S = 12.0  # with which the body's height and tilt return
+STIFFNESS_NM_RAD, DAMPING_NMS_RAD = 5.0, 1.0  # of the legs to their posture: for what the ground does not decide
+STEP_S, LIFT_M = 0.18, 0.07  # of a step: its time, and how high the feet are lifted
+FOOT_N_M, FOOT_NS_M = 1200.0, 45.0  # stiffness and damping of a foot in the air
+DEAD_M, DEAD_RAD, STRAY_M = 0.01, 0.01, 0.04  # errors of the pose, and of a foot's place, that are not stepped for
 
 
 class Locomotion(Protocol):
@@ -179,9 +183,6 @@ def _turn(yaw: float) -> Array:
     return np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
 
 
-STIFFNESS_NM_RAD, DAMPING_NMS_RAD = 5.0, 1.0  # of the legs to their posture: for what the ground does not decide
-
-
 class Stand:
     """Keeps a body on two feet, left and right, upright where it stands; set-points of its pose are not followed.
 
@@ -231,8 +232,3 @@ def make_locomotion(model: mujoco.MjModel, planar: PlanarBase, profile: TargetPr
         address = f"{profile.target}/target.yaml: base.kind"
         raise DefinitionError([Problem.unknown("UNKNOWN_NAME", address, found, LOCOMOTIONS)])
     return LOCOMOTIONS[base.kind](model, planar, base)
-
-
-STEP_S, LIFT_M = 0.18, 0.07  # of a step: its time, and how high the feet are lifted
-FOOT_N_M, FOOT_NS_M = 1200.0, 45.0  # stiffness and damping of a foot in the air
-DEAD_M, DEAD_RAD, STRAY_M = 0.01, 0.01, 0.04  # errors of the pose, and of a foot's place, that are not stepped for

@@ -5,6 +5,8 @@ from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation
 from phyagentos.runtime.execution.leaves.control import Wait
 from phyagentos.runtime.perception.world_model import WORLD
 
+POSITION_STD_M, TILT_STD_RAD = 0.002, 0.04  # predicates decide within twice these
+
 
 class Locate(Leaf):
     """Where is the object now? Fails when it is not believed to exist, or was not seen."""
@@ -52,9 +54,6 @@ class Look(Wait):
         self.write("pose", entity.pose)
         self.write("position", entity.pose.position_m)
         return self.succeed("", object=entity.name, position_m=list(entity.pose.position_m), speed_m_s=entity.speed_m_s)
-
-
-POSITION_STD_M, TILT_STD_RAD = 0.002, 0.04  # predicates decide within twice these
 
 
 class IsSharp(Leaf):
