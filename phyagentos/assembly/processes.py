@@ -17,9 +17,9 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.registries import locate_models, read_skill_registry, read_target_registry
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.estop import is_latched
-from phyagentos.protocol.settings.cameras import WORLD
 from phyagentos.protocol.settings.perception import Sensing, read_perception
 from phyagentos.protocol.settings.safety import TargetLimits, as_numbers
+from phyagentos.protocol.settings.sensors import WORLD
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.channel import SPIN_S, Channel, Link
 from phyagentos.runtime.targets.driver_registry import DriverSite

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.geometry import compute_rotation
-from phyagentos.protocol.settings.cameras import CameraSettings
+from phyagentos.protocol.settings.sensors import CameraSettings
 from phyagentos.runtime.targets.wire import Crop
 
 Array = NDArray[np.float64]

@@ -13,8 +13,7 @@ import numpy as np
 from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.capabilities.placed_scenes import place_scene
 from phyagentos.protocol.documents.schema import Located, read_yaml
-from phyagentos.protocol.settings.cameras import CameraSettings
-from phyagentos.protocol.settings.sensors import Sensors
+from phyagentos.protocol.settings.sensors import CameraSettings, Sensors
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.models.camera_model import find_mounting
 from phyagentos.runtime.models.scene import add_scene, draw_bodies

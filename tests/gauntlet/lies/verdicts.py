@@ -94,7 +94,7 @@ SABOTAGES = (
         lie="A hidden thing is under what is seen above its place, at whatever height that is.",
         edits=(
             Edit(
-                "phyagentos.runtime.perception.bearing",
+                "phyagentos.runtime.perception.contents",
                 "for name, top in tops if abs(top.measure_gap(upper)) <= near_m}",
                 "for name, top in tops if name == lower.name}",
             ),

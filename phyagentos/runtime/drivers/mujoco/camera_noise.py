@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from phyagentos.protocol.settings.cameras import NoiseLevel
+from phyagentos.protocol.settings.sensors import NoiseLevel
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import BLACK, GLASS, Picture
 
 SAME_M = 0.01  # depths of a pixel this close, at both ends of an exposure, are one surface

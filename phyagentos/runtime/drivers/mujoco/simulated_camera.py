@@ -16,8 +16,7 @@ import mujoco
 import numpy as np
 
 from phyagentos.geometry import as_pose, turn
-from phyagentos.protocol.settings.cameras import CameraSettings, NoiseLevel
-from phyagentos.protocol.settings.sensors import Sensors
+from phyagentos.protocol.settings.sensors import CameraSettings, NoiseLevel, Sensors
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.drivers.mujoco.camera_noise import blur, draw_places, spoil
 from phyagentos.runtime.drivers.mujoco.ray_cast import RayCaster
