@@ -100,10 +100,9 @@ def find_sites(workspace: Workspace, world: str, clock: Clock) -> list[DriverSit
 
 def serve_one(site: DriverSite, socket: str, tokens: Tokens, pace_by: Clock | None, certificate: Path | None) -> None:
     """Serve the only target of a world."""
-    from phyagentos.runtime.targets.realtime import serve_realtime
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.served_target import ServedTarget
-    from phyagentos.runtime.targets.server import serve
+    from phyagentos.runtime.targets.server import serve, serve_realtime
     from phyagentos.runtime.targets.stop_listener import StopListener
 
     target, workspace = site.profile.target, site.workspace

@@ -10,8 +10,7 @@ from phyagentos.assembly.processes import connect_to_world
 from phyagentos.clock import SystemClock
 from phyagentos.runtime.targets import realtime, wire
 from phyagentos.runtime.targets.handshake import Tokens, make_key, mint
-from phyagentos.runtime.targets.realtime import Pace, serve_realtime
-from phyagentos.runtime.targets.server import UnixDoor
+from phyagentos.runtime.targets.server import Pace, UnixDoor, serve_realtime
 from tests.clocks import ManualClock
 
 PERIOD_S = 0.02
