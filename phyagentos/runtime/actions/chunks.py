@@ -17,14 +17,10 @@ START_FRACTION = 0.5  # of the acceleration limit; leaves room for the guard's f
 def iter_periods(
     rows: Array, before: Array, velocity_rad_s: Array, *, n_steps: int, step_s: float
 ) -> Iterator[SetPoints]:
-    """The k control periods of one chunk.
+    """The k control periods of `n_steps` physics steps of one chunk.
 
-    Args:
-        rows: (k, n_joints + 1) joint positions [rad] and opening [m] at the end of each period.
-        before: (n_joints + 1,) standing set-point.
-        velocity_rad_s: (n_joints,) its velocity.
-        n_steps: Physics steps of one period.
-        step_s: Length of a physics step [s].
+    `rows` (k, n_joints + 1) are joint positions [rad] and opening [m] at the end of each period; `before`
+    (n_joints + 1,) is the standing set-point and `velocity_rad_s` (n_joints,) its velocity.
     """
     period_s, k = n_steps * step_s, len(rows)
     knots_s = period_s * np.arange(k + 1)
@@ -41,13 +37,8 @@ def run_up(rows: Array, before: Array, acceleration_rad_s2: Array, period_s: flo
     """The same path from rest, begun no faster than the arm can: (m + k, n_joints + 1), m the least that suffices.
 
     The path's own time s(t) = t^2 / (4 m) catches up within 2 m periods; what follows comes m periods later. Rows that
-    jump too far for that stay as they are, for the guard to refuse.
-
-    Args:
-        rows: As of `iter_periods`.
-        before: Likewise; at rest.
-        acceleration_rad_s2: (n_joints,) limits.
-        period_s: Between rows [s].
+    jump too far for that stay as they are, for the guard to refuse. `rows` and `before`, which is at rest, are as of
+    `iter_periods`; `acceleration_rad_s2` (n_joints,) are limits.
     """
     rest, places, slow = np.zeros(len(before) - 1), np.arange(len(rows) + 1), rows
     path = CubicSpline(places, np.vstack((before, rows)), bc_type="natural")
@@ -76,11 +67,7 @@ def _compute_end_velocity(arm: Array, period_s: float) -> Array:
 
 @dataclass(slots=True)
 class TemporalEnsemble:
-    """The chunks that still speak of a moment to come.
-
-    Attributes:
-        decay: m of the weights exp(-m i), where i = 0 is the oldest chunk.
-    """
+    """The chunks that still speak of a moment to come, weighted by exp(-`decay` i), where i = 0 is the oldest one."""
 
     decay: float
     _chunks: list[tuple[int, Array]] = field(default_factory=list)

@@ -14,17 +14,9 @@ STALL_PERIODS = 5  # 0.1 s beyond the tracking limit: longer than any contact tr
 
 
 class CommandBuffer:
-    """Collects the channels of one tick.
+    """Collects the channels of one tick; an arm that is interrupted brakes within `acceleration_rad_s2` (n_joints,).
 
-    Args:
-        q_rad: (n_joints,) resting arm.
-        gripper_width_m: Resting opening.
-        acceleration_rad_s2: (n_joints,) limits, for braking.
-        n_steps: Rows of one control period.
-        step_s: Time between rows [s].
-
-    Attributes:
-        goes_on: Whether the period taken last is followed by one that its report cannot change.
+    `goes_on` is whether the period taken last is followed by one that its report cannot change.
     """
 
     def __init__(
@@ -91,14 +83,9 @@ class CommandBuffer:
 
 
 def compute_brake(q: Array, qd: Array, acceleration: Array, n_steps: int, step_s: float) -> tuple[Array, Array]:
-    """Rows that ramp the velocity down to zero: qd(t) = qd0 (1 - t / T), each joint within its limit.
+    """Rows that ramp the velocity `qd` (n_joints,) [rad/s], of which some is not zero, down to zero.
 
-    Args:
-        q: (n_joints,) set-point before them [rad].
-        qd: (n_joints,) its velocity, of which some is not zero [rad/s].
-        acceleration: (n_joints,) limits [rad/s^2].
-        n_steps: Rows of one control period.
-        step_s: Time between rows [s].
+    qd(t) = qd0 (1 - t / T), each joint within its limit; `q` (n_joints,) is the set-point before them [rad].
     """
     duration_s = float(np.max(np.abs(qd) / (BRAKE_FRACTION * acceleration)))
     t = np.minimum(np.arange(1, n_steps + 1) * step_s, duration_s)[:, None]  # (n_steps, 1)
@@ -115,11 +102,7 @@ def check_rows(name: str, rows: Array, shape: tuple[int, ...]) -> Array:
 
 
 class Lag:
-    """How far the arm is behind its set-points; stalled when beyond the limit [rad] for `STALL_PERIODS`.
-
-    Attributes:
-        worst_error_rad: Greatest tracking error of the present motion [rad].
-    """
+    """How far the arm is behind its set-points; stalled when beyond the limit [rad] for `STALL_PERIODS`."""
 
     def __init__(self, tracking_error_max_rad: float) -> None:
         self._limit = tracking_error_max_rad

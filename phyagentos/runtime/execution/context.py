@@ -42,10 +42,8 @@ class SkillContext:
 
     Attributes:
         planner: Answers motion requests in its own process; simulated time stands while it plans.
-        commands: Takes a tick's set-points.
         initial: The world before the first command.
         lag: Of the arm behind its set-points.
-        cell: The other robots of its world.
         evidence: Folder of the session's bundle; None where none is kept.
         events: Events beside the tree so far.
     """

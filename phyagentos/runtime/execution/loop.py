@@ -27,12 +27,7 @@ LEASE_LOST = "lease_lost"  # a reason for an end: the watchdog has not renewed t
 
 @dataclass(frozen=True, slots=True)
 class EndRequest:
-    """Why a session is to end.
-
-    Attributes:
-        reason: `cancelled`, `timed_out`, `stalled`, `lease_lost`.
-        why: One sentence that names the limit; empty where none decided.
-    """
+    """Why a session is to end: `cancelled`, `timed_out`, `stalled` or `lease_lost`, and which limit, if any."""
 
     reason: str
     why: str = ""
@@ -74,11 +69,9 @@ class _Unreported:
 
 @dataclass(slots=True, kw_only=True)
 class SessionLoop:
-    """Runs one skill on one target.
+    """Runs one skill on one target; `handle` has authority for the session.
 
     Attributes:
-        handle: Has authority for the session.
-        holds: Conditions that must be true throughout.
         cancel: Polled every turn; a request ends the execution.
         clock: Bounds planning by the wall.
         observers: Called at every turn and every step.

@@ -102,12 +102,7 @@ def look_at(position_m: Array, target_m: Array, up: Array) -> Viewpoint:
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """A camera as it is fixed in one model.
-
-    Attributes:
-        lens: Of the whole picture.
-        body: Its carrier; 0 is the world.
-    """
+    """A camera with the lens of its whole picture, as it is fixed to a body of one model; body 0 is the world."""
 
     lens: Lens
     body: int

@@ -37,14 +37,11 @@ class Way:
     the fingers go at its end.
 
     Attributes:
-        end: (4, 4) `world_T_tcp`.
-        hover_m: Distance from `end` at which the straight line begins [m].
+        end: (4, 4) `world_T_tcp`; the straight line to it begins `hover_m` [m] along `back` (3,), a unit direction.
         openings_m: Of the fingers when they hold, and when they do not.
         tolerate: Pairs whose contact is intended within `tolerate_m` [m] of the end.
-        site: (4, 4) pose of the held entity after a place.
-        fall_m: How far it falls there when it is let go.
+        site: (4, 4) pose of the held entity after a place; it falls there by `fall_m` [m] when it is let go.
         is_clear: Whether the fingers keep off what is tolerated while they are open.
-        back: (3,) unit direction in the world from `end` to where the line begins.
     """
 
     label: str

@@ -178,13 +178,9 @@ def cut(rows, along, low, high, weights):  # type: ignore[no-untyped-def]  # noq
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """Input of a search.
+    """Input of a search between free postures (n_joints,) and (m, n_joints), m >= 1.
 
-    Attributes:
-        start_rad: (n_joints,) free posture.
-        goals_rad: (m, n_joints) free postures, m >= 1.
-        weights: (n_joints,) of the joints in the length of a path.
-        iterations: The most that are spent.
+    `weights` (n_joints,) are of the joints in the length of a path, `iterations` the most that are spent.
     """
 
     start_rad: Array
@@ -207,13 +203,7 @@ class Query:
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """A path.
-
-    Attributes:
-        rows_rad: (k, n_joints) corners.
-        goal: Index into the query's goals.
-        iterations: Of the search; 0 for the direct way.
-    """
+    """A path of corners (k, n_joints) to a goal of the query; the direct way takes no iterations."""
 
     rows_rad: Array
     goal: int

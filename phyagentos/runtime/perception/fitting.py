@@ -44,15 +44,11 @@ SUNK_COST, SUNK_FREE_M = 0.5, 0.003  # per metre of depth within another solid, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """A pose and its quality.
+    """A pose, `world_T_thing`, and its quality: how far it may be off is its doubt.
 
     Attributes:
-        rotation: (3, 3) `world_T_thing`.
-        position_m: (3,).
-        cost_m: Mean robust distance of the points, and the price of contradictions.
-        rms_m: Root mean square distance of the points.
+        cost_m: Mean robust distance of the points, and the price of contradictions; `rms_m` is root mean square.
         count: Of the points.
-        doubt: How far it may be off.
         freely: (3, 3) the rotation that the points alone give; `rotation` is upright where they do not contradict that.
         other_tilt_rad: Greatest difference of tilt to another pose that fits as well.
         stretch: Factor of its height.

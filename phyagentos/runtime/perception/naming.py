@@ -36,10 +36,7 @@ def iter_exchanges(
 ) -> Iterator[frozenset[int]]:
     """Sets of rows that may have each other's clusters, or one row that may have a cluster that no name claims.
 
-    Args:
-        costs: As `assign` takes them.
-        chosen: The naming that is to be decided.
-        is_same_place: Whether a row means the same place by a column as by its chosen one.
+    The naming `chosen` is to be decided; `is_same_place` is whether a row means the same place by a column as by that.
     """
     names = len(costs)
     rows = np.arange(names)

@@ -74,14 +74,8 @@ class Pipeline:
     ) -> Environment:
         """The world after a look at `time_s`; a belief of another episode is ignored.
 
-        Args:
-            frames: Of the cameras.
-            state: The target's own state now.
-            scene: Name, seed and episode.
-            time_s: Now [s].
-            before: The last belief.
-            focus: Things that the frames are windows of; empty for whole frames.
-            find_state: The target's own state at an earlier time [s]; always `state` when absent.
+        The frames are windows of the things in `focus`, or whole ones; `state` is the target's own now, `find_state`
+        tells it at an earlier time [s].
         """
         known = before if before is not None and before.episode == scene.episode else None
         entities = dict(known.entities) if known is not None else {}

@@ -30,16 +30,12 @@ FACING = 0.2  # cosine of the steepest surface that a camera can be expected to 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraView:
-    """One camera at one moment, for visibility queries.
+    """One camera at one moment, `world_T_camera`, for visibility queries.
 
     Attributes:
-        time_s: Of the frame.
-        position_m: (3,) of the camera.
-        rotation: (3, 3) `world_T_camera`.
         focal: (fx, fy, cx, cy) [pixels].
         origin_px: Column and row of the frame's origin in the whole picture.
-        nearest_m: (h, w) least depth around each pixel; infinite where nothing was measured.
-        farthest_m: (h, w) greatest depth around each pixel; infinite where nothing was measured.
+        nearest_m: (h, w) least depth around each pixel, `farthest_m` the greatest; infinite where nothing was measured.
     """
 
     camera: str
@@ -57,15 +53,7 @@ Views = tuple[CameraView, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cloud:
-    """Unexplained points of the world.
-
-    Attributes:
-        points_m: (n, 3) in the world.
-        colors: (n,) index in the palette.
-        view_index: (n,) index of the camera.
-        pixels: (n, 2) column and row in its picture.
-        rgb: (n, 3) as measured.
-    """
+    """Unexplained points of the world, (n, 3), and each one's palette index, camera, and (column, row) in a picture."""
 
     points_m: Array
     colors: NDArray[np.uint8]

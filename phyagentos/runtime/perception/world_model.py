@@ -38,10 +38,8 @@ class Need:
 class Glance:
     """Frames that are taken at the end of a period, while the next one is on its way.
 
-    Attributes:
-        things: To be confirmed where they are believed to be; none for a probe alone.
-        window: Shows them; None without things.
-        probe: Shows that the cameras are alive; None while an earlier proof lasts.
+    `window` shows the things that are to be confirmed where they are believed to be, None without any; `probe` shows
+    that the cameras are alive, None while an earlier proof lasts.
     """
 
     things: frozenset[str]
@@ -63,9 +61,7 @@ HAND = Need(only_hand=True)
 class WorldModel(ABC):
     """Perception of one target, whose state comes with the postures of its profile, where it has one.
 
-    Attributes:
-        looks: Whole looks since `enter`, after the latest one before it; empty without perception.
-        latest_look: The latest look, whole or partial.
+    `looks` are whole looks since `enter`, after the latest one before it; empty without perception.
     """
 
     def __init__(self, target: str, handle: FrameSource, profile: TargetProfile | None = None) -> None:

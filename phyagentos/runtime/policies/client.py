@@ -44,10 +44,10 @@ def ask_policy(endpoint: str) -> PolicyDescriptor | None:
 
 
 class PolicyClient:
-    """Requests chunks, one at a time, and watches the server in between.
+    """Requests chunks, one at a time, and watches the server in between; it connects with the first request.
 
     Args:
-        endpoint: Of the policy; connected to with the first request.
+        endpoint: Of the policy.
         timeout_s: Longest wait for one reply, by the wall [s].
         streams: What it is shown.
         heartbeat_s: Longest silence of the server, by the wall [s]; None watches it only while it is asked.

@@ -35,16 +35,10 @@ SAME = 1e-9  # of a number of a row: more is another answer
 
 
 class Exchange(msgspec.Struct, frozen=True, kw_only=True):
-    """One line of `policy.jsonl`.
+    """One line of `policy.jsonl`: request number `sequence`, from 0, after so many control periods were commanded.
 
-    Attributes:
-        sequence: Of the request, from 0.
-        rows_done: Control periods commanded before it.
-        time_s: Of the observations, in the target's time [s].
-        wall_s: From the request to the chunk, by the wall [s].
-        done: Whether the policy had nothing to do after these rows.
-        file: Of the arrays, within the bundle.
-        sha256: Of its bytes.
+    `time_s` is of the observations, in the target's time [s], `wall_s` from the request to the chunk [s]; `file` has
+    the arrays, within the bundle, with `sha256` of its bytes.
     """
 
     sequence: int
@@ -132,10 +126,8 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         time_s: Of the observations, in the target's time [s].
-        recorded: Shape of the recorded rows.
-        given: Shape of the rows now; empty where there was no chunk.
-        difference: Greatest of any number, in the policy's own units; infinite where the shapes differ.
-        where: Row and column of it.
+        recorded: Shape of the recorded rows; `given` is that of the rows now, empty where there was no chunk.
+        difference: Greatest of any number, in the policy's own units, at row and column `where`; else infinite.
         done: Whether the policy says now that it is done, where it said the other thing then; None otherwise.
         fault: Why there is no chunk.
     """
@@ -165,13 +157,9 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def replay_exchanges(root: Path, session: str, endpoint: str = "", timeout_s: float = 10.0) -> tuple[Answer, ...]:
-    """The answers of a policy to what was shown in a session, beside those of then.
+    """The answers of a policy to what was shown in a session of a workspace, beside those of then.
 
-    Args:
-        root: Of the workspace.
-        session: Its id.
-        endpoint: Of the policy that is asked; the recorded one without it.
-        timeout_s: Longest wait for one chunk [s].
+    The recorded policy is asked where no other endpoint is given; `timeout_s` is the longest wait for one chunk [s].
 
     Raises:
         ExecutionError: `EVIDENCE_UNREADABLE`; `POLICY_UNREACHABLE` where the first request meets no server.

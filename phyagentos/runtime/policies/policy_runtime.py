@@ -56,7 +56,6 @@ class PolicyParts:
         is_realtime: Whether time goes on while the server infers.
         is_pausing: Whether the session is to rest.
         sought_m: (3,) where the first thing of `environment_state` is believed to be [m]; None where there is none.
-        log: Keeps what was shown and answered.
     """
 
     descriptor: PolicyDescriptor
@@ -363,13 +362,7 @@ def _list_poses(session: Session, world: Environment) -> dict[str, tuple[float, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Policies:
-    """The policy skills of a workspace.
-
-    Attributes:
-        skills: SKILLRUNTIME.md, by name.
-        late_max_s: How late a camera's frame may come; `embedded.max_age_s` of perception.yaml [s].
-        is_realtime: Whether the world keeps real time.
-    """
+    """The policy skills of a workspace, by name; a frame may come late by perception.yaml's `max_age_s` [s]."""
 
     skills: Mapping[str, SkillRuntime]
     profile: TargetProfile

@@ -109,13 +109,7 @@ class PolicyService(Protocol):
     """
 
     def exchange(self, request: wire.Request, timeout_s: float, silence_s: float) -> wire.Reply:
-        """The reply, which may be a fault.
-
-        Args:
-            request: Asked once.
-            timeout_s: Longest wait [s].
-            silence_s: Longest wait without any sign of life [s].
-        """
+        """The reply, or a fault, within `timeout_s` [s]; `silence_s` is the longest wait without a sign of life [s]."""
 
     def probe(self, silence_s: float) -> None:
         """See that the server lives, while nothing is asked of it."""

@@ -57,13 +57,10 @@ RUNNABLE = ("builtin", "policy", "agent_loop")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preflight:
-    """The documents against which sessions are checked; lasting results are kept for each skill.
+    """The documents against which sessions on one target are checked; lasting results are kept for each skill.
 
-    Attributes:
-        skills: SKILLRUNTIME.md, by name.
-        profile: Of the one target of this worker.
-        kinds: Kinds of skills that this runtime can run.
-        ask_policy: Asks a policy server for its descriptor; None where no client is installed.
+    This runtime can run skills of these `kinds`. `ask_policy` asks a policy server for its descriptor; None where no
+    client is installed.
     """
 
     skills: dict[str, SkillRuntime]

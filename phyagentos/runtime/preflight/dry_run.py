@@ -70,12 +70,7 @@ _POINT = Parameter(type="point")
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """A ball that holds every point where the tool centre point can be: a proof, not an estimate.
-
-    Attributes:
-        center_m: (3,) in the world.
-        radius_m: Of the ball.
-    """
+    """A ball in the world that holds every point where the tool centre point can be: a proof, not an estimate."""
 
     center_m: tuple[float, float, float]
     radius_m: float
@@ -130,12 +125,10 @@ Motions = Generator[Home | Grasp | Destination, None, bool]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DryRun:
-    """Sends the planner the requests of the tree.
+    """Sends the planner of the worker, idle between sessions, the requests of the tree.
 
     Attributes:
-        planner: The worker's; idle between sessions.
         registry: Where leaves declare their roles.
-        clock: Measures the cost.
         home_rad: (n_joints,) posture before a session [rad].
         postures: Those that the target's profile names [rad].
         reach: Bound on the tool; None without one.

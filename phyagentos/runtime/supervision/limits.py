@@ -60,12 +60,7 @@ class HeartbeatMonitor:
         self._acting_s = self._thinking_s = 0.0
 
     def find_trouble(self, limits: Limits, pid: int) -> Trouble | None:
-        """What is wrong by now, if anything; reads the file at most five times a second.
-
-        Args:
-            limits: Of the running session.
-            pid: Process id of its worker.
-        """
+        """What is wrong with a worker by now, if anything; reads the file at most five times a second."""
         now_s = self._clock.now_s()
         if now_s - self._looked_at_s >= LOOK_PERIOD_S:
             elapsed_s, self._looked_at_s = now_s - self._looked_at_s, now_s
@@ -127,12 +122,7 @@ class Measure(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """A limit was reached.
-
-    Attributes:
-        ended: How the session ends, for `STOP`.
-        code: Under which it ends; that of `ended` when empty.
-    """
+    """A limit was reached; a session that is stopped ends under `code`, or that of `ended` when it is empty."""
 
     measure: Measure
     reason: str = ""
@@ -142,12 +132,10 @@ class Due:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
-    """State of a target now.
+    """State of a target now: `age_s` in its phase [s].
 
-    Attributes:
-        age_s: Time in its phase [s].
-        rest_s: Pause before the next attempt to start its worker [s].
-        stop_left_s: Time left to a worker that was ordered to stop [s]; None without such an order.
+    `rest_s` is the pause before the next attempt to start its worker [s], `stop_left_s` the time left to a worker that
+    was ordered to stop [s], None without such an order.
     """
 
     phase: Phase

@@ -69,8 +69,7 @@ class Watchdog:
         on_record: Called with every record of the journal, once it is applied to the ledger.
         shared_time: Informs worlds of several targets; None where there are none.
         ageing_per_s: Priority that a waiting session gains [1/s].
-        lease_s: How long a worker goes on without a sign of this watchdog [s].
-        rest_s: Pause after the first worker that did not start [s].
+        lease_s: As of `Supervision`; `rest_s` likewise.
     """
 
     def __init__(

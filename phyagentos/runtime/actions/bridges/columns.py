@@ -51,12 +51,7 @@ class JointOrderBridge(ActionBridge):
 
 @dataclass(frozen=True, slots=True)
 class ProjectionBridge(ActionBridge):
-    """Keeps the joints that both sides have, and adds those that stand where the source declares.
-
-    Attributes:
-        kept: Source columns that go on, as the first columns of the target.
-        rest: (n,) values of the joints that follow them and stand still.
-    """
+    """Keeps the source columns `kept` that both sides have, and adds joints that stand still, at `rest` (n,)."""
 
     kept: NDArray[np.intp]
     rest: Array

@@ -138,11 +138,7 @@ class ToAbsoluteBridge(ActionBridge):
 
 @dataclass(frozen=True, slots=True)
 class FrameBridge(ActionBridge):
-    """Expresses poses in another frame.
-
-    Attributes:
-        target_T_source: (4, 4), its translation in the space's own unit of length.
-    """
+    """Expresses poses in another frame, by `target_T_source` (4, 4) in the space's own unit of length."""
 
     target_T_source: Array
 

@@ -44,19 +44,13 @@ SENSOR_KINDS = frozenset({"freeze", "blackout", "misdate", "miscalibrate"})
 
 
 class FaultActivation(msgspec.Struct, frozen=True, kw_only=True):
-    """An active fault.
+    """An active fault, of a kind of the fault file.
 
     Attributes:
-        kind: As in the fault file.
         body: The object, the joint that seizes or whose link is pushed, or the pattern of the corrupted cameras.
-        time_s: Of its beginning.
-        start_m: The object's place then.
-        goal_m: The object's place at the end of a hand's pull.
-        lift_m: Height of the hand's path.
+        start_m: The object's place at the beginning; `goal_m` that at the end of a hand's pull, `lift_m` its height.
         mode: Of a corruption: stamp of a frozen picture, or kind of a blackout.
-        by_s: Error of a camera's clock.
-        by_m: Error of a camera's reported position.
-        by_rad: Error of its reported direction.
+        by_s: Error of a camera's clock; `by_m` and `by_rad` of its reported pose.
         qpos: The state of a frozen picture.
         force_n: Of a push, in the world.
     """
@@ -78,13 +72,7 @@ class FaultActivation(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """The faults of one episode.
-
-    Attributes:
-        faults: Each at most once, by its conditions.
-        activations: Recorded ones, each at its recorded time.
-        seed: For draws at the activation.
-    """
+    """The faults of one episode, each at most once by its conditions, and recorded ones, each at its recorded time."""
 
     faults: tuple[Fault, ...] = ()
     activations: tuple[FaultActivation, ...] = ()

@@ -46,12 +46,9 @@ class Locomotion(Protocol):
         """Forget the past: the base stands, and an episode or a session begins."""
 
     def control(self, data: mujoco.MjData, pose: Array, rate: Array) -> None:
-        """Set the motors for the coming physics step.
+        """Set the motors for the coming physics step: `ctrl` of the base's motors is written, and nothing else.
 
-        Args:
-            data: The state, in which `ctrl` of the base's motors is written, and nothing else.
-            pose: (3,) wanted x, y [m] and heading [rad] in the world.
-            rate: (3,) wanted speeds there [m/s, m/s, rad/s].
+        `pose` (3,) is the wanted x, y [m] and heading [rad] in the world, `rate` (3,) its speed.
         """
 
 

@@ -77,10 +77,10 @@ class SimulatedCamera:
         every: int = 1,
         begin: mujoco.MjData | None = None,
     ) -> Frame:
-        """One frame.
+        """One frame of a state with computed poses, as of `pose_state`, which is only read.
 
         Args:
-            data: State with computed poses, as of `pose_state`; it is only read.
+            data: The state.
             time_s: Stamp of the frame.
             rng: Of this frame's noise.
             crop: Window to look at instead of the whole picture.

@@ -29,7 +29,7 @@ class Wait(Leaf):
 
 
 class Fail(Leaf):
-    """Always fails: the last child of a fallback that has run out of ways."""
+    """Always fails."""
 
     ROLE = Role.DECIDE
     INPUT_PORTS = {

@@ -51,7 +51,7 @@ class MoveHome(MovingLeaf):
 
 
 class MovePosture(MoveHome):
-    """A collision-free motion to a posture that the target's profile names."""
+    """A collision-free motion to a named posture."""
 
     INPUT_PORTS = {
         **MoveHome.INPUT_PORTS,
@@ -104,10 +104,7 @@ class MoveTo(MovingLeaf):
 
 
 class MoveLinear(MovingLeaf):
-    """The straight line of an approach, forward to its end or back to its hover posture.
-
-    Fails with `GRASP_LOST` when a payload leaves the fingers on the way.
-    """
+    """A straight tool motion. Fails with `GRASP_LOST` when a payload leaves the fingers on the way."""
 
     ROLE = Role.MOVE
     INPUT_PORTS = {
