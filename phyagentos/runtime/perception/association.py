@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.world.environment import Entity, Status
-from phyagentos.runtime.perception.clusters import LINK_M, Piece, find_pieces
 from phyagentos.runtime.perception.fitting import Fit, fit, track
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.naming import HUGE, assign, iter_exchanges, measure_look
+from phyagentos.runtime.perception.pieces import LINK_M, Piece, find_pieces
 from phyagentos.runtime.perception.segmentation import find_near_colors
 from phyagentos.runtime.perception.separate_overlaps import separate_overlaps
 from phyagentos.runtime.perception.solids import Array, Solids

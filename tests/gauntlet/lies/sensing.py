@@ -66,7 +66,7 @@ SABOTAGES = (
         name="stray_pixels_are_a_thing",
         lie="A thing out of view is where another one shows stray pixels of its colour.",
         edits=(
-            Edit("phyagentos.runtime.perception.clusters", "PURE = 0.6", "PURE = 0.0"),
+            Edit("phyagentos.runtime.perception.pieces", "PURE = 0.6", "PURE = 0.0"),
             Edit("phyagentos.runtime.perception.association", "STRAY_SHARE = 0.025, 0.15", "STRAY_SHARE = 0.025, 0.0"),
             Edit("phyagentos.runtime.perception.separate_overlaps", "WITHIN = 0.7", "WITHIN = 7.0"),
         ),
