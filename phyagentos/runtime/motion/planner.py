@@ -82,17 +82,14 @@ class MotionPlanner:
 
     @classmethod
     def open(
-        cls,
-        profile_file: Path,
-        clock: Clock | None = None,
-        bounds: ToolBounds = ANYWHERE,
-        neighbours: Mapping[str, Path] | None = None,
+        cls, profile_file: Path, bounds: ToolBounds = ANYWHERE, neighbours: Mapping[str, Path] | None = None
     ) -> "MotionPlanner":
         """The planner of `robots/<name>/target.yaml`, whose tool centre point stays within `bounds`.
 
         `neighbours` are the profiles of other robots of its world, by name.
         """
-        return cls(validate(TargetProfile, read_yaml(profile_file)), profile_file.parent, clock, bounds, neighbours)
+        profile = validate(TargetProfile, read_yaml(profile_file))
+        return cls(profile, profile_file.parent, bounds=bounds, neighbours=neighbours)
 
     def answer(self, request: MotionRequest, should_cancel: Callable[[], bool] = lambda: False) -> MotionAnswer:
         """Carry out one request.

@@ -97,14 +97,21 @@ class Destination(msgspec.Struct, frozen=True):
     up: tuple[float, float, float] | None = None
 
 
+class Situation(msgspec.Struct, frozen=True):
+    """What a request for a way begins with: the world, the present posture (n_joints,), the seed of all its choices."""
+
+    world: World
+    q_rad: Array
+    seed: int
+
+
 GRASPS = 4  # that a skill chooses from
 
 
-class FindGrasps(msgspec.Struct, frozen=True, tag=True):
+class FindGrasps(Situation, frozen=True, tag=True):
     """Grasps of an object. Answer: `Approaches`. Other robots are no obstacles yet: the motion there avoids them.
 
     Attributes:
-        q_rad: (n_joints,) present posture.
         then: Where the object goes; grasps from which it can be put there come first.
         avoid: Labels of unwanted approaches.
         count: Largest number of approaches, nearest first.
@@ -112,10 +119,7 @@ class FindGrasps(msgspec.Struct, frozen=True, tag=True):
         removable: Entities that may be moved out of where the object goes; the answer names the fewest that must.
     """
 
-    world: World
     object: str
-    q_rad: Array
-    seed: int
     avoid: tuple[str, ...] = ()
     hover_m: float = 0.08
     count: int = GRASPS
@@ -124,7 +128,7 @@ class FindGrasps(msgspec.Struct, frozen=True, tag=True):
     removable: tuple[str, ...] = ()
 
 
-class FindPlacements(msgspec.Struct, frozen=True, tag=True):
+class FindPlacements(Situation, frozen=True, tag=True):
     """Placements of the payload in or on an entity or region, as `FindGrasps`. Answer: `Approaches`.
 
     Attributes:
@@ -136,11 +140,8 @@ class FindPlacements(msgspec.Struct, frozen=True, tag=True):
         coming: Entities for which room is left where there is enough, if need be where something `removable` is.
     """
 
-    world: World
     payload: Payload
     destination: str
-    q_rad: Array
-    seed: int
     relation: str = "inside"
     near: tuple[float, float, float] | None = None
     near_radius_m: float = 0.12
@@ -153,55 +154,46 @@ class FindPlacements(msgspec.Struct, frozen=True, tag=True):
     removable: tuple[str, ...] = ()
 
 
-class FindLine(msgspec.Struct, frozen=True, tag=True):
+class FindLine(Situation, frozen=True, tag=True):
     """A straight tool motion from here through tool poses, the fingers `width_m` [m] apart; all open if unset.
 
     Answer: `Approaches` with one approach, or `NoPlan`.
     """
 
-    world: World
-    q_rad: Array
     waypoints: tuple[Pose, ...]
-    seed: int
     payload: Payload | None = None
     ignore: tuple[str, ...] = ()
     width_m: float | None = None
 
 
-class FindPush(msgspec.Struct, frozen=True, tag=True):
+class FindPush(Situation, frozen=True, tag=True):
     """Straight pushes of an object by the fingers, `width_m` [m] apart, until its origin is at `to_m` (2,).
 
     Answer: `Approaches`. What is to be ignored moves with it.
     """
 
-    world: World
     object: str
     to_m: tuple[float, float]
-    q_rad: Array
-    seed: int
     ignore: tuple[str, ...] = ()
     width_m: float = 0.0
     count: int = 4
 
 
-class FindTouch(msgspec.Struct, frozen=True, tag=True):
+class FindTouch(Situation, frozen=True, tag=True):
     """Straight ways down of the fingers, `width_m` [m] apart, until their tips are at a point (3,) in the world.
 
     Answer: `Approaches`. The object that is touched, or pressed, and what moves with it are no obstacles.
     """
 
-    world: World
     object: str
     at_m: tuple[float, float, float]
-    q_rad: Array
-    seed: int
     ignore: tuple[str, ...] = ()
     hover_m: float = 0.06
     width_m: float = 0.0
     count: int = 4
 
 
-class PlanMove(msgspec.Struct, frozen=True, tag=True):
+class PlanMove(Situation, frozen=True, tag=True):
     """A collision-free timed motion to any of several postures (m, n_joints). Answer: `Motion`.
 
     Attributes:
@@ -210,10 +202,7 @@ class PlanMove(msgspec.Struct, frozen=True, tag=True):
         width_m: Opening of the fingers on the way, without a payload [m]; as wide as they go if unset.
     """
 
-    world: World
-    q_rad: Array
     goals_rad: Array
-    seed: int
     payload: Payload | None = None
     ignore: tuple[str, ...] = ()
     speed: float = 1.0
@@ -242,12 +231,9 @@ class ShapeTransport(msgspec.Struct, frozen=True, tag=True):
     load: Load | None = None
 
 
-class CheckPosture(msgspec.Struct, frozen=True, tag=True):
+class CheckPosture(Situation, frozen=True, tag=True):
     """Contacts of a posture (n_joints,), of the robot itself and with the world. Answer: `Stance`."""
 
-    world: World
-    q_rad: Array
-    seed: int
     ignore: tuple[str, ...] = ()
 
 

@@ -145,7 +145,8 @@ class Preflight:
             return known[1], known[2]
         skill = self.skills[session.skill]
         chain = self._compile_bridges(skill)
-        policy, tools_of_agent = skill.policy, self._find_agent_tools(skill)
+        policy, loop = skill.policy, skill.loop
+        tools_of_agent = tuple(self.skills[name] for name in loop.tools) if loop is not None else ()
         seen = live.observations if policy is None else tuple(policy.observations)
         plan = AdapterPlan(
             target_adapter=f"target_adapter://{self.profile.kind}/{session.target}",
@@ -202,9 +203,6 @@ class Preflight:
             own = (each for each in chain if skill.action_space or each.address.startswith("target."))
             problems += (_locate_space(skill, each) for each in own)
         return problems
-
-    def _find_agent_tools(self, skill: SkillRuntime) -> tuple[SkillRuntime, ...]:
-        return tuple(self.skills[name] for name in skill.loop.tools) if skill.loop is not None else ()
 
     def _compile_bridges(self, skill: SkillRuntime) -> BridgeChain | tuple[Problem, ...]:
         """From the skill's action space to the target's; compiled once, since neither changes."""

@@ -187,7 +187,7 @@ class DryRun:
                 is_known = answer.leads_on and motion.then is not None and motion.then.relation == "inside"
                 way, known = answer.approaches[0], motion.then if is_known else None
                 if thorough:
-                    answer, ms = self._ask(PlanMove(world, q_rad, way.line_rad[:1], session.seed, speed=PATH_SPEED))
+                    answer, ms = self._ask(PlanMove(world, q_rad, session.seed, way.line_rad[:1], speed=PATH_SPEED))
                     trials.append(_judge(f"path to {motion.object}", answer, ms, proves=False))
                 grasped = foresee_payload(entity, way)
                 q_rad = way.line_rad[-1]

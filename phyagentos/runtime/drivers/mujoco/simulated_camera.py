@@ -8,7 +8,6 @@ To sense the recorded states of an evidence bundle again, open its model
     frame = cameras["overhead"].capture(data, time_s=12.5, rng=np.random.default_rng(1))
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -141,9 +140,9 @@ class SimulatedCamera:
 
 
 def open_cameras(
-    model: mujoco.MjModel, sensors: Sensors, *, seed: int, level: str = "", names: Sequence[str] = (), prefix: str = ""
+    model: mujoco.MjModel, sensors: Sensors, *, seed: int, level: str = "", prefix: str = ""
 ) -> dict[str, SimulatedCamera]:
-    """The cameras of sensors.yaml that a model can carry, all or those of `names`.
+    """The cameras of sensors.yaml that a model can carry.
 
     An empty `level` of noise is the file's choice; `prefix` is of the names of the robot that carries some of them.
 
@@ -154,7 +153,7 @@ def open_cameras(
     caster: Caster = RayCaster(model) if sensors.backend == "ray" else GraphicsCaster(model)
     cameras: dict[str, SimulatedCamera] = {}
     for name, sensor in sensors.cameras.items():
-        if sensor.camera is None or (names and name not in names):
+        if sensor.camera is None:
             continue
         try:
             cameras[name] = SimulatedCamera(model, name, sensor.camera, noise, caster, seed, prefix)

@@ -106,7 +106,7 @@ class PlanRoom(PlanningLeaf[Approaches]):
         if not (things := list_removable(self.context.session, now, name, then.name)):
             return self._leave()
         q_rad, seed = self.context.commands.q_rad, self.context.draw_seed(self.path)
-        return FindGrasps(self.world(), name, q_rad, seed, count=1, then=then, removable=things)
+        return FindGrasps(self.world(), q_rad, seed, name, count=1, then=then, removable=things)
 
     def on_answer(self, answer: Approaches) -> Status:
         """Write what has to go."""
