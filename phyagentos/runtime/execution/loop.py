@@ -133,7 +133,9 @@ class SessionLoop:
         except ExecutionError as error:
             return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error))
         finally:
-            self._account_for_rest()
+            with suppress(ExecutionError):  # the halt that follows meets a lost target, too
+                while self.handle.is_reporting:  # the target refused what was sent behind a refused command
+                    self._account()
 
     def _apply(self, points: SetPoints, result: TickResult, deadline_s: float) -> Outcome | None:
         """Send one control period; an outcome when a reported one violates a hold condition."""
@@ -206,12 +208,6 @@ class SessionLoop:
         context.note("intervention", "HOLD_VIOLATED", predicate=violated.text, because=violated.because)
         message = f"{violated.text} does not hold any more: {violated.because}"
         return Outcome(ended=Ended.SAFETY_STOP, code="HOLD_VIOLATED", leaf=sent.leaf, message=message)
-
-    def _account_for_rest(self) -> None:
-        """Record the periods that were sent before the end."""
-        with suppress(ExecutionError):  # the halt that follows meets a lost target, too
-            while self.handle.is_reporting:  # the target refused what was sent behind a refused command
-                self._account()
 
     def _describe_refusal(self, refusal: CommandRefused) -> Outcome:
         violation = refusal.violation

@@ -131,7 +131,7 @@ class FaultInjector:
             return []
         due = self._steps % LOOK_EVERY == 0
         self._steps += 1
-        begun = [self._activate(physics, fault) for fault in self._find_due(physics)] if due else []
+        begun = [self._begin(physics, self._resolve(physics, each)) for each in self._find_due(physics)] if due else []
         begun += self._repeat(physics)
         for activation in list(self._active):
             if physics.time_s >= activation.time_s + activation.duration_s:
@@ -168,11 +168,6 @@ class FaultInjector:
         near = when.gripper_near_m
         return near is None or bool(np.linalg.norm(physics.find_tcp()[0] - position) <= near)
 
-    def _activate(self, physics: Physics, fault: Fault) -> FaultActivation:
-        activation = self._resolve(physics, fault)
-        self._begin(physics, activation)
-        return activation
-
     def _repeat(self, physics: Physics) -> list[FaultActivation]:
         due = [activation for activation in self._recorded if physics.time_s >= activation.time_s - 1e-9]
         for activation in due:
@@ -180,7 +175,7 @@ class FaultInjector:
             self._begin(physics, activation)
         return due
 
-    def _begin(self, physics: Physics, activation: FaultActivation) -> None:
+    def _begin(self, physics: Physics, activation: FaultActivation) -> FaultActivation:
         self._active.append(activation)
         if activation.kind == "slip":
             physics.set_pad_friction(SLIPPERY)
@@ -188,6 +183,7 @@ class FaultInjector:
             physics.set_joint_friction(activation.body, SEIZED_NM)
         elif activation.kind == "push":
             physics.push(activation.body, np.array(activation.force_n))
+        return activation
 
     def _resolve(self, physics: Physics, fault: Fault) -> FaultActivation:
         """Draw all open parameters of a fault."""
