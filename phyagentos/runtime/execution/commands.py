@@ -1,7 +1,8 @@
 """One tick's channels become one control period of set-points.
 
 An unset channel holds its last set-point; when none is set there is no command and simulated time stands. An arm whose
-set-points still move when its channel is unset (its leaf was interrupted) brakes on a uniform ramp.
+set-points still move when its channel is unset (its leaf was interrupted) brakes on a uniform ramp. A motor that does
+not follow is seen in the report of every period.
 """
 
 import numpy as np

@@ -1,6 +1,7 @@
 """Approaches from wanted tool poses: the posture above, the straight line down, and their contacts.
 
 Compiled inverse kinematics screens many seeds, polishes the nearest candidates and follows lines.
+A touch is such a line down onto a point, as the middle of a button.
 """
 
 from collections import Counter

@@ -1,4 +1,4 @@
-"""A collision-free timed motion to any of several postures.
+"""A collision-free timed motion to any of several postures, or a straight motion of the tool through given poses.
 
 The path is searched on spheres, rounded, timed, and checked exactly in fine steps. A row in contact repeats the work,
 first with denser corners, then with larger spheres, then on the exact model in as fine steps, with another seed. A

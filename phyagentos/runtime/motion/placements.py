@@ -5,6 +5,9 @@ counted from the destination, are tried at each site, and those that lay its fac
 far as they can; where a wall is in their way, a little further than around the entity. Where the hand does not go down
 between the walls of a container, the entity is let go as little above its floor as is possible, if the walls keep what
 falls. Where its floor has no room, it comes to lie on what is there already, if the walls keep it.
+
+Where more still comes to the same container, sites beside which all of it has room are found first: a bounded search
+over rectangles, along the walls or across.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,6 +1,7 @@
 """The world as one target perceives it, and its one verb: `observe`, with a need.
 
-An answer stays valid until a command is carried out: at most one look a step.
+An answer stays valid until a command is carried out: at most one look a step. For scoring and for tests the world is
+the simulator's ground truth (`sensing: truth`).
 """
 
 from abc import ABC, abstractmethod

@@ -1,4 +1,7 @@
-"""Requests of one session to its policy, in a thread, since the session's loop must never block."""
+"""Requests of one session to its policy, in a thread, since the session's loop must never block.
+
+The scheme of an endpoint says the way: the project's own wire, openpi's, or a model in this process.
+"""
 
 import threading
 import time

@@ -1,4 +1,4 @@
-"""Transports of the project's own wire: `tcp://host:port`, `http://...` or `https://...`.
+"""The port of a policy, and transports of the project's own wire: `tcp://host:port`, `http://...` or `https://...`.
 
 Over tcp a message is its length (4 bytes, big-endian) and then its bytes; over HTTP it is the body of a POST, and the
 reply is the body of the answer.

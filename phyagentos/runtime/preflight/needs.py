@@ -1,4 +1,4 @@
-"""Needs of a skill against the offers of the target and the permissions of the site."""
+"""Needs of a skill, offers of the target, permissions of the site; the target as it runs against what is declared."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping

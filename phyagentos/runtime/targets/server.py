@@ -1,6 +1,9 @@
 """Serves one target, one client at a time: the main loop of a target process, over any transport.
 
 A client that disconnects loses its authority and the target halts; the next client finds the world unchanged.
+
+In real time, simulated time keeps pace with the wall clock, with or without commands: one is carried out when its
+control period is due, and without one in time the target halts and holds. Stop requests are read in every period.
 """
 
 import contextlib

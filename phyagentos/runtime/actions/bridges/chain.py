@@ -1,4 +1,4 @@
-"""A chain of bridges, applied to every chunk of a policy.
+"""The bridges from one action space to another: chosen, with every problem at once, and applied to every chunk.
 
 A malformed chunk, or one that jumps further than the target's velocity permits, is refused with a code. Only a clamp
 that the contract allows repairs, and is recorded.

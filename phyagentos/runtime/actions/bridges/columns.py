@@ -1,4 +1,7 @@
-"""The joints of a row: their order, columns that are dropped and joints that stand still, both declared."""
+"""Bridges of columns: joints in another order, dropped or standing still as declared; units, scale, gripper, range.
+
+Rows are projected into the target's range only where the source declares `clamp: true`; what changes is recorded.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

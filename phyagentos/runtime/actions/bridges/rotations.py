@@ -1,4 +1,7 @@
-"""Ways to write a rotation, and the bridge between them; scipy's `Rotation` does the mathematics."""
+"""Ways to write a rotation, and bridges: between them, from changes to postures, into another frame.
+
+scipy's `Rotation` does the mathematics.
+"""
 
 import warnings
 from dataclasses import dataclass

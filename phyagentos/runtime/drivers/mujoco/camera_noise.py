@@ -1,4 +1,7 @@
-"""Sensor noise on a perfect picture: motion, wavering edges, noisy and missing depth, noisy colour (`NoiseLevel`)."""
+"""Sensor noise on a perfect picture: motion, wavering edges, noisy and missing depth, noisy colour (`NoiseLevel`).
+
+What is measured pixel by pixel is compiled by numba; random numbers are drawn before.
+"""
 
 import numpy as np
 from numba import njit
