@@ -24,8 +24,7 @@ from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperR
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.settings.safety import as_numbers
 from phyagentos.protocol.world.faults import read_faults
-from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged
-from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged, compile_chain
 from phyagentos.runtime.actions.collision import PostureCollision
 from phyagentos.runtime.actions.guard import SafetyGuard
 from phyagentos.runtime.targets.wire import Command

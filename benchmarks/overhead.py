@@ -48,7 +48,7 @@ from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, SkillStatus, TickResult
-from phyagentos.runtime.perception.true_world import TrueWorld
+from phyagentos.runtime.perception.world_model import TrueWorld
 from phyagentos.runtime.targets.driver import TargetDriver
 from phyagentos.runtime.targets.handshake import greet, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog

@@ -20,7 +20,7 @@ from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.perception.true_world import TrueWorld
+from phyagentos.runtime.perception.world_model import TrueWorld
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget

@@ -25,10 +25,9 @@ from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.models.robot import name_actuator, read_profile
 from phyagentos.runtime.supervision.workers import end_with_parent
 from phyagentos.runtime.targets.handshake import Tokens
-from phyagentos.runtime.targets.realtime import serve_realtime
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
-from phyagentos.runtime.targets.server import serve
+from phyagentos.runtime.targets.server import serve, serve_realtime
 from phyagentos.runtime.targets.stop_listener import StopListener
 
 WIDTH = 26

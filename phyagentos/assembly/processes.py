@@ -17,9 +17,9 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.registries import locate_models, read_skill_registry, read_target_registry
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.estop import is_latched
-from phyagentos.protocol.settings.cameras import WORLD
 from phyagentos.protocol.settings.perception import Sensing, read_perception
 from phyagentos.protocol.settings.safety import TargetLimits, as_numbers
+from phyagentos.protocol.settings.sensors import WORLD
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.channel import SPIN_S, Channel, Link
 from phyagentos.runtime.targets.driver_registry import DriverSite
@@ -100,10 +100,9 @@ def find_sites(workspace: Workspace, world: str, clock: Clock) -> list[DriverSit
 
 def serve_one(site: DriverSite, socket: str, tokens: Tokens, pace_by: Clock | None, certificate: Path | None) -> None:
     """Serve the only target of a world."""
-    from phyagentos.runtime.targets.realtime import serve_realtime
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.served_target import ServedTarget
-    from phyagentos.runtime.targets.server import serve
+    from phyagentos.runtime.targets.server import serve, serve_realtime
     from phyagentos.runtime.targets.stop_listener import StopListener
 
     target, workspace = site.profile.target, site.workspace
@@ -274,7 +273,7 @@ def open_world_model(
 
     A real robot without a camera perceives itself, and nothing else.
     """
-    from phyagentos.runtime.perception.true_world import TrueWorld
+    from phyagentos.runtime.perception.world_model import TrueWorld
 
     if profile.kind == "real_robot" and not settings.sensors.cameras:
         return TrueWorld(target, handle, sensing="perceived", profile=profile)

@@ -51,7 +51,7 @@ def replay(
 ) -> int:
     """Show a policy once more what one was shown in a session, and compare the answers. Exit 1 where they differ."""
     from phyagentos.cli.history import read_ledger
-    from phyagentos.runtime.policies.replay import replay_exchanges
+    from phyagentos.runtime.policies.exchanges import replay_exchanges
 
     known = get_session(session, read_ledger(workspace, session).sessions)
     answers = replay_exchanges(workspace, known, endpoint, timeout_s)

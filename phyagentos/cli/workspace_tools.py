@@ -34,7 +34,7 @@ from phyagentos.cli.stopping import end, request, stop_all
 from phyagentos.cli.trusting import admit_python
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.capabilities.agent_loops import AgentCall
+from phyagentos.protocol.capabilities.skill_runtimes import AgentCall
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.documents.schema import read_text, read_yaml
 from phyagentos.protocol.sessions.agent_calls import CallFiles

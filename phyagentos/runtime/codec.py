@@ -17,12 +17,7 @@ MessageT = TypeVar("MessageT")
 
 
 class Codec(Generic[MessageT]):
-    """The messages of one direction.
-
-    Args:
-        kind: Their type; a union of tagged structs.
-        what: What they are called in errors.
-    """
+    """The messages of one direction: `kind` is their type, a union of tagged structs, `what` their name in errors."""
 
     def __init__(self, kind: Any, what: str) -> None:
         self._what = what

@@ -13,8 +13,7 @@ from phyagentos.protocol.sessions.evidence_manifest import check_bundle
 from phyagentos.protocol.sessions.looks import LookRole, read_pictures
 from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.protocol.world.scenes import read_scene
-from phyagentos.runtime.models.scene_start import find_start_problems
-from phyagentos.runtime.models.sight import explain_unseen
+from phyagentos.runtime.models.scene_start import explain_unseen, find_start_problems
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOT = (read_target(ROOT / "robots/panda/target.yaml"), ROOT / "robots/panda")

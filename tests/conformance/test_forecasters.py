@@ -19,8 +19,7 @@ from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.lookahead.forecaster import Case, ForecasterSite, open_forecaster
 from phyagentos.runtime.lookahead.service import ForecastService
-from phyagentos.runtime.perception.true_world import TrueWorld
-from phyagentos.runtime.perception.world_model import WORLD
+from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback

@@ -89,7 +89,7 @@ class Robot:
         from cyclonedds.sub import DataReader
         from cyclonedds.topic import Topic
 
-        from phyagentos.runtime.drivers.devices.go2_messages import define_messages
+        from phyagentos.runtime.drivers.devices.go2_bus import define_messages
 
         _, LowCmd, LowState = define_messages()
         domain = Domain(DOMAIN, CONFIGURATION)
@@ -182,7 +182,7 @@ class Listener:
         from cyclonedds.sub import DataReader
         from cyclonedds.topic import Topic
 
-        from phyagentos.runtime.drivers.devices.go2_messages import define_messages
+        from phyagentos.runtime.drivers.devices.go2_bus import define_messages
 
         self.frames, self._ended = [], threading.Event()
         self._domain = Domain(DOMAIN, CONFIGURATION)

@@ -11,7 +11,7 @@ from phyagentos.cli.why import explain_session
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.estop import Latch, latch
-from phyagentos.runtime.drivers.devices.go2_messages import compute_crc, define_messages
+from phyagentos.runtime.drivers.devices.go2_bus import compute_crc, define_messages
 from phyagentos.runtime.drivers.devices.specs import GO2
 from phyagentos.runtime.targets.conformance import CHECKS, EPOCH, SESSION, Subject
 from phyagentos.runtime.targets.wire import Ack, Begin, End, Loaded, LoadScene, Settle

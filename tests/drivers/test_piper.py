@@ -13,9 +13,9 @@ from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.specs import PIPER
 from phyagentos.runtime.targets.conformance import CHECKS, Reached, Subject
 from phyagentos.runtime.targets.handshake import Tokens, make_key
-from phyagentos.runtime.targets.realtime import serve_realtime
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
+from phyagentos.runtime.targets.server import serve_realtime
 from phyagentos.runtime.targets.stop_listener import StopListener
 from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocket
 from phyagentos.runtime.targets.wire import LoadScene

@@ -19,11 +19,10 @@ from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.actions.bridges.compilation import BRIDGES, compile_chain
+from phyagentos.runtime.actions.bridges.chain import BRIDGES, compile_chain
 from phyagentos.runtime.actions.bridges.tool_poses import describe_frames
-from phyagentos.runtime.policies.exchanges import read_arrays, read_exchanges
+from phyagentos.runtime.policies.exchanges import read_arrays, read_exchanges, replay_exchanges
 from phyagentos.runtime.policies.openpi_server import serve_openpi
-from phyagentos.runtime.policies.replay import replay_exchanges
 
 pytestmark = pytest.mark.journey
 

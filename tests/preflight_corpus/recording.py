@@ -47,8 +47,7 @@ def record(scene: str, target: str, library: Library, seed: int = SEED) -> Recor
     """Ask a simulated world, as the world process would hold it."""
     from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
     from phyagentos.runtime.models.robot import read_profile
-    from phyagentos.runtime.perception.true_world import TrueWorld
-    from phyagentos.runtime.perception.world_model import WORLD
+    from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.served_target import ServedTarget
 

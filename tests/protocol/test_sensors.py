@@ -4,8 +4,7 @@ import pytest
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import find_shipped_root
-from phyagentos.protocol.settings.cameras import CameraSettings, NoiseLevel
-from phyagentos.protocol.settings.sensors import read_sensors
+from phyagentos.protocol.settings.sensors import CameraSettings, NoiseLevel, read_sensors
 
 SHIPPED = find_shipped_root() / "protocol" / "sensors.yaml"
 CAMERA = "position_m: [0, 0, 1], target_m: [0.1, 0, 0], fovy_deg: 40"

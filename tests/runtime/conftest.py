@@ -25,7 +25,7 @@ from phyagentos.runtime.motion.requests import (
     Timing,
     Trajectory,
 )
-from phyagentos.runtime.perception.true_world import TrueWorld
+from phyagentos.runtime.perception.world_model import TrueWorld
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.recorder import Bundles

@@ -9,8 +9,7 @@ from msgspec.structs import replace
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.capabilities.agent_loops import AgentLoop
-from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
+from phyagentos.protocol.capabilities.skill_runtimes import AgentLoop, SkillRuntime, read_skill
 from phyagentos.protocol.sessions.agent_calls import CallFiles, Turn
 from phyagentos.protocol.sessions.evidence import TRACE
 from phyagentos.protocol.sessions.session import Ended, Limits

@@ -17,8 +17,7 @@ from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.motion.profile_checks import check_profile
-from phyagentos.runtime.perception.true_world import TrueWorld
-from phyagentos.runtime.perception.world_model import WORLD
+from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
 from phyagentos.runtime.preflight.arguments import iter_posture_problems
 from phyagentos.runtime.preflight.dry_run import DryRun
 from phyagentos.runtime.targets.receive_log import ReceiveLog

@@ -6,10 +6,9 @@ import msgspec
 import pytest
 
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange
-from phyagentos.protocol.capabilities.agent_loops import AgentLoop
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
-from phyagentos.protocol.capabilities.skill_runtimes import Needs, Parameter, SkillRuntime
+from phyagentos.protocol.capabilities.skill_runtimes import AgentLoop, Needs, Parameter, SkillRuntime
 from phyagentos.protocol.sessions.session import Scene, Session
 from phyagentos.protocol.settings.perception import read_perception
 from phyagentos.protocol.settings.runtime_contract import read_runtime_contract

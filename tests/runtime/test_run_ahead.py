@@ -10,8 +10,7 @@ from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.session import Ended, Limits
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.execution.leaf import Leaf, Role, Status
-from phyagentos.runtime.perception.true_world import TrueWorld
-from phyagentos.runtime.perception.world_model import Glance
+from phyagentos.runtime.perception.world_model import Glance, TrueWorld
 from phyagentos.runtime.targets import wire
 from tests.runtime.conftest import build_cube
 

@@ -10,7 +10,7 @@ import pytest
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
-from phyagentos.runtime.execution.open_criteria import find_open_criteria, is_marginal, is_start_marginal
+from phyagentos.runtime.execution.criteria import find_open_criteria, is_marginal, is_start_marginal
 from phyagentos.runtime.supervision.target_phase import Phase
 from phyagentos.runtime.supervision.target_supervisor import VERDICT_S, Supervision, TargetSupervisor
 from phyagentos.store.ledger import Ledger

@@ -11,7 +11,7 @@ from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
-from phyagentos.runtime.supervision import liveness, watchdog
+from phyagentos.runtime.supervision import limits, watchdog
 from phyagentos.runtime.targets import stop_listener
 from phyagentos.runtime.worker.orders import Reconcile, Renew, Run, Stop, encode
 from phyagentos.store.journal import Entry, Journal
@@ -34,7 +34,7 @@ class Beating(ScriptedWorker):
 
 @pytest.fixture(autouse=True)
 def quick_looks(monkeypatch):
-    monkeypatch.setattr(liveness, "LOOK_PERIOD_S", 0.01)
+    monkeypatch.setattr(limits, "LOOK_PERIOD_S", 0.01)
     monkeypatch.setattr(watchdog, "POLL_S", 0.02)
 
 

@@ -1,6 +1,7 @@
 """Skills: SKILL.md front matter in, SKILLRUNTIME.md out. Paper sections 3.4 and 3.6.
 
-A skill declares its needs, its guarantees and the tree that carries it out; it holds no code and no limits.
+A skill declares its needs, its guarantees and what carries it out, a tree, a policy or an agent that directs it call by
+call; it holds no code and no limits.
 """
 
 from pathlib import Path
@@ -10,7 +11,6 @@ import pydantic
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
-from phyagentos.protocol.capabilities.agent_loops import AgentLoop
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.documents.document import DocumentFormat, split_front_matter
 from phyagentos.protocol.documents.schema import Authored, Located, misfit, parse_library_yaml, read_text, validate
@@ -27,6 +27,46 @@ _NUMERIC: dict[str, tuple[type, ...]] = {
     "place": (str,),
     "posture": (str,),
 }
+
+
+class AgentCall(Authored):
+    """One decision of an agent.
+
+    Attributes:
+        call: `observe` the world as perceived; `invoke_tool`; `query_state`, whether a predicate is true; `wait` and
+            hold still; `finish` with a claim, which is recorded and never believed.
+        tool: Of `invoke_tool`, one of the session's tools.
+        arguments: Of the tool.
+        predicate: Of `query_state`.
+        seconds: Of `wait`, of the target's time [s].
+        claim: Of `finish`.
+        reason: Why, in words.
+        when: In a procedure, a predicate without whose truth the step is passed over.
+    """
+
+    call: Literal["observe", "invoke_tool", "query_state", "wait", "finish"]
+    tool: str = ""
+    arguments: dict[str, Any] = {}
+    predicate: str = pydantic.Field(default="", max_length=1000)
+    seconds: float = pydantic.Field(default=0.0, ge=0.0, le=60.0)
+    claim: Literal["success", "failure"] = "success"
+    reason: str = pydantic.Field(default="", max_length=1000)
+    when: str = ""
+
+
+class AgentLoop(Authored):
+    """How an agent directs a session.
+
+    Attributes:
+        tools: Skills with a tree that it may invoke.
+        calls: Most that it may make, refused ones included.
+        procedure: Steps of the embedded agent; without any an outside one decides (`paos mcp`).
+    """
+
+    tools: tuple[str, ...] = pydantic.Field(min_length=1)
+    calls: int = pydantic.Field(default=20, ge=1, le=1000)
+    procedure: tuple[AgentCall, ...] = ()
+
 
 ParameterType = Literal[
     "entity", "entities", "place", "point", "points", "posture", "number", "integer", "string", "boolean"

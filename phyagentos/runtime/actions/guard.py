@@ -25,13 +25,7 @@ CLAMPED = {ViolationCode.JOINT_POSITION: "CLAMPED_JOINT", ViolationCode.GRIPPER_
 
 @dataclass(frozen=True, slots=True)
 class Ruling:
-    """Result for one command.
-
-    Attributes:
-        command: The command to pass; None when it is refused.
-        violation: Why it was refused.
-        interventions: Changes by an authorised clamp.
-    """
+    """Result for one command: what passes, changed by authorised interventions at most, or why it is refused."""
 
     command: Command | None
     violation: Violation | None = None

@@ -30,13 +30,11 @@ DEFAULT_REACTIONS: Mapping[str, Reaction] = {
 
 @dataclass(frozen=True, slots=True)
 class GuardLimits:
-    """Bounds as arrays, one number per joint.
+    """Bounds as arrays, one number per joint [rad, rad/s]; reactions by code, refusal where absent.
 
     Attributes:
         shape: (rows, joints) of one control period.
         dt: Time between rows [s].
-        q_min: Least positions [rad]; `q_max` the greatest.
-        qd_max: Velocities [rad/s].
         step_max: Differences of two position rows [rad].
         change_max: Differences of two velocity rows [rad/s].
         bend_max: Second differences of position rows [rad].
@@ -44,10 +42,7 @@ class GuardLimits:
         jerk_sum_max: Sum over a period of the magnitudes of second differences of velocity rows [rad/s].
         box: Workspace, least and greatest corner [m].
         force_max_n: Of a finger.
-        period_min_s: Between two commands.
         validity_max_s: From a command to its expiry.
-        duration_max_s: Of a session's commands.
-        reactions: By code; refusal where absent.
     """
 
     shape: tuple[int, int]

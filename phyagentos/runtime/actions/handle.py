@@ -44,7 +44,6 @@ class CommandRefused(ExecutionError):
     Attributes:
         by: `guard`, `target`, or `handle` for an operation outside the session's manifest.
         violation: The guard's finding, None when the target refused.
-        reaction: `refuse`, or a stop by the target's own means.
     """
 
     def __init__(

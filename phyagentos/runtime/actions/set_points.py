@@ -10,13 +10,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class SetPoints:
-    """One control period, one row per physics step.
-
-    Attributes:
-        q_rad: (n_steps, n_joints) joint positions.
-        qd_rad_s: (n_steps, n_joints) joint velocities.
-        gripper_width_m: (n_steps,) openings.
-    """
+    """One control period, one row per physics step: (n_steps, n_joints) of the arm, (n_steps,) of the opening."""
 
     q_rad: Array
     qd_rad_s: Array

@@ -51,13 +51,7 @@ class ViolationCode(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """One refused command.
-
-    Attributes:
-        where: Joint or axis (`joint 4`, `x`), empty for the whole command.
-        unit: Of `found` and `limit`.
-        row: Row of the command, counted from 0; -1 for the whole command.
-    """
+    """One refused command; `where` is a joint or axis (`joint 4`, `x`); empty, and row -1, for the whole command."""
 
     code: ViolationCode
     where: str
@@ -74,12 +68,7 @@ class Violation:
 
 @dataclass(frozen=True, slots=True)
 class Intervention:
-    """One number that was changed as a contract or safety.yaml allows.
-
-    Attributes:
-        where: Joint or column (`joint2`, `x`, `gripper`).
-        row: Row of the command or chunk, counted from 0.
-    """
+    """One number of a row, changed as a contract or safety.yaml allows; `where` is a joint or column (`gripper`)."""
 
     code: str
     where: str

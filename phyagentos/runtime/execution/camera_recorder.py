@@ -15,13 +15,7 @@ from phyagentos.runtime.targets.wire import Capture, Frames
 
 
 class CameraRecorder:
-    """The pictures of one session.
-
-    Args:
-        cameras: Names of sensors.yaml.
-        rate_hz: At which they are kept, in simulated time [Hz].
-        control_period_s: Of the target [s].
-    """
+    """The pictures of one session, of cameras of sensors.yaml, kept at a rate in simulated time [Hz]."""
 
     def __init__(self, cameras: tuple[str, ...], rate_hz: float, control_period_s: float) -> None:
         self.request = Capture(cameras=cameras)

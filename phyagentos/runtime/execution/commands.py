@@ -1,28 +1,23 @@
 """One tick's channels become one control period of set-points.
 
 An unset channel holds its last set-point; when none is set there is no command and simulated time stands. An arm whose
-set-points still move when its channel is unset (its leaf was interrupted) brakes on a uniform ramp.
+set-points still move when its channel is unset (its leaf was interrupted) brakes on a uniform ramp. A motor that does
+not follow is seen in the report of every period.
 """
 
 import numpy as np
 
 from phyagentos.runtime.actions.set_points import Array, SetPoints
+from phyagentos.runtime.targets.wire import Step
 
 BRAKE_FRACTION = 0.5  # of the acceleration limit; leaves room for the guard's finite differences
+STALL_PERIODS = 5  # 0.1 s beyond the tracking limit: longer than any contact transient seen in free motion
 
 
 class CommandBuffer:
-    """Collects the channels of one tick.
+    """Collects the channels of one tick; an arm that is interrupted brakes within `acceleration_rad_s2` (n_joints,).
 
-    Args:
-        q_rad: (n_joints,) resting arm.
-        gripper_width_m: Resting opening.
-        acceleration_rad_s2: (n_joints,) limits, for braking.
-        n_steps: Rows of one control period.
-        step_s: Time between rows [s].
-
-    Attributes:
-        goes_on: Whether the period taken last is followed by one that its report cannot change.
+    `goes_on` is whether the period taken last is followed by one that its report cannot change.
     """
 
     def __init__(
@@ -89,14 +84,9 @@ class CommandBuffer:
 
 
 def compute_brake(q: Array, qd: Array, acceleration: Array, n_steps: int, step_s: float) -> tuple[Array, Array]:
-    """Rows that ramp the velocity down to zero: qd(t) = qd0 (1 - t / T), each joint within its limit.
+    """Rows that ramp the velocity `qd` (n_joints,) [rad/s], of which some is not zero, down to zero.
 
-    Args:
-        q: (n_joints,) set-point before them [rad].
-        qd: (n_joints,) its velocity, of which some is not zero [rad/s].
-        acceleration: (n_joints,) limits [rad/s^2].
-        n_steps: Rows of one control period.
-        step_s: Time between rows [s].
+    qd(t) = qd0 (1 - t / T), each joint within its limit; `q` (n_joints,) is the set-point before them [rad].
     """
     duration_s = float(np.max(np.abs(qd) / (BRAKE_FRACTION * acceleration)))
     t = np.minimum(np.arange(1, n_steps + 1) * step_s, duration_s)[:, None]  # (n_steps, 1)
@@ -110,3 +100,26 @@ def check_rows(name: str, rows: Array, shape: tuple[int, ...]) -> Array:
         strange = "" if found.shape != shape else f" with {found[~np.isfinite(found)][0]}"
         raise ValueError(f"{name}: expected finite numbers of shape {shape}, found shape {found.shape}{strange}")
     return found
+
+
+class Lag:
+    """How far the arm is behind its set-points; stalled when beyond the limit [rad] for `STALL_PERIODS`."""
+
+    def __init__(self, tracking_error_max_rad: float) -> None:
+        self._limit = tracking_error_max_rad
+        self._beyond = 0
+        self.worst_error_rad = 0.0
+
+    def begin(self) -> None:
+        """Forget earlier motions."""
+        self._beyond, self.worst_error_rad = 0, 0.0
+
+    def note(self, step: Step) -> None:
+        """Count one control period."""
+        self.worst_error_rad = max(self.worst_error_rad, step.tracking_error_rad)
+        self._beyond = self._beyond + 1 if step.tracking_error_rad > self._limit else 0
+
+    @property
+    def is_stalled(self) -> bool:
+        """Whether the arm does not follow."""
+        return self._beyond >= STALL_PERIODS

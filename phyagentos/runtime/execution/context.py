@@ -14,8 +14,7 @@ from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.seeds import compute_seed
-from phyagentos.runtime.execution.commands import CommandBuffer
-from phyagentos.runtime.execution.lag import Lag
+from phyagentos.runtime.execution.commands import CommandBuffer, Lag
 from phyagentos.runtime.perception.world_model import HAND, WorldModel
 from phyagentos.runtime.targets.wire import Description, Neighbour, Step
 
@@ -43,10 +42,8 @@ class SkillContext:
 
     Attributes:
         planner: Answers motion requests in its own process; simulated time stands while it plans.
-        commands: Takes a tick's set-points.
         initial: The world before the first command.
         lag: Of the arm behind its set-points.
-        cell: The other robots of its world.
         evidence: Folder of the session's bundle; None where none is kept.
         events: Events beside the tree so far.
     """

@@ -51,7 +51,6 @@ class HoldMonitor:
 
     Attributes:
         need: What the next sample has to show; everything where windows measured too coarsely to decide.
-        every: Control periods between samples.
         samples: The worst and the first unknown sample of each condition.
     """
 

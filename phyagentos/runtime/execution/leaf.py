@@ -67,13 +67,11 @@ class LeafError(PhyAgentOSError):
 
 
 class Leaf(Behaviour):
-    """One action or question of a skill.
+    """One action or question of a skill; `ROLE` stands in every trace event.
 
     Attributes:
-        ROLE: Its part in a skill; stands in every trace event.
         path: Slash-separated names from the root of the tree.
-        code: Coded reason of the latest failure, else empty.
-        message: One sentence about the latest result.
+        code: Coded reason of the latest failure, else empty; `message` is one sentence about the latest result.
         numbers: Measurements and decisions.
         activations: Number of starts.
     """

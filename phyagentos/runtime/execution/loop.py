@@ -27,12 +27,7 @@ LEASE_LOST = "lease_lost"  # a reason for an end: the watchdog has not renewed t
 
 @dataclass(frozen=True, slots=True)
 class EndRequest:
-    """Why a session is to end.
-
-    Attributes:
-        reason: `cancelled`, `timed_out`, `stalled`, `lease_lost`.
-        why: One sentence that names the limit; empty where none decided.
-    """
+    """Why a session is to end: `cancelled`, `timed_out`, `stalled` or `lease_lost`, and which limit, if any."""
 
     reason: str
     why: str = ""
@@ -74,11 +69,9 @@ class _Unreported:
 
 @dataclass(slots=True, kw_only=True)
 class SessionLoop:
-    """Runs one skill on one target.
+    """Runs one skill on one target; `handle` has authority for the session.
 
     Attributes:
-        handle: Has authority for the session.
-        holds: Conditions that must be true throughout.
         cancel: Polled every turn; a request ends the execution.
         clock: Bounds planning by the wall.
         observers: Called at every turn and every step.
@@ -140,7 +133,9 @@ class SessionLoop:
         except ExecutionError as error:
             return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error))
         finally:
-            self._account_for_rest()
+            with suppress(ExecutionError):  # the halt that follows meets a lost target, too
+                while self.handle.is_reporting:  # the target refused what was sent behind a refused command
+                    self._account()
 
     def _apply(self, points: SetPoints, result: TickResult, deadline_s: float) -> Outcome | None:
         """Send one control period; an outcome when a reported one violates a hold condition."""
@@ -213,12 +208,6 @@ class SessionLoop:
         context.note("intervention", "HOLD_VIOLATED", predicate=violated.text, because=violated.because)
         message = f"{violated.text} does not hold any more: {violated.because}"
         return Outcome(ended=Ended.SAFETY_STOP, code="HOLD_VIOLATED", leaf=sent.leaf, message=message)
-
-    def _account_for_rest(self) -> None:
-        """Record the periods that were sent before the end."""
-        with suppress(ExecutionError):  # the halt that follows meets a lost target, too
-            while self.handle.is_reporting:  # the target refused what was sent behind a refused command
-                self._account()
 
     def _describe_refusal(self, refusal: CommandRefused) -> Outcome:
         violation = refusal.violation

@@ -14,6 +14,7 @@ from phyagentos.runtime.execution.trajectory_player import Progress, TrajectoryP
 from phyagentos.runtime.motion.requests import (
     Approach,
     Approaches,
+    Array,
     FindLine,
     Motion,
     MotionAnswer,
@@ -258,13 +259,18 @@ class MovingLeaf(PlanningLeaf[Motion]):
         if not self._gives_way:
             return self.compose()
         home = np.asarray(self.context.profile.arm.home_rad, dtype=np.float64)
+        return self.request_move(home[None, :], self.find_held(), HOMEWARD)
+
+    @final
+    def request_move(self, goals_rad: Array, payload: Payload | None, speed: float) -> PlanMove:
+        """A motion through free space, from the present posture to one of `goals_rad` (k, n_joints)."""
         return PlanMove(
             world=self.world(),
             q_rad=self.context.commands.q_rad,
-            goals_rad=home[None, :],
+            goals_rad=goals_rad,
             seed=self.context.draw_seed(self.path),
-            payload=self.find_held(),
-            speed=HOMEWARD,
+            payload=payload,
+            speed=speed,
             width_m=self.context.step.target.gripper_width_m,
         )
 

@@ -5,8 +5,7 @@ from enum import StrEnum
 import numpy as np
 
 from phyagentos.errors import ExecutionError
-from phyagentos.runtime.execution.commands import CommandBuffer
-from phyagentos.runtime.execution.lag import Lag
+from phyagentos.runtime.execution.commands import CommandBuffer, Lag
 from phyagentos.runtime.execution.leaf import FailureCode
 from phyagentos.runtime.motion.requests import Trajectory
 from phyagentos.runtime.targets.wire import Step

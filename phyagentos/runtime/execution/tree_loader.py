@@ -157,12 +157,9 @@ class BuiltNode:
 
 @dataclass(frozen=True, slots=True)
 class BuiltTree:
-    """A tree that can be ticked.
+    """A tree that can be ticked; nodes are parents first.
 
-    Attributes:
-        nodes: All nodes, parents first.
-        output_keys: Key by output, of the outputs that a contract can carry.
-        values: Inputs and everything its leaves have written, by key.
+    `output_keys` has the key of each output that a contract can carry, `values` the inputs and what leaves wrote.
     """
 
     root: Behaviour

@@ -33,8 +33,7 @@ from phyagentos.runtime.execution.tree_loader import build_tree
 from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
 from phyagentos.runtime.lookahead.estimate import Array, BelievedWorld, believe_scene, settle_estimate
 from phyagentos.runtime.motion.process import Planner
-from phyagentos.runtime.perception.true_world import TrueWorld
-from phyagentos.runtime.perception.world_model import WORLD
+from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback

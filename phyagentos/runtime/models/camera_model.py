@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.geometry import compute_rotation
-from phyagentos.protocol.settings.cameras import CameraSettings
+from phyagentos.protocol.settings.sensors import CameraSettings
 from phyagentos.runtime.targets.wire import Crop
 
 Array = NDArray[np.float64]
@@ -102,12 +102,7 @@ def look_at(position_m: Array, target_m: Array, up: Array) -> Viewpoint:
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """A camera as it is fixed in one model.
-
-    Attributes:
-        lens: Of the whole picture.
-        body: Its carrier; 0 is the world.
-    """
+    """A camera with the lens of its whole picture, as it is fixed to a body of one model; body 0 is the world."""
 
     lens: Lens
     body: int

@@ -28,7 +28,9 @@ def draft_profile(path: Path, model: str, name: str) -> str:
         raise DefinitionError.of("NO_SERIAL_CHAIN", str(path), "no hinge", "an arm of hinges")
     last = int(compiled.jnt_bodyid[chain[-1]])
     fingers = [joint for joint in range(compiled.njnt) if joint not in chain and _is_below(compiled, joint, last)]
-    torque = [_find_torque(compiled, joint) for joint in chain]
+    limits = [float(np.abs(compiled.jnt_actfrcrange[joint]).max()) for joint in chain]
+    torque = [limit if limit > 0.0 else GUESSED_TORQUE_NM for limit in limits]
+    home = [float(compiled.jnt_range[joint].mean()) for joint in chain]  # zero where a joint turns without end
     names = [compiled.joint(joint).name for joint in chain]
     lines = [
         f"# Drafted from {path.name}; check every line that says check, then: paos robot check {name}",
@@ -39,7 +41,7 @@ def draft_profile(path: Path, model: str, name: str) -> str:
         "grasp_band_m: [0.3, 0.6]   # check: distances from the base between which things can be taken from above",
         "arm:",
         f"  joints: [{', '.join(names)}]",
-        f"  home_rad: {_show(_find_home(compiled, chain))}   # check: a posture in front of its work",
+        f"  home_rad: {_show(home)}   # check: a posture in front of its work",
         f"  velocity_rad_s: {_show([GUESSED_SPEED_RAD_S] * len(chain))}   # check: its data sheet",
         f"  acceleration_rad_s2: {_show([10.0] * len(chain))}",
         f"  jerk_rad_s3: {_show([5000.0] * len(chain))}",
@@ -80,16 +82,6 @@ def _is_below(model: mujoco.MjModel, joint: int, body: int) -> bool:
     while at not in {0, body}:
         at = int(model.body_parentid[at])
     return at == body and body != 0
-
-
-def _find_torque(model: mujoco.MjModel, joint: int) -> float:
-    limit = float(np.abs(model.jnt_actfrcrange[joint]).max())
-    return limit if limit > 0.0 else GUESSED_TORQUE_NM
-
-
-def _find_home(model: mujoco.MjModel, chain: Sequence[int]) -> list[float]:
-    """The middle of each range, zero where a joint turns without end."""
-    return [float(model.jnt_range[joint].mean()) for joint in chain]
 
 
 def _draft_tool(model: mujoco.MjModel, body: int, fingers: Sequence[int]) -> list[str]:

@@ -24,10 +24,9 @@ FAR_M = 1.0
 
 @dataclass(frozen=True, slots=True)
 class HandMotion:
-    """A gripper between closed and open.
+    """A gripper between closed and open; `joints` are all that move, those that follow included.
 
     Attributes:
-        joints: Every joint of it, those that follow included.
         widths_m: (k,) openings, ascending from closed.
         drive: (k,) length of the drive's tendon at each.
         postures: (k, n) joint positions at each.

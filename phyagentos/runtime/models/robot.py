@@ -140,9 +140,11 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
             name=pad.name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=pad.position_m, quat=pad.quaternion_wxyz, **_PAD
         ).size = pad.half_m
     if profile.tool is not None:
-        _add_tool(
-            _get_body(spec, profile.tool, path), profile.tcp, profile.tool, has_mount=spec.body(MOUNT) is not None
-        )
+        body, at = _get_body(spec, profile.tool, path), profile.tool
+        body.add_site(name=profile.tcp, pos=at.position_m, quat=at.quaternion_wxyz, group=4)
+        if spec.body(MOUNT) is None:
+            back = compute_rotation(at.quaternion_wxyz) @ (0.0, 0.0, -MOUNT_TO_TOOL_M)
+            body.add_body(name=MOUNT, pos=np.array(at.position_m) + back, quat=at.quaternion_wxyz)
     for body in spec.worldbody.bodies:
         body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
     if base is not None:
@@ -205,13 +207,6 @@ def _get_body(spec: mujoco.MjSpec, at: Frame, path: Path) -> "mujoco.MjsBody":
             [Problem.unknown("UNKNOWN_NAME", str(path), at.body, [each.name for each in spec.bodies])]
         )
     return body
-
-
-def _add_tool(body: "mujoco.MjsBody", name: str, at: Frame, *, has_mount: bool) -> None:
-    body.add_site(name=name, pos=at.position_m, quat=at.quaternion_wxyz, group=4)
-    if not has_mount:
-        back = compute_rotation(at.quaternion_wxyz) @ (0.0, 0.0, -MOUNT_TO_TOOL_M)
-        body.add_body(name=MOUNT, pos=np.array(at.position_m) + back, quat=at.quaternion_wxyz)
 
 
 def _iter_outside(path: Path, robots: Path) -> Iterator[Problem]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.geometry import compute_rotation, convert_euler, multiply, to_parent, turn
-from phyagentos.protocol.world.environment import UNNAMED, Entity, Interior, Mechanism, Pose, Region, Shape
+from phyagentos.protocol.world.environment import UNNAMED, Entity, Interior, Mechanism, Pose, Region, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_volume
 from phyagentos.protocol.world.scenes import Body, Joint, Material, SceneSpec, Solid
 from phyagentos.protocol.world.seeds import compute_seed
@@ -24,11 +24,11 @@ IDEAL_FRICTION = (1.0, 0.02, 0.001)  # where a scene names neither surface nor f
 GRIP_PRIORITY = 3  # above that of finger pads
 GRIP_SOLREF, GRIP_IMPEDANCE = (0.005, 1.0), (0.95, 0.99, 0.001)  # as the pads of the shipped gripper
 TEXTURE_PIXELS = 128  # plain patterns need no more, and every model carries them
-_GEOMS = {
-    "box": mujoco.mjtGeom.mjGEOM_BOX,
-    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
-    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+GEOM_TYPES = {
+    ShapeKind.BOX: mujoco.mjtGeom.mjGEOM_BOX,
+    ShapeKind.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
+    ShapeKind.CAPSULE: mujoco.mjtGeom.mjGEOM_CAPSULE,
+    ShapeKind.SPHERE: mujoco.mjtGeom.mjGEOM_SPHERE,
 }
 STICTION = (0.999, 0.9999, 0.001, 0.5, 2.0)  # MuJoCo's own (0.9, 0.95, ...) lets what hangs on a slide creep by 10 mm/s
 _BUILTIN = {
@@ -296,7 +296,7 @@ def _add_body(
     for index, (solid, volume) in enumerate(zip(item.shapes, volumes, strict=True)):
         geom = body.add_geom(
             name=_name_solid(item.name, index, bodies),
-            type=_GEOMS[solid.kind],
+            type=GEOM_TYPES[solid.kind],
             size=[*solid.size_m, 0.0, 0.0][:3],
             pos=solid.position_m,
             quat=convert_euler(solid.euler_rad),

@@ -1,6 +1,7 @@
 """Approaches from wanted tool poses: the posture above, the straight line down, and their contacts.
 
 Compiled inverse kinematics screens many seeds, polishes the nearest candidates and follows lines.
+A touch is such a line down onto a point, as the middle of a button.
 """
 
 from collections import Counter
@@ -15,8 +16,9 @@ from phyagentos.protocol.capabilities.targets import BASE_JOINTS
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
-from phyagentos.runtime.motion.poses import move_pose
-from phyagentos.runtime.motion.requests import Approach, Array, GoalPosture
+from phyagentos.runtime.motion.poses import move_pose, point_tool_down
+from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindTouch, GoalPosture, NoPlan
+from phyagentos.runtime.motion.robot_model import measure_tips
 from phyagentos.runtime.motion.tool_bounds import find_wall
 
 NEAR_HOME_SEEDS = 4
@@ -24,6 +26,7 @@ NEAR_HOME_SPREAD_RAD = 0.5
 UNIFORM_SEEDS = 10
 SAME_POSTURE_RAD = 0.05
 POSTURES_PER_WAY = 2  # branches of the inverse that are worth offering for one label
+TURNS_DEG = range(0, 360, 45)  # of the hand, which is longer than it is wide
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,14 +38,11 @@ class Way:
     the fingers go at its end.
 
     Attributes:
-        end: (4, 4) `world_T_tcp`.
-        hover_m: Distance from `end` at which the straight line begins [m].
+        end: (4, 4) `world_T_tcp`; the straight line to it begins `hover_m` [m] along `back` (3,), a unit direction.
         openings_m: Of the fingers when they hold, and when they do not.
         tolerate: Pairs whose contact is intended within `tolerate_m` [m] of the end.
-        site: (4, 4) pose of the held entity after a place.
-        fall_m: How far it falls there when it is let go.
+        site: (4, 4) pose of the held entity after a place; it falls there by `fall_m` [m] when it is let go.
         is_clear: Whether the fingers keep off what is tolerated while they are open.
-        back: (3,) unit direction in the world from `end` to where the line begins.
     """
 
     label: str
@@ -202,3 +202,27 @@ def _find_line(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningSc
         release_m=way.openings_m[1],
         fall_m=way.fall_m,
     )
+
+
+def find_touch(request: FindTouch, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Approaches | NoPlan:
+    """Ways that end with the fingertips at the point, the nearest first."""
+    x, y, z = request.at_m
+    tool_m = np.array((x, y, z + measure_tips(scene.robot)))
+    ways = [
+        Way(
+            label=f"touch+{degrees:03d}",
+            end=point_tool_down(np.radians(degrees), tool_m),
+            hover_m=request.hover_m,
+            openings_m=(request.width_m, request.width_m),
+            tolerate=frozenset(),
+            tolerate_m=0.0,
+        )
+        for degrees in TURNS_DEG
+    ]
+    screen = Screen(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
+    found = find_approaches(
+        ways, q_rad=request.q_rad, screen=screen, kinematics=kinematics, scene=scene, job=job, count=request.count
+    )
+    if found:
+        return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)
+    return job.fail("NO_IK", f"No straight way down brings the fingertips onto {request.object}.")

@@ -7,9 +7,8 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from phyagentos.runtime.motion.path import SHORTCUTS, Checker, Path, Query, find_straight
+from phyagentos.runtime.motion.path import RANGE_RAD, SHORTCUTS, Checker, Path, Query, cut, find_straight, measure
 from phyagentos.runtime.motion.requests import Array
-from phyagentos.runtime.motion.tree_search import RANGE_RAD, cut, measure
 
 
 class _EdgeValidator(ob.MotionValidator):  # type: ignore[misc]

@@ -13,13 +13,10 @@ class Cancelled(Exception):
 
 
 class Job:
-    """One running request.
+    """One running request; `rejected` counts candidates by reason, `goals` tell how each approach was solved.
 
-    Attributes:
-        rejected: Rejected candidates, counted by reason.
-        screened: Start postures of compiled inverse kinematics; `reached` of them reached their tool pose.
-        goals: How each approach was solved.
-        crowded_by: Other robots that were too near in a posture.
+    `screened` start postures of compiled inverse kinematics were tried, `reached` of them reached their tool pose;
+    `crowded_by` are other robots that were too near in a posture.
     """
 
     def __init__(self, *, clock: Clock, should_cancel: Callable[[], bool]) -> None:

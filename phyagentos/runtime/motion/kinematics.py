@@ -42,11 +42,7 @@ class Solution:
 
 
 class Kinematics:
-    """The inverse kinematics of one robot.
-
-    Attributes:
-        polished: Tolerance of goal postures.
-    """
+    """The inverse kinematics of one robot; `polished` is the tolerance of goal postures."""
 
     def __init__(self, robot: RobotModel, chain: Chain) -> None:
         self.chain = chain

@@ -1,4 +1,4 @@
-"""A collision-free timed motion to any of several postures.
+"""A collision-free timed motion to any of several postures, or a straight motion of the tool through given poses.
 
 The path is searched on spheres, rounded, timed, and checked exactly in fine steps. A row in contact repeats the work,
 first with denser corners, then with larger spheres, then on the exact model in as fine steps, with another seed. A
@@ -12,7 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
+from phyagentos.geometry import compute_matrix
+from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.job import Job
+from phyagentos.runtime.motion.kinematics import Kinematics, combine
 from phyagentos.runtime.motion.path import (
     ITERATIONS,
     ITERATIONS_CROWDED,
@@ -25,7 +28,18 @@ from phyagentos.runtime.motion.path import (
     round_corners,
 )
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
-from phyagentos.runtime.motion.requests import Array, Motion, NoPlan, PathSearch, PlanMove, Stages
+from phyagentos.runtime.motion.requests import (
+    Approach,
+    Approaches,
+    Array,
+    Differential,
+    GoalPosture,
+    Motion,
+    NoPlan,
+    PathSearch,
+    PlanMove,
+    Stages,
+)
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
 from phyagentos.runtime.motion.sphere_model import SphereArrays, SphereModel
 from phyagentos.runtime.motion.timing import Timed
@@ -42,6 +56,7 @@ ESCAPE_RADII_RAD = (0.05, 0.1, 0.2, 0.35)  # the nearest way out first
 ESCAPE_DIRECTIONS = 48  # tried at each radius
 ESCAPE_STEP_RAD = 0.02
 JOINT_END_RAD = 0.012  # a corner that is smoothed swings out; the guard refuses what is 0.01 from the end of a joint
+ROUNDING_PASSES = 6  # over rows 1 cm apart: a right angle is cut by some 5 mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,3 +235,41 @@ def leaves_contact(rows_rad: Array, touched: Sequence[Pair], scene: PlanningScen
             return False
         is_out = is_out or not contacts
     return is_out
+
+
+def follow_waypoints(
+    q_rad: Array, waypoints: Sequence[Pose], label: str, kinematics: Kinematics, scene: PlanningScene, job: Job
+) -> Approaches | NoPlan:
+    """One approach of this label from a posture (n_joints,) on straight lines through tool poses, or why there is none.
+
+    Contacts of the first posture are tolerated until the line leaves them: a lifted entity touches its table at first.
+    Corners are rounded by a few millimetres before the check, so that the arm passes without a stop.
+    """
+    rows, solved = [np.array(q_rad)], Differential(0, 0.0, 0.0)
+    for index, waypoint in enumerate(waypoints):
+        with job.stage("ik"):
+            part = kinematics.solve_line(rows[-1], compute_matrix(waypoint))
+        if part is None:
+            job.rejected["line"] += 1
+            return job.fail("NO_IK", f"The straight line to waypoint {index} leaves the workspace.")
+        rows.extend(part.q_rad[1:])
+        solved = combine(solved, part.solved)
+    if len(waypoints) > 1:
+        rounded = np.array(rows)
+        for _ in range(ROUNDING_PASSES):  # 1-2-1 with the neighbours, the ends kept
+            rounded = np.vstack((rounded[:1], (rounded[:-2] + 2.0 * rounded[1:-1] + rounded[2:]) / 4.0, rounded[-1:]))
+        rows = list(rounded)
+    with job.stage("check"):
+        tolerated = set(scene.find_contacts(rows[0]))
+        for q in rows[1:]:
+            contacts = set(scene.find_contacts(q))
+            if blocked := sorted(contacts - tolerated):
+                job.rejected[name_pair(blocked[0])] += 1
+                return job.fail("IN_COLLISION", f"The straight line runs into {name_pair(blocked[0])}.")
+            tolerated &= contacts
+    line = np.array(rows)
+    return Approaches(
+        approaches=(Approach(label=label, tcp_end=waypoints[-1], line_rad=line),),
+        timing=job.timing,
+        stages=Stages(goals=(GoalPosture(label, solved),)),
+    )

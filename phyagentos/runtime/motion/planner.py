@@ -16,13 +16,14 @@ from phyagentos.errors import format_hint, format_names
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.runtime.motion.approaches import find_touch
 from phyagentos.runtime.motion.chain import build_chain
 from phyagentos.runtime.motion.grasps import find_grasps, foresee_payload
 from phyagentos.runtime.motion.job import Cancelled, Job
 from phyagentos.runtime.motion.kinematics import Kinematics
-from phyagentos.runtime.motion.lines import find_line
-from phyagentos.runtime.motion.moves import TimeRows, find_escape, plan_move
+from phyagentos.runtime.motion.moves import TimeRows, find_escape, follow_waypoints, plan_move
 from phyagentos.runtime.motion.neighbours import NeighbourModel
+from phyagentos.runtime.motion.path import load_kernels
 from phyagentos.runtime.motion.placements import find_placements
 from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes, name_pair
 from phyagentos.runtime.motion.pushes import find_push
@@ -53,8 +54,6 @@ from phyagentos.runtime.motion.sphere_checker import SphereChecker
 from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, time_path
 from phyagentos.runtime.motion.tool_bounds import ANYWHERE, ToolBounds
-from phyagentos.runtime.motion.touches import find_touch
-from phyagentos.runtime.motion.tree_search import load_kernels
 
 REMOVED_MAX = 2  # entities that are moved out for one that comes in
 
@@ -83,17 +82,14 @@ class MotionPlanner:
 
     @classmethod
     def open(
-        cls,
-        profile_file: Path,
-        clock: Clock | None = None,
-        bounds: ToolBounds = ANYWHERE,
-        neighbours: Mapping[str, Path] | None = None,
+        cls, profile_file: Path, bounds: ToolBounds = ANYWHERE, neighbours: Mapping[str, Path] | None = None
     ) -> "MotionPlanner":
         """The planner of `robots/<name>/target.yaml`, whose tool centre point stays within `bounds`.
 
         `neighbours` are the profiles of other robots of its world, by name.
         """
-        return cls(validate(TargetProfile, read_yaml(profile_file)), profile_file.parent, clock, bounds, neighbours)
+        profile = validate(TargetProfile, read_yaml(profile_file))
+        return cls(profile, profile_file.parent, bounds=bounds, neighbours=neighbours)
 
     def answer(self, request: MotionRequest, should_cancel: Callable[[], bool] = lambda: False) -> MotionAnswer:
         """Carry out one request.
@@ -133,7 +129,8 @@ class MotionPlanner:
             case FindTouch():
                 return find_touch(request, self._kinematics, self._get_scene(request, job), job)
             case FindLine():
-                return find_line(request, self._kinematics, self._get_scene(request, job), job)
+                scene = self._get_scene(request, job)
+                return follow_waypoints(request.q_rad, request.waypoints, "line", self._kinematics, scene, job)
             case PlanMove():
                 load = None if request.payload is None else request.payload.load
                 time_rows = self._get_timer(self._limits.scale(request.speed, request.speed**2), load)

@@ -45,12 +45,10 @@ class PlanningScene:
     """A compiled planning model, posed as one world; exact collision checks.
 
     Attributes:
-        checks: Configurations checked since `pose`.
-        finest_rad: Edges are checked in steps of at most that, since `pose`.
+        checks: Configurations checked since `pose`, edges in steps of `finest_rad` at most.
         obstacles: Entities of the world that are not parked.
         crowd: Groups of spheres (k, 4) of other robots, by their names.
-        crowd_checks: Whether a posture (n_joints,) is clear of each.
-        crowded_by: Those of which one was not, since `pose`.
+        crowd_checks: Whether a posture (n_joints,) is clear of each; `crowded_by` are those of which one was not.
     """
 
     def __init__(self, robot: RobotModel, around: Sequence[Kinds], held: Kinds) -> None:

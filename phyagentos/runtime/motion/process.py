@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-from phyagentos.clock import Clock, SystemClock
+from phyagentos.clock import SystemClock
 from phyagentos.runtime.channel import SPIN_S, Child
 from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.motion.requests import Approaches, Cancel, MotionAnswer, MotionRequest, NoPlan, Timing
@@ -108,18 +108,13 @@ class PlannerProcess:
     """
 
     def __init__(
-        self,
-        profile_file: Path,
-        bounds: ToolBounds = ANYWHERE,
-        neighbours: Mapping[str, Path] | None = None,
-        *,
-        clock: Clock | None = None,
+        self, profile_file: Path, bounds: ToolBounds = ANYWHERE, neighbours: Mapping[str, Path] | None = None
     ) -> None:
         command = [sys.executable, "-m", "phyagentos.runtime.motion.process", "--profile", str(profile_file)]
         command += ["--bounds", msgspec.json.encode(bounds).decode()]
         command += [f"--neighbour={name}={file}" for name, file in (neighbours or {}).items()]
         self._start = partial(Child, command, spin_s=SPIN_S)
-        self._clock = clock or SystemClock()
+        self._clock = SystemClock()
         self._pending = False
         self._deadline_s: float | None = None
         self._child = self._start()

@@ -18,7 +18,7 @@ from phyagentos.protocol.world.predicates.geometry import compute_center, comput
 from phyagentos.runtime.motion.approaches import SAME_POSTURE_RAD, Screen
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
-from phyagentos.runtime.motion.lines import follow_waypoints
+from phyagentos.runtime.motion.moves import follow_waypoints
 from phyagentos.runtime.motion.planning_scene import PlanningScene, name_pair
 from phyagentos.runtime.motion.poses import interpolate_poses, point_tool_down, raise_pose, tilt_tool
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPush, NoPlan

@@ -36,12 +36,7 @@ class World(msgspec.Struct, frozen=True):
 class Load(msgspec.Struct, frozen=True):
     """What a held entity asks of the grip; each value stands at the bad end of its doubt.
 
-    Attributes:
-        mass_kg: The greatest it may weigh.
-        center_m: (3,) centre of mass in the tool frame.
-        gyration_m: Radius of gyration about the closing axis.
-        friction: The least against the pads.
-        press_n: The least force of a finger.
+    `center_m` (3,) is in the tool frame, `gyration_m` about the closing axis, `press_n` of a finger.
     """
 
     mass_kg: float
@@ -81,12 +76,7 @@ class Approach(msgspec.Struct, frozen=True):
 
 
 class Trajectory(msgspec.Struct, frozen=True):
-    """A timed motion, sampled at the physics step.
-
-    Attributes:
-        q_rad: (n, n_joints) positions; row 0 is one step after the start.
-        qd_rad_s: (n, n_joints) velocities; the last row is zero.
-    """
+    """A timed motion (n, n_joints), sampled at the physics step, from one step after the start to rest."""
 
     q_rad: Array
     qd_rad_s: Array
@@ -107,26 +97,29 @@ class Destination(msgspec.Struct, frozen=True):
     up: tuple[float, float, float] | None = None
 
 
+class Situation(msgspec.Struct, frozen=True):
+    """What a request for a way begins with: the world, the present posture (n_joints,), the seed of all its choices."""
+
+    world: World
+    q_rad: Array
+    seed: int
+
+
 GRASPS = 4  # that a skill chooses from
 
 
-class FindGrasps(msgspec.Struct, frozen=True, tag=True):
+class FindGrasps(Situation, frozen=True, tag=True):
     """Grasps of an object. Answer: `Approaches`. Other robots are no obstacles yet: the motion there avoids them.
 
     Attributes:
-        q_rad: (n_joints,) present posture.
         then: Where the object goes; grasps from which it can be put there come first.
         avoid: Labels of unwanted approaches.
-        hover_m: Length of the straight approach [m].
         count: Largest number of approaches, nearest first.
         along: (3,) direction in the world along which the fingers close; any if unset.
         removable: Entities that may be moved out of where the object goes; the answer names the fewest that must.
     """
 
-    world: World
     object: str
-    q_rad: Array
-    seed: int
     avoid: tuple[str, ...] = ()
     hover_m: float = 0.08
     count: int = GRASPS
@@ -135,12 +128,11 @@ class FindGrasps(msgspec.Struct, frozen=True, tag=True):
     removable: tuple[str, ...] = ()
 
 
-class FindPlacements(msgspec.Struct, frozen=True, tag=True):
+class FindPlacements(Situation, frozen=True, tag=True):
     """Placements of the payload in or on an entity or region, as `FindGrasps`. Answer: `Approaches`.
 
     Attributes:
-        destination: An entity with an interior, an entity to stand on (`relation` "on"), or a region.
-        relation: `inside` or `on`.
+        destination: An entity with an interior, an entity to stand on (`relation` "on", not "inside"), or a region.
         near: (3,) point; sites are at most `near_radius_m` from it.
         up: (3,) direction in the entity's frame that shall point up; as it is held if unset.
         may_fall: Whether it may be let go above the floor of a container whose walls keep it.
@@ -148,11 +140,8 @@ class FindPlacements(msgspec.Struct, frozen=True, tag=True):
         coming: Entities for which room is left where there is enough, if need be where something `removable` is.
     """
 
-    world: World
     payload: Payload
     destination: str
-    q_rad: Array
-    seed: int
     relation: str = "inside"
     near: tuple[float, float, float] | None = None
     near_radius_m: float = 0.12
@@ -165,74 +154,55 @@ class FindPlacements(msgspec.Struct, frozen=True, tag=True):
     removable: tuple[str, ...] = ()
 
 
-class FindLine(msgspec.Struct, frozen=True, tag=True):
-    """A straight tool motion from here through tool poses. Answer: `Approaches` with one approach, or `NoPlan`.
+class FindLine(Situation, frozen=True, tag=True):
+    """A straight tool motion from here through tool poses, the fingers `width_m` [m] apart; all open if unset.
 
-    Attributes:
-        width_m: Opening of the fingers on the way [m]; as wide as they go if unset.
+    Answer: `Approaches` with one approach, or `NoPlan`.
     """
 
-    world: World
-    q_rad: Array
     waypoints: tuple[Pose, ...]
-    seed: int
     payload: Payload | None = None
     ignore: tuple[str, ...] = ()
     width_m: float | None = None
 
 
-class FindPush(msgspec.Struct, frozen=True, tag=True):
-    """Straight pushes of an object by the fingers, `width_m` [m] apart. Answer: `Approaches`.
+class FindPush(Situation, frozen=True, tag=True):
+    """Straight pushes of an object by the fingers, `width_m` [m] apart, until its origin is at `to_m` (2,).
 
-    Attributes:
-        to_m: (2,) where its origin shall be, in the world.
-        ignore: Entities that move with it.
+    Answer: `Approaches`. What is to be ignored moves with it.
     """
 
-    world: World
     object: str
     to_m: tuple[float, float]
-    q_rad: Array
-    seed: int
     ignore: tuple[str, ...] = ()
     width_m: float = 0.0
     count: int = 4
 
 
-class FindTouch(msgspec.Struct, frozen=True, tag=True):
-    """Straight ways down of the fingers, `width_m` [m] apart, until their tips are at a point. Answer: `Approaches`.
+class FindTouch(Situation, frozen=True, tag=True):
+    """Straight ways down of the fingers, `width_m` [m] apart, until their tips are at a point (3,) in the world.
 
-    Attributes:
-        object: What is touched, or pressed: no obstacle.
-        at_m: (3,) where the tips shall be, in the world.
-        ignore: Entities that move with it.
+    Answer: `Approaches`. The object that is touched, or pressed, and what moves with it are no obstacles.
     """
 
-    world: World
     object: str
     at_m: tuple[float, float, float]
-    q_rad: Array
-    seed: int
     ignore: tuple[str, ...] = ()
     hover_m: float = 0.06
     width_m: float = 0.0
     count: int = 4
 
 
-class PlanMove(msgspec.Struct, frozen=True, tag=True):
-    """A collision-free timed motion to any of several postures. Answer: `Motion`.
+class PlanMove(Situation, frozen=True, tag=True):
+    """A collision-free timed motion to any of several postures (m, n_joints). Answer: `Motion`.
 
     Attributes:
-        goals_rad: (m, n_joints) acceptable end postures.
         ignore: Entities that are no obstacles.
         speed: Fraction of the velocity limits; acceleration scales with its square.
         width_m: Opening of the fingers on the way, without a payload [m]; as wide as they go if unset.
     """
 
-    world: World
-    q_rad: Array
     goals_rad: Array
-    seed: int
     payload: Payload | None = None
     ignore: tuple[str, ...] = ()
     speed: float = 1.0
@@ -261,12 +231,9 @@ class ShapeTransport(msgspec.Struct, frozen=True, tag=True):
     load: Load | None = None
 
 
-class CheckPosture(msgspec.Struct, frozen=True, tag=True):
+class CheckPosture(Situation, frozen=True, tag=True):
     """Contacts of a posture (n_joints,), of the robot itself and with the world. Answer: `Stance`."""
 
-    world: World
-    q_rad: Array
-    seed: int
     ignore: tuple[str, ...] = ()
 
 
@@ -338,8 +305,7 @@ class TimeScaling(msgspec.Struct, frozen=True, omit_defaults=True):
     """How a path became a timed motion.
 
     Attributes:
-        solver: `toppra`, `casadi`, or `quintic` for a motion too small for toppra.
-        status: The solver's own word.
+        solver: `toppra`, `casadi`, or `quintic` for a motion too small for toppra; `status` is its own word.
         solver_iterations: Of casadi's solver, fatrop.
         worst_tilt_rad: Of a vessel against its apparent gravity; `unshaped_` fields give toppra's alone.
         grip_share: Greatest share of what the grip bears, at the bad ends of its doubts.
@@ -370,11 +336,9 @@ class Stages(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Approaches(msgspec.Struct, frozen=True, tag=True):
-    """At least one approach, the nearest first.
+    """At least one approach, the nearest first; `gone` has to be moved away for what comes after it.
 
-    Attributes:
-        gone: What has to be moved away for what comes after it.
-        leads_on: Whether a way was found from the first one to where the object goes then.
+    `leads_on` is whether a way was found from the first one to where the object goes then.
     """
 
     approaches: tuple[Approach, ...]
@@ -408,10 +372,8 @@ class Stance(msgspec.Struct, frozen=True, tag=True):
 class NoPlan(msgspec.Struct, frozen=True, tag=True):
     """No plan exists, or none was found within the budget.
 
-    Attributes:
-        code: `NO_IK`, `IN_COLLISION`, `NO_PATH_FOUND`, `NO_FREE_SITE`, `UNKNOWN_ENTITY`, `TOO_WIDE`, `CANCELLED`, ...
-        rejected: Rejected candidates, counted by reason (`ik`, `line`, `link5|wall`).
-        neighbours: Other robots that were in the way.
+    `code` is `NO_IK`, `IN_COLLISION`, `NO_PATH_FOUND`, `NO_FREE_SITE`, `UNKNOWN_ENTITY`, `TOO_WIDE`, `CANCELLED`, ...
+    Candidates are counted by the reason of rejection (`ik`, `line`, `link5|wall`); `neighbours` were in the way.
     """
 
     code: str

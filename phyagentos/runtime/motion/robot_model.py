@@ -26,13 +26,10 @@ ROBOT_BIT, WORLD_BIT = 1, 2
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """The places of a finger in the hand over the opening, piece by piece.
+    """The places of a finger in the hand over the opening, piece by piece; each ends at `widths_m` (k,), ascending.
 
-    Attributes:
-        widths_m: (k,) the wider end of each piece, ascending.
-        positions_m: (k, 3) there.
-        ways: (k, 3) for a metre of opening.
-        turns: (k + 1, 4) quaternions wxyz at the ends of all pieces.
+    It is at `positions_m` (k, 3) there, and goes `ways` (k, 3) for a metre of opening; `turns` (k + 1, 4) are
+    quaternions wxyz at the ends of all pieces.
     """
 
     widths_m: Array
@@ -54,18 +51,15 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class RobotModel:
-    """One robot for planning scenes.
+    """One robot for planning scenes, its arm with a frozen hand and collision bits; copy `spec` before adding to it.
 
     Attributes:
-        spec: Arm and frozen hand, with collision bits; copy it before adding to it.
-        model: `spec` compiled.
         q_min_rad: (n_joints,) lower joint limits; `q_max_rad` likewise.
         mounting: The base and the first moving link, which stand on the mounting; wheels or legs of a base that moves.
         fingers: Bodies that the gripper moves, open in `spec`.
         jaws: Bodies that touch what is held: the fingers, and what carries a pad and stands still.
         hand: Bodies that move as one with the tool centre point.
-        tool: Body that carries the tool centre point.
-        bounds: Of where that point may be.
+        tool: Body that carries the tool centre point, which may be within `bounds`.
     """
 
     profile: TargetProfile

@@ -35,12 +35,10 @@ WALL_BAND_M = 0.02  # a wall is this near to the side of an interior
 
 @dataclass(frozen=True, slots=True)
 class Space:
-    """A level rectangle to put things on.
+    """A level rectangle to put things on, at the height of its support.
 
     Attributes:
-        center_m: (3,) its centre, at the height of the support.
-        yaw_rad: Direction of its first side.
-        half_m: (2,) half lengths of its sides.
+        yaw_rad: Direction of its first side; `half_m` (2,) are half lengths of its sides.
         supports: Entities that carry what stands there.
         walled: Whether its sides bound what stands there.
         depth_m: Height of the lowest of its four walls above the support; 0 where a side is open.
@@ -61,12 +59,9 @@ class Space:
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """A free point on the support for the middle of the payload.
+    """A free point (3,) on the support, in the world, for the middle of the payload.
 
-    Attributes:
-        point_m: (3,) in the world.
-        yaws: Those of the tool [degrees] that fit; None where any does.
-        is_tight: Whether the yaws that fit are still to be found.
+    `yaws` are those of the tool [degrees] that fit, None where any does; of a tight one they are still to be found.
     """
 
     name: str

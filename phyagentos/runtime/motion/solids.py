@@ -11,17 +11,11 @@ from msgspec.structs import replace
 from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.world.environment import Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
+from phyagentos.runtime.models.scene import GEOM_TYPES
 from phyagentos.runtime.motion.requests import Array
 
 Shapes = tuple[Shape, ...]
 Kinds = tuple[ShapeKind, ...]
-
-_GEOM_TYPES = {
-    ShapeKind.BOX: mujoco.mjtGeom.mjGEOM_BOX,
-    ShapeKind.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
-    ShapeKind.CAPSULE: mujoco.mjtGeom.mjGEOM_CAPSULE,
-    ShapeKind.SPHERE: mujoco.mjtGeom.mjGEOM_SPHERE,
-}
 
 
 class SolidBody:
@@ -71,7 +65,7 @@ def add_geoms(body: "mujoco.MjsBody", shapes: Sequence[Shape], contype: int, con
     """Add a geom for each solid to a body."""
     for shape in shapes:
         body.add_geom(
-            type=_GEOM_TYPES[shape.kind],
+            type=GEOM_TYPES[shape.kind],
             size=(*shape.size_m, 0.0, 0.0)[:3],
             pos=shape.pose.position_m,
             quat=shape.pose.quaternion_wxyz,

@@ -162,12 +162,8 @@ def sample_within_limits(
 ) -> Trajectory:
     """Sample a motion from rest to rest, slowed down until its finite differences respect the limits.
 
-    Args:
-        evaluate: Gives positions and velocities (k, n_joints) at times (k,) in 0..duration [s].
-        duration_s: Length of the motion before it is slowed down.
-        start_rad: (n_joints,) first posture.
-        end_rad: (n_joints,) last posture, reached exactly.
-        limits: Hard limits and sampling.
+    `evaluate` gives positions and velocities (k, n_joints) at times (k,) in 0..duration [s]; the last posture
+    `end_rad` (n_joints,) is reached exactly.
     """
     period_s = limits.step_s * limits.steps_per_command
     commands = int(np.ceil(duration_s / period_s - 1e-9))

@@ -55,9 +55,7 @@ STRIDE = 2  # samples between those that are measured
 class Care:
     """What a carry must respect; None where nothing is asked.
 
-    Attributes:
-        load: Of the grip.
-        tilt_max_rad: Greatest angle between an open vessel's axis and the apparent gravity [rad].
+    `tilt_max_rad` is the greatest angle between an open vessel's axis and the apparent gravity [rad].
     """
 
     load: Load | None = None
@@ -164,11 +162,8 @@ def _grip(f: Array, spin: Array, load: Load) -> Array:
 class _Path:
     """A path at both ends of its intervals, with what a payload feels as coefficients of b, a = s'' and 1.
 
-    Attributes:
-        q: Joint positions over the parameter.
-        grip: (3, 3, 2 n) shares of the grip.
-        vessel: (3, 3, 2 n) lateral, lateral and axial apparent gravity, the lateral ones over the tangent allowed.
-        budget: Share of the grip that may be used.
+    `grip` (3, 3, 2 n) are shares of the grip, of which `budget` may be used; `vessel` (3, 3, 2 n) lateral, lateral and
+    axial apparent gravity, the lateral ones over the tangent allowed.
     """
 
     q: CubicSpline

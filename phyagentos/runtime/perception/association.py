@@ -18,8 +18,7 @@ from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.world.environment import Entity, Status
 from phyagentos.runtime.perception.fitting import Fit, fit, track
 from phyagentos.runtime.perception.inventory import ObjectModel
-from phyagentos.runtime.perception.looks import measure_look
-from phyagentos.runtime.perception.naming import HUGE, assign, iter_exchanges
+from phyagentos.runtime.perception.naming import HUGE, assign, iter_exchanges, measure_look
 from phyagentos.runtime.perception.pieces import LINK_M, Piece, find_pieces
 from phyagentos.runtime.perception.segmentation import find_near_colors
 from phyagentos.runtime.perception.separate_overlaps import separate_overlaps
@@ -46,13 +45,9 @@ SIGHT_REACH_M = 0.5  # so much of it, before the thing
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Match:
-    """A thing's cluster.
+    """A thing's cluster: its points in the cloud and the pose that fits them.
 
-    Attributes:
-        fit: Its pose.
-        points: Indices of its points in the cloud.
-        alternatives: Names that it may have as well, sorted.
-        is_renamed: Whether the name was chosen among them now; otherwise it has followed the thing.
+    It may have the names `alternatives` as well; its own was chosen among them now, or has followed the thing.
     """
 
     fit: Fit

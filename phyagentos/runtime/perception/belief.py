@@ -15,8 +15,7 @@ from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import LIFTED_M, Change, Entity, Pose, Region, Shape, Status, TargetState
 from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.association import Match, associate, exchange_doubts
-from phyagentos.runtime.perception.bearing import find_bearing
-from phyagentos.runtime.perception.contents import count_balls
+from phyagentos.runtime.perception.contents import count_balls, find_bearing
 from phyagentos.runtime.perception.fitting import SURE_POINTS, Fit, choose_symmetric, is_upright, stand_up
 from phyagentos.runtime.perception.fixed_things import find_part, measure_fixed
 from phyagentos.runtime.perception.forms import Form
@@ -24,8 +23,7 @@ from phyagentos.runtime.perception.grip import Hand, carry, check_hand, find_hel
 from phyagentos.runtime.perception.inventory import ALIKE, Inventory, ObjectModel
 from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solids import Solids
-from phyagentos.runtime.perception.views import CameraView, Cloud, Views
-from phyagentos.runtime.perception.visibility import compute_sight
+from phyagentos.runtime.perception.views import CameraView, Cloud, Views, compute_sight
 
 SOURCE, FILLING = "rgbd", "rgbd filling"
 RIM_M = 0.008  # of a vessel: how far its filling may stand out, and how far its pose may be off

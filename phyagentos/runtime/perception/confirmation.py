@@ -1,23 +1,25 @@
-"""Whether a glance shows the belief: a thing that did not move is confirmed without another fit.
+"""Whether a glance shows the belief, and where to glance: a thing that did not move is confirmed without another fit.
 
 Two tests: the surface that faces the camera has its colour and its depth; and one step of the fit (`fitting`) leaves
 the pose unchanged.
 """
+
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation, compute_rotation_vector
 from phyagentos.protocol.sessions.looks import format_pointer
-from phyagentos.protocol.world.environment import Entity, Status
+from phyagentos.protocol.world.environment import Entity, SensorHealth, Status
 from phyagentos.runtime.perception.doubt import FREE
 from phyagentos.runtime.perception.fitting import Patch, refine
-from phyagentos.runtime.perception.inventory import ObjectModel
+from phyagentos.runtime.perception.inventory import Inventory, ObjectModel
 from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solid_distance import project
 from phyagentos.runtime.perception.solids import Array
-from phyagentos.runtime.perception.visibility import DEPTH_M, FACING
-from phyagentos.runtime.targets.wire import Frame
+from phyagentos.runtime.perception.views import DEPTH_M, FACING
+from phyagentos.runtime.targets.wire import Crop, Frame
 
 LOOKS_MIN = 2  # a pose from one look alone is worth another fit
 LEAST_PIXELS = 12  # of its colour, on its surface
@@ -26,6 +28,7 @@ MEASURED = 0.2  # of that surface: so much of it has a depth at least
 NEAR_M = 0.010  # of the believed surface
 OWN = 0.8  # of the pixels of its colour in the window: this near
 SHIFT_M, TURN_RAD = 0.003, 0.06  # one step of a fit that is less than this is noise
+MARGIN = 1.35  # of the ball around a thing: it may have moved a little, and what is beside it shows edges
 
 
 def is_settled(entity: Entity | None, thing: ObjectModel | None) -> bool:
@@ -96,3 +99,57 @@ def _point_at(
     u, v = int(columns.min()), int(rows.min())
     width, height = every * (int(columns.max()) - u + 1), every * (int(rows.max()) - v + 1)
     return format_pointer(frame.camera, frame.time_s, (left + every * u, top + every * v, width, height))
+
+
+def find_regions_of_interest(
+    names: Iterable[str],
+    entities: Mapping[str, Entity],
+    inventory: Inventory,
+    cameras: Mapping[str, SensorHealth],
+    most: int,
+) -> dict[str, Crop]:
+    """One region around all these things in each of the `most` cameras per thing that saw them best."""
+    boxes: dict[str, list[tuple[float, float, float, float]]] = {}
+    for name in names:
+        entity, thing = entities.get(name), inventory.things.get(name)
+        if entity is None or thing is None:
+            continue
+        for camera in _rank(entity, cameras)[:most]:
+            box = _project(entity, thing.diameter_m / 2 * MARGIN, thing.solids.center_m, cameras[camera])
+            if box is not None:
+                boxes.setdefault(camera, []).append(box)
+    regions = {camera: _bound(found, cameras[camera]) for camera, found in boxes.items()}
+    return {camera: region for camera, region in regions.items() if region is not None}
+
+
+def _rank(entity: Entity, cameras: Mapping[str, SensorHealth]) -> list[str]:
+    """Cameras by the thing's area in their latest pictures, largest first."""
+    areas = dict.fromkeys(cameras, 0)
+    for pointer in entity.evidence:
+        camera, _, rest = pointer.partition("@")
+        if camera in areas:
+            _, _, width, height = (int(part) for part in rest.partition(":")[2].split(","))
+            areas[camera] = width * height
+    return sorted(areas, key=lambda camera: (-areas[camera], camera))
+
+
+def _project(
+    entity: Entity, radius_m: float, center: Array, camera: SensorHealth
+) -> tuple[float, float, float, float] | None:
+    if camera.pose is None:
+        return None
+    middle = compute_rotation(entity.pose.quaternion_wxyz) @ center + np.array(entity.pose.position_m)
+    rotation = compute_rotation(camera.pose.quaternion_wxyz)
+    x, y, z = (rotation.T @ (middle - np.array(camera.pose.position_m))).tolist()
+    if z < 2 * radius_m:
+        return None
+    fx, fy, cx, cy = camera.focal_px
+    u, v = x / z * fx + cx, y / z * fy + cy
+    return u - radius_m / z * fx, v - radius_m / z * fy, u + radius_m / z * fx, v + radius_m / z * fy
+
+
+def _bound(boxes: list[tuple[float, float, float, float]], camera: SensorHealth) -> Crop | None:
+    left, top = max(0, int(min(box[0] for box in boxes))), max(0, int(min(box[1] for box in boxes)))
+    right = min(camera.size_px[0], int(max(box[2] for box in boxes)) + 2)
+    bottom = min(camera.size_px[1], int(max(box[3] for box in boxes)) + 2)
+    return (left, top, right - left, bottom - top) if right - left > 2 and bottom - top > 2 else None

@@ -28,11 +28,9 @@ FREE = np.ones(6)
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Standard deviations of a pose in one look: of its position [m] and of its turn [rad].
+    """Standard deviations (2,) of a pose in one look: of its position [m] and of its turn [rad].
 
-    Attributes:
-        total: (2,) of the look.
-        common: (2,) the part that all looks have in common.
+    `common` is the part that all looks have in common.
     """
 
     total: Array

@@ -20,8 +20,7 @@ from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solid_distance import linearise
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
-from phyagentos.runtime.perception.views import Cloud, Views
-from phyagentos.runtime.perception.visibility import Sight, compute_sight
+from phyagentos.runtime.perception.views import Cloud, Sight, Views, compute_sight
 
 HUBER_M = 0.004  # residuals beyond this count linearly: mixed pixels at edges
 DAMPING = 2.0  # of the normal equations, in points: what the points do not determine stays as it was
@@ -45,15 +44,11 @@ SUNK_COST, SUNK_FREE_M = 0.5, 0.003  # per metre of depth within another solid, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """A pose and its quality.
+    """A pose, `world_T_thing`, and its quality: how far it may be off is its doubt.
 
     Attributes:
-        rotation: (3, 3) `world_T_thing`.
-        position_m: (3,).
-        cost_m: Mean robust distance of the points, and the price of contradictions.
-        rms_m: Root mean square distance of the points.
+        cost_m: Mean robust distance of the points, and the price of contradictions; `rms_m` is root mean square.
         count: Of the points.
-        doubt: How far it may be off.
         freely: (3, 3) the rotation that the points alone give; `rotation` is upright where they do not contradict that.
         other_tilt_rad: Greatest difference of tilt to another pose that fits as well.
         stretch: Factor of its height.

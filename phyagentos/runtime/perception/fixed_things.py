@@ -16,8 +16,7 @@ from phyagentos.runtime.perception.association import Match
 from phyagentos.runtime.perception.clusters import find_clusters
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solids import Array, Solids
-from phyagentos.runtime.perception.views import Cloud, Views
-from phyagentos.runtime.perception.visibility import compute_sight
+from phyagentos.runtime.perception.views import Cloud, Views, compute_sight
 
 POINTS_MIN = 12  # fewer do not fix a place
 NEAR_M, STRETCH_M = 0.03, 0.05  # of the nominal surface, beside its reach: points may be of the body

@@ -26,11 +26,9 @@ TIMES = 4  # as many as of its own
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hand:
-    """The gripper of one target.
+    """The gripper of one target; what it touches is at most `reach_m` from the middle between the pads.
 
-    Attributes:
-        reach_m: A touched thing's surface is at most so far from the middle between the pads.
-        find_middle: Place of that middle along the closing axis, from the tool centre point [m], at an opening [m].
+    `find_middle` gives the place of that along the closing axis, from the tool centre point [m], at an opening [m].
     """
 
     target: str

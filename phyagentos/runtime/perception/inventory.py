@@ -30,24 +30,20 @@ WHITE = (1.0, 1.0, 1.0, 1.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectModel:
-    """One body of the scene as it can be recognised.
+    """One body of the scene as it can be recognised; points, axes and rotations of it are in its own frame.
 
     Attributes:
-        template: The entity; its pose is the nominal one.
-        solids: Visible solids, decor included, in its own frame.
+        solids: Visible solids, decor included.
         colors: (k,) palette indices of its solids, the main one first.
         reach_m: (3,) greatest distance of a fixed body from its nominal place; None for what may be anywhere.
-        yaw_span_rad: Width of the span of its yaw.
         frame: Body in whose frame the nominal place of a fixed body is meant; None for the world.
         vessel: The open vessel that it fills; such things are distinguished only outside of it.
         stretch: Least and greatest factor of its height.
         symmetries: (m, 3, 3) rotations that leave its form unchanged.
-        samples_m: (n, 3) points of its surface.
-        normals: (n, 3) of these.
-        diameter_m: Of its bounding sphere.
+        samples_m: (n, 3) points of its surface, with `normals` (n, 3).
         width_m: The middle one of its three extents.
-        turns: (3, k) axes, in its own frame, about which a turn changes its form.
-        lookalikes: Rotations (3, 3) with shifts (3,), in its own frame, that nearly repeat its form.
+        turns: (3, k) axes about which a turn changes its form.
+        lookalikes: Rotations (3, 3) with shifts (3,) that nearly repeat its form.
         path: Where it can be at all, as a part of a mechanism; None for others.
         alike: Names of other things that no picture tells from it.
         look: Of each side, (k, 4) colours with their shares; empty where one describes it, or none is known.
@@ -108,14 +104,10 @@ class Inventory:
     """All prior knowledge of one scene that perception is given.
 
     Attributes:
-        prior: How much that is.
         things: To be found, by name, in the file's order.
         articulated: Located by their handles, by name.
-        known: Bodies of the map.
-        map_parts: What they look like, by name.
-        map: All solids of the map, in the world.
-        map_colors: Palette indices of the map.
-        like_map: Other palette indices that resemble these.
+        known: Bodies of the map; `map_parts` tell what they look like, `map` has all their solids in the world.
+        map_colors: Palette indices of the map; `like_map` are others that resemble these.
         palette: (k, 3) colours of all surfaces, 0..1.
         is_of_thing: (256,) whether a thing to be found, or a ball, has the colour of this index.
         balls: Radius [m] and number of small balls by palette index; empty where another thing has such a colour.

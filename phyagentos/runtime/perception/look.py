@@ -42,8 +42,7 @@ class Look(msgspec.Struct, kw_only=True, omit_defaults=True, eq=False):
         captures: Requests to the cameras, and their frames.
         moments: Later times [s] and states that were read during the look (realtime).
         states: Earlier times [s] and states that frames were matched with.
-        file: Its path once written; empty in the file itself.
-        sha256: Of that file.
+        file: Its path once written, empty in the file itself; `sha256` is of that file.
     """
 
     phy: str

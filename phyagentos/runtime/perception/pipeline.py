@@ -18,13 +18,17 @@ from phyagentos.protocol.world.environment import Entity, Environment, SensorHea
 from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.belief import find_changes, follow_hand, lose_sight, read_regions, update_belief
 from phyagentos.runtime.perception.confirmation import confirm
-from phyagentos.runtime.perception.displacement import find_disagreeing, find_displaced, note_displaced
 from phyagentos.runtime.perception.grip import Hand
 from phyagentos.runtime.perception.inventory import Inventory
-from phyagentos.runtime.perception.motion_in_view import has_moved_in_view
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.segmentation import Colorless, Palette, Segmenter
-from phyagentos.runtime.perception.sensor_health import assess
+from phyagentos.runtime.perception.sensor_health import (
+    assess,
+    find_disagreeing,
+    find_displaced,
+    has_moved_in_view,
+    note_displaced,
+)
 from phyagentos.runtime.perception.strangers import find_strangers, is_stranger
 from phyagentos.runtime.perception.supports import measure_supports, replace_surface
 from phyagentos.runtime.perception.views import CameraView, drop_stray, find_cloud, make_view
@@ -70,14 +74,8 @@ class Pipeline:
     ) -> Environment:
         """The world after a look at `time_s`; a belief of another episode is ignored.
 
-        Args:
-            frames: Of the cameras.
-            state: The target's own state now.
-            scene: Name, seed and episode.
-            time_s: Now [s].
-            before: The last belief.
-            focus: Things that the frames are windows of; empty for whole frames.
-            find_state: The target's own state at an earlier time [s]; always `state` when absent.
+        The frames are windows of the things in `focus`, or whole ones; `state` is the target's own now, `find_state`
+        tells it at an earlier time [s].
         """
         known = before if before is not None and before.episode == scene.episode else None
         entities = dict(known.entities) if known is not None else {}

@@ -12,16 +12,12 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import ShapeKind, TargetState
 from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.robot import build_robot
+from phyagentos.runtime.models.scene import GEOM_TYPES
 from phyagentos.runtime.perception.solids import Array, Solids
 
 LINK_M = 0.012  # links are drawn up to this much thicker than their collision solids, and cameras stand askew
 TIP_M = 0.006  # the fingers are close to what they hold
-_KINDS = {
-    int(mujoco.mjtGeom.mjGEOM_BOX): ShapeKind.BOX,
-    int(mujoco.mjtGeom.mjGEOM_CAPSULE): ShapeKind.CAPSULE,
-    int(mujoco.mjtGeom.mjGEOM_CYLINDER): ShapeKind.CYLINDER,
-    int(mujoco.mjtGeom.mjGEOM_SPHERE): ShapeKind.SPHERE,
-}
+_KINDS = {int(geom): kind for kind, geom in GEOM_TYPES.items()}
 
 
 class RobotMask:

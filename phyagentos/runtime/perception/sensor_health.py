@@ -1,18 +1,29 @@
-"""Health of a camera: its frames arrive, advance in time, and do not repeat the same picture.
+"""Health of a camera: its frames arrive, advance in time, do not repeat the same picture, and agree with the map.
 
 The noise of a real sensor never repeats: two pictures that are equal bit for bit are one. Between whole pictures a
 small window of each camera is probed now and then, which detects a frozen camera before the next look. A sensor without
-declared noise may show a still scene twice; it is frozen where its picture stays although the robot has moved in it
-(`motion_in_view`).
+declared noise may show a still scene twice; it is frozen where its picture stays although the robot has moved through
+what it shows, or has carried the camera along. While the robot stands still, no picture proves anything.
+
+A displaced camera disagrees with the map, or with the other cameras: a shift along a plane of the map leaves its points
+on it, and they differ from the other cameras' in the things then.
 """
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import msgspec
 import numpy as np
 
-from phyagentos.protocol.world.environment import SensorHealth
+from phyagentos.geometry import compute_rotation, compute_rotation_vector
+from phyagentos.protocol.world.environment import Entity, Pose, SensorHealth, Status, TargetState
+from phyagentos.runtime.perception.forms import sample_surface
+from phyagentos.runtime.perception.inventory import ObjectModel
+from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.perception.solid_distance import project
+from phyagentos.runtime.perception.solids import Array, Solids
+from phyagentos.runtime.perception.views import DEPTH_M, FACING, CameraView, Cloud, make_view
 from phyagentos.runtime.targets.wire import Crop, Frame, Frames
 
 Proof = Callable[[Frame, SensorHealth], bool]
@@ -22,6 +33,17 @@ SAME_S = 1e-6  # stamps this near to each other are one
 AHEAD_S = 0.005  # no frame is from the future
 PROBE_PX = 12  # side of the window in the middle of a picture: a few hundred numbers with noise never repeat
 REPEATED = "a new stamp on the same picture"
+DISPLACED = "displaced"
+KEPT_S = 10.0  # for so long a camera that was displaced is not believed
+EVERY = 4  # of so many rows and columns one is read
+NEAR_M = 0.08  # farther from the map points are of something else
+TILES = 4  # along each side of a picture
+TILE_POINTS = 15  # with fewer a tile is not read
+NOISE = 2.5  # median deviations of the points of a tile
+SAMPLES = 8  # so many more points of the robot that are absent than when the picture was new
+REACH_M, POINTS_MIN = 0.05, 40  # of a thing, within which points of its colour are its own; with fewer none is compared
+OFF_M, TIMES = 0.005, 2.5  # no calibration errs by so much where that of another camera errs so many times less
+CARRIED_M, CARRIED_RAD = 0.002, 0.002  # by which the camera itself was moved
 
 
 def assess(
@@ -120,3 +142,118 @@ def _turn(was: SensorHealth | None, status: str, now_s: float, detail: str) -> S
     """A camera that enters a status, or is still in it."""
     since_s = was.since_s if was is not None and was.status == status else now_s
     return msgspec.structs.replace(was or SensorHealth(), status=status, since_s=since_s, detail=detail)
+
+
+def find_displaced(
+    frames: Sequence[Frame],
+    before: Mapping[str, SensorHealth],
+    health: Mapping[str, SensorHealth],
+    map_solids: Solids,
+    time_s: float,
+) -> tuple[tuple[Frame, ...], dict[str, SensorHealth]]:
+    """The frames of cameras that stand where they say at `time_s`, and the health of all cameras after that `before`.
+
+    One that was displaced is not believed again for `KEPT_S`.
+    """
+    off_m = {frame.camera: _measure_offset(frame, map_solids) for frame in frames}
+    least_m = min(off_m.values(), default=0.0)
+    after = dict(health)
+    for camera in off_m:
+        was = before.get(camera)
+        if was is not None and was.status == DISPLACED and time_s - was.since_s < KEPT_S:
+            after = note_displaced(after, camera, was.detail, was.since_s)
+    for camera, each_m in off_m.items():
+        if each_m > max(OFF_M, TIMES * least_m):
+            after = note_displaced(after, camera, "its depth disagrees with the map", time_s)
+    return tuple(frame for frame in frames if after[frame.camera].status != DISPLACED), after
+
+
+def find_disagreeing(
+    things: Mapping[str, ObjectModel], entities: Mapping[str, Entity], views: Sequence[CameraView], cloud: Cloud
+) -> str:
+    """The camera whose points of the things lie farthest from where all cameras together see these.
+
+    Empty where none errs by much more than another, or only two are left, of which either may err.
+    """
+    away_m: list[list[Array]] = [[] for _ in views]
+    for name, thing in things.items():
+        entity = entities.get(name)
+        if entity is None or not thing.template.movable or entity.status is not Status.SEEN:
+            continue
+        own = cloud.take(cloud.colors == thing.colors[0])
+        rotation = compute_rotation(entity.pose.quaternion_wxyz)
+        distance = np.abs(thing.solids.measure((own.points_m - entity.pose.position_m) @ rotation))
+        for index in range(len(views)):
+            away_m[index].append(distance[(own.view_index == index) & (distance < REACH_M)])
+    joined = {view.camera: np.concatenate([*each, np.zeros(0)]) for view, each in zip(views, away_m, strict=True)}
+    off_m = {camera: float(np.median(each)) for camera, each in joined.items() if len(each) >= POINTS_MIN}
+    worst = max(off_m, key=lambda camera: off_m[camera], default="")
+    is_odd = len(off_m) > 2 and off_m[worst] > max(OFF_M, TIMES * min(off_m.values()))
+    return worst if is_odd else ""
+
+
+def note_displaced(
+    health: Mapping[str, SensorHealth], camera: str, detail: str, since_s: float
+) -> dict[str, SensorHealth]:
+    """The health of all cameras, of which one is displaced."""
+    return {**health, camera: msgspec.structs.replace(health[camera], status=DISPLACED, since_s=since_s, detail=detail)}
+
+
+def _measure_offset(frame: Frame, map_solids: Solids) -> float:
+    """Median, over the tiles of a picture, of the distance between points on the map and its surface [m].
+
+    0 where it is no more than such noisy points may err: a camera that measures coarsely is calibrated coarsely.
+    """
+    depth = frame.depth_m[::EVERY, ::EVERY]
+    rows, columns = np.nonzero(np.isfinite(depth))
+    if not len(rows) or not map_solids.kinds:
+        return 0.0
+    z = depth[rows, columns].astype(np.float64)
+    across = (columns * EVERY + 0.5 - frame.cx) / frame.fx * z
+    down = (rows * EVERY + 0.5 - frame.cy) / frame.fy * z
+    pose = frame.world_T_camera
+    points = np.column_stack((across, down, z)) @ compute_rotation(pose.quaternion_wxyz).T + pose.position_m
+    away = map_solids.measure(points)
+    height, width = depth.shape
+    tile = TILES * (TILES * rows // height) + TILES * columns // width
+    tile[np.abs(away) > NEAR_M] = -1
+    read = [away[tile == k] for k in range(TILES * TILES) if (tile == k).sum() > TILE_POINTS]
+    if not read:
+        return 0.0
+    middles = [_find_median(each) for each in read]
+    off_m = _find_median(np.abs(middles))
+    noise_m = _find_median(np.array([_find_median(np.abs(each - m)) for each, m in zip(read, middles, strict=True)]))
+    return off_m if off_m > NOISE * noise_m else 0.0
+
+
+def _find_median(values: Array) -> float:
+    """Median of finite values (n,); numpy's own checks take three times as long."""
+    middle = len(values) // 2
+    parts = np.partition(values, (max(middle - 1, 0), middle))
+    return float(parts[middle]) if len(values) % 2 else float((parts[middle - 1] + parts[middle]) / 2.0)
+
+
+def has_moved_in_view(frame: Frame, was: SensorHealth, robot: RobotMask, state: TargetState) -> bool:
+    """Whether a picture equal to an earlier one should differ from it; `state` is the robot's at its stamp."""
+    if was.pose is None or not was.shown_rad:
+        return False
+    if _is_carried(was.pose, frame.world_T_camera):
+        return True
+    view = make_view(frame)
+    then = msgspec.structs.replace(state, q_rad=was.shown_rad)
+    return _count_absent(view, robot, state) > _count_absent(view, robot, then) + SAMPLES
+
+
+def _is_carried(was: Pose, pose: Pose) -> bool:
+    moved_m = float(np.linalg.norm(np.subtract(pose.position_m, was.position_m)))
+    turned = compute_rotation(pose.quaternion_wxyz) @ compute_rotation(was.quaternion_wxyz).T
+    return moved_m > CARRIED_M or float(np.linalg.norm(compute_rotation_vector(turned))) > CARRIED_RAD
+
+
+def _count_absent(view: CameraView, robot: RobotMask, state: TargetState) -> int:
+    """Points of the robot's surface that face the camera, and where it measures something behind them, or nothing."""
+    posed = robot.pose(state)
+    samples, normals = sample_surface(replace(posed, inflate_m=np.zeros_like(posed.inflate_m)))
+    here, camera = (np.eye(3), np.zeros(3)), (view.rotation, view.position_m)
+    v, u, depth, _ = project(samples, normals, here, camera, view.focal, view.nearest_m.shape, FACING)
+    return int((view.nearest_m[v, u] > depth + DEPTH_M).sum())

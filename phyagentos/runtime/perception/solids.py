@@ -23,13 +23,9 @@ _NUMBERS = {
 
 @dataclass(frozen=True, slots=True)
 class Solids:
-    """Primitive solids posed in one frame.
+    """Primitive solids posed in one frame: (k, 3, 3) `frame_T_solid` and (k, 3) positions, grown by `inflate_m` (k,).
 
-    Attributes:
-        sizes_m: Of each, as in MuJoCo.
-        rotations: (k, 3, 3) `frame_T_solid`.
-        positions_m: (k, 3).
-        inflate_m: (k,) growth of each [m].
+    `sizes_m` are as in MuJoCo.
     """
 
     kinds: tuple[ShapeKind, ...]

@@ -20,8 +20,7 @@ from phyagentos.runtime.perception.clusters import find_clusters
 from phyagentos.runtime.perception.doubt import SIGMA
 from phyagentos.runtime.perception.forms import sample_surface
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
-from phyagentos.runtime.perception.views import CameraView, Views, measure_points
-from phyagentos.runtime.perception.visibility import measure_sight
+from phyagentos.runtime.perception.views import CameraView, Views, measure_points, measure_sight
 from phyagentos.runtime.targets.wire import Frame
 
 PREFIX, SOURCE = "unknown_", "rgbd unexplained"

@@ -1,4 +1,8 @@
-"""From frames to labelled points of the world that belong neither to the map nor to the robot."""
+"""From frames to labelled points of the world that belong neither to the map nor to the robot, and what they show.
+
+Surface points of a believed thing that face a camera are compared with the measured depth: nearer means hidden, equal
+means confirmed, farther means that the camera sees through the believed surface.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation
-from phyagentos.runtime.perception.inventory import Inventory
+from phyagentos.runtime.perception.inventory import Inventory, ObjectModel
 from phyagentos.runtime.perception.segmentation import is_among
+from phyagentos.runtime.perception.solid_distance import project
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
 from phyagentos.runtime.targets.wire import Frame
 
@@ -19,20 +24,18 @@ MAP_LIKE_M = 0.007  # this near to the map and of a colour like its own: part of
 STEEP = 6.0  # tangent of the greatest slope on which neighbouring pixels surely share a surface
 SHARED = 2  # so many of a pixel's eight neighbours do
 _UNKNOWN = np.float32(np.inf)
+DEPTH_M = 0.010  # depths this close are the same surface
+FACING = 0.2  # cosine of the steepest surface that a camera can be expected to see
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraView:
-    """One camera at one moment, for visibility queries.
+    """One camera at one moment, `world_T_camera`, for visibility queries.
 
     Attributes:
-        time_s: Of the frame.
-        position_m: (3,) of the camera.
-        rotation: (3, 3) `world_T_camera`.
         focal: (fx, fy, cx, cy) [pixels].
         origin_px: Column and row of the frame's origin in the whole picture.
-        nearest_m: (h, w) least depth around each pixel; infinite where nothing was measured.
-        farthest_m: (h, w) greatest depth around each pixel; infinite where nothing was measured.
+        nearest_m: (h, w) least depth around each pixel, `farthest_m` the greatest; infinite where nothing was measured.
     """
 
     camera: str
@@ -50,15 +53,7 @@ Views = tuple[CameraView, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cloud:
-    """Unexplained points of the world.
-
-    Attributes:
-        points_m: (n, 3) in the world.
-        colors: (n,) index in the palette.
-        view_index: (n,) index of the camera.
-        pixels: (n, 2) column and row in its picture.
-        rgb: (n, 3) as measured.
-    """
+    """Unexplained points of the world, (n, 3), and each one's palette index, camera, and (column, row) in a picture."""
 
     points_m: Array
     colors: NDArray[np.uint8]
@@ -162,3 +157,40 @@ def _find_map(points: Array, colors: NDArray[np.uint8], inventory: Inventory) ->
         among = is_among(colors, lookalikes)
         found[among] = inventory.map.measure(points[among]) < margin
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """Points of a thing's surface over all cameras, measured at the expected depth, nearer, or farther."""
+
+    confirmed: int
+    hidden: int
+    contradicted: int
+
+    @property
+    def contradicted_fraction(self) -> float:
+        """Of the points that are not hidden."""
+        return self.contradicted / max(self.confirmed + self.contradicted, 1)
+
+
+def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, views: Views) -> Sight:
+    """Visibility of a thing in a pose."""
+    return measure_sight(thing.samples_m, thing.normals, rotation, position_m, views)
+
+
+def measure_sight(samples_m: Array, normals: Array, rotation: Array, position_m: Array, views: Views) -> Sight:
+    """Visibility of a posed surface, of which points (n, 3) and normals are in its own frame."""
+    pose = np.ascontiguousarray(rotation), position_m
+    confirmed = hidden = contradicted = 0
+    for view in views:
+        v, u, depth, _ = project(
+            samples_m, normals, pose, (view.rotation, view.position_m), view.focal, view.nearest_m.shape, FACING
+        )
+        near, far = view.nearest_m[v, u], view.farthest_m[v, u]
+        measured = np.isfinite(near)
+        through = measured & (near > depth + DEPTH_M)
+        before = measured & (far < depth - DEPTH_M)
+        contradicted += int(through.sum())
+        hidden += int(before.sum())
+        confirmed += int((measured & ~through & ~before).sum())
+    return Sight(confirmed, hidden, contradicted)

@@ -1,6 +1,7 @@
 """The world as one target perceives it, and its one verb: `observe`, with a need.
 
-An answer stays valid until a command is carried out: at most one look a step.
+An answer stays valid until a command is carried out: at most one look a step. For scoring and for tests the world is
+the simulator's ground truth (`sensing: truth`).
 """
 
 from abc import ABC, abstractmethod
@@ -8,14 +9,16 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import msgspec
+from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.looks import format_picture, get_picture, shows
 from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.world.descriptions import name_described
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.perception.look import FrameSource, Look
-from phyagentos.runtime.targets.wire import Capture, Frames, Step
+from phyagentos.runtime.targets.wire import Capture, Frames, Observation, Step
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +39,8 @@ class Need:
 class Glance:
     """Frames that are taken at the end of a period, while the next one is on its way.
 
-    Attributes:
-        things: To be confirmed where they are believed to be; none for a probe alone.
-        window: Shows them; None without things.
-        probe: Shows that the cameras are alive; None while an earlier proof lasts.
+    `window` shows the things that are to be confirmed where they are believed to be, None without any; `probe` shows
+    that the cameras are alive, None while an earlier proof lasts.
     """
 
     things: frozenset[str]
@@ -61,9 +62,7 @@ HAND = Need(only_hand=True)
 class WorldModel(ABC):
     """Perception of one target, whose state comes with the postures of its profile, where it has one.
 
-    Attributes:
-        looks: Whole looks since `enter`, after the latest one before it; empty without perception.
-        latest_look: The latest look, whole or partial.
+    `looks` are whole looks since `enter`, after the latest one before it; empty without perception.
     """
 
     def __init__(self, target: str, handle: FrameSource, profile: TargetProfile | None = None) -> None:
@@ -159,3 +158,43 @@ class WorldModel(ABC):
             world = msgspec.structs.replace(world, targets=world.targets | {self._target: state})
         self._present, self._is_looked_at = world, need.everything
         return world
+
+
+class TrueWorld(WorldModel):
+    """Reports what the handle's observations hold: the simulator's ground truth, or a robot that has no camera."""
+
+    def __init__(
+        self, target: str, handle: FrameSource, sensing: str = "truth", *, profile: TargetProfile | None = None
+    ) -> None:
+        super().__init__(target, handle, profile)
+        self._sensing = sensing
+        self._revision = 0
+        self._names: dict[str, str] = {}  # by description, of bodies
+
+    @override
+    def observe(self, need: Need) -> Environment:
+        if (present := self._find_present(need)) is not None:
+            return present
+        if need.only_hand:  # entities and regions only where they are needed
+            return self._describe(self._handle.step)
+        observation = self._handle.observe()
+        self._revision += 1
+        return self._answer(self._describe(observation), need)
+
+    def _describe(self, now: Observation | Step) -> Environment:
+        entities, regions = (now.entities, now.regions) if isinstance(now, Observation) else ((), ())
+        named = name_described({entity.name: entity for entity in entities}, self._scene.described)
+        given = (entity for entity in named.values() if entity.described)
+        self._names |= {body.name: entity.name for entity in given for body in entities if body.pose is entity.pose}
+        others = {each.name: each.target for each in now.neighbours} if isinstance(now, Observation) else {}
+        holding = tuple(self._names.get(name, name) for name in now.target.holding)
+        return Environment(
+            time_s=now.time_s,
+            scene=self._scene.name,
+            episode=self._scene.episode,
+            revision=self._revision,
+            sensing=self._sensing,
+            entities=named,
+            regions={region.name: region for region in regions},
+            targets={self._target: msgspec.structs.replace(now.target, holding=holding)} | others,
+        )

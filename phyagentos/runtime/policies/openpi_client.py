@@ -21,8 +21,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import Stream
 from phyagentos.runtime.policies import openpi_codec, wire
 from phyagentos.runtime.policies.model_inputs import arrange
-from phyagentos.runtime.policies.policy_service import PolicyService
-from phyagentos.runtime.policies.transport import CONNECT_S, REPLY_MAX_BYTES
+from phyagentos.runtime.policies.transport import CONNECT_S, REPLY_MAX_BYTES, PolicyService
 
 PINGS = 4  # within the longest silence
 _CLOSE_S = 0.2  # for the last words of a server that may have none

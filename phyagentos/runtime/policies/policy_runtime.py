@@ -24,22 +24,20 @@ from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.actions.bridges.chain import BridgeChain
-from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.actions.bridges.chain import BridgeChain, compile_chain
 from phyagentos.runtime.actions.bridges.tool_poses import describe_frames, read_arm
-from phyagentos.runtime.actions.chunks import iter_periods, run_up
+from phyagentos.runtime.actions.chunks import TemporalEnsemble, iter_periods, run_up
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.actions.set_points import Array, SetPoints
 from phyagentos.runtime.actions.violations import Violation
-from phyagentos.runtime.execution.already_met import is_met
 from phyagentos.runtime.execution.commands import compute_brake
 from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.execution.criteria import is_met
 from phyagentos.runtime.execution.leaf import FailureCode
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
 from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient
-from phyagentos.runtime.policies.ensemble import TemporalEnsemble
 from phyagentos.runtime.policies.exchanges import ExchangeLog
 from phyagentos.runtime.policies.observations import Observer
 
@@ -58,7 +56,6 @@ class PolicyParts:
         is_realtime: Whether time goes on while the server infers.
         is_pausing: Whether the session is to rest.
         sought_m: (3,) where the first thing of `environment_state` is believed to be [m]; None where there is none.
-        log: Keeps what was shown and answered.
     """
 
     descriptor: PolicyDescriptor
@@ -365,13 +362,7 @@ def _list_poses(session: Session, world: Environment) -> dict[str, tuple[float, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Policies:
-    """The policy skills of a workspace.
-
-    Attributes:
-        skills: SKILLRUNTIME.md, by name.
-        late_max_s: How late a camera's frame may come; `embedded.max_age_s` of perception.yaml [s].
-        is_realtime: Whether the world keeps real time.
-    """
+    """The policy skills of a workspace, by name; a frame may come late by perception.yaml's `max_age_s` [s]."""
 
     skills: Mapping[str, SkillRuntime]
     profile: TargetProfile

@@ -28,12 +28,9 @@ class Policy(Protocol):
 
 
 def serve_policy(policy: Policy, descriptor: PolicyDescriptor, on_ready: Callable[[str], None] = print) -> None:
-    """Serve until interrupted.
+    """Serve until interrupted, where the descriptor's endpoint is (`tcp://127.0.0.1:5555`; port 0 takes a free one).
 
-    Args:
-        policy: Answers.
-        descriptor: Its `endpoint` is where it listens (`tcp://127.0.0.1:5555`; port 0 takes a free one).
-        on_ready: Called with the endpoint once clients can connect.
+    `on_ready` is called with the endpoint once clients can connect.
     """
     parts = urlsplit(descriptor.endpoint)
     model = ThreadPoolExecutor(max_workers=1, thread_name_prefix="model")

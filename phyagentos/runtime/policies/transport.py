@@ -1,4 +1,4 @@
-"""Transports of the project's own wire: `tcp://host:port`, `http://...` or `https://...`.
+"""The port of a policy, and transports of the project's own wire: `tcp://host:port`, `http://...` or `https://...`.
 
 Over tcp a message is its length (4 bytes, big-endian) and then its bytes; over HTTP it is the body of a POST, and the
 reply is the body of the answer.
@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 from phyagentos.errors import ExecutionError
 from phyagentos.network.deadline import Deadline, connect
 from phyagentos.protocol.capabilities.policy_descriptors import SCHEMES
+from phyagentos.runtime.policies import wire
 
 CONNECT_S = 2.0  # a server that is there accepts at once
 REPLY_MAX_BYTES = 2**20  # some hundred times an ordinary chunk; unpacked, hostile bytes are 64 times as large
@@ -98,3 +99,20 @@ class _Http:
 
     def close(self) -> None:
         self._client.close()
+
+
+class PolicyService(Protocol):
+    """A connection to one policy.
+
+    Every method raises ExecutionError `POLICY_LOST` or `POLICY_FAULT`; `POLICY_LOST` with a `TimeoutError` as its cause
+    where the server was silent.
+    """
+
+    def exchange(self, request: wire.Request, timeout_s: float, silence_s: float) -> wire.Reply:
+        """The reply, or a fault, within `timeout_s` [s]; `silence_s` is the longest wait without a sign of life [s]."""
+
+    def probe(self, silence_s: float) -> None:
+        """See that the server lives, while nothing is asked of it."""
+
+    def close(self) -> None:
+        """Close the connection; an exchange that waits in another thread ends."""

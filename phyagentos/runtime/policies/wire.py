@@ -27,11 +27,8 @@ class Introduce(msgspec.Struct, frozen=True, tag=True):
 class Start(msgspec.Struct, frozen=True, tag=True):
     """A session begins: forget the last one. Reply: `Started`.
 
-    Attributes:
-        instruction: The session's objective, in words.
-        parameters: The skill's arguments.
-        seed: Root of every random choice of this session.
-        beat_s: How often the client wants a `Beat` while it waits for a reply [s]; 0 for never.
+    `instruction` is its objective in words, `seed` the root of its random choices; the client wants a `Beat` every
+    `beat_s` [s] while it waits for a reply, 0 for never.
     """
 
     session: str
@@ -42,13 +39,10 @@ class Start(msgspec.Struct, frozen=True, tag=True):
 
 
 class Infer(msgspec.Struct, frozen=True, tag=True):
-    """Ask for the next chunk. Reply: `Chunk`.
+    """Ask for the next chunk; `sequence` counts the requests of a session, from 0. Reply: `Chunk`.
 
-    Attributes:
-        sequence: Counts the requests of a session, from 0.
-        rows_done: Rows of earlier chunks that were carried out.
-        time_s: When the observations were made, in the target's own time [s].
-        observations: By the names of the policy's descriptor.
+    `rows_done` rows of earlier chunks were carried out; the observations, by the names of the policy's descriptor, were
+    made at `time_s` in the target's own time [s].
     """
 
     session: str
@@ -69,12 +63,9 @@ class Started(msgspec.Struct, frozen=True, tag=True):
 
 
 class Chunk(msgspec.Struct, frozen=True, tag=True):
-    """Actions, in the policy's own action space.
+    """Actions (k, width), one after the other at the rate of the policy's own action space.
 
-    Attributes:
-        sequence: Of the request that it answers.
-        rows: (k, width) actions, one after the other at the space's rate; none are needed with `done`.
-        done: Whether the policy has nothing to do after these; no verdict relies on it.
+    The policy has nothing to do after those that are `done`, of which none are needed; no verdict relies on that.
     """
 
     sequence: int

@@ -11,8 +11,7 @@ from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.actions.bridges.chain import BridgeChain
-from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.actions.bridges.chain import BridgeChain, compile_chain
 from phyagentos.runtime.actions.bridges.tool_poses import describe_frames
 from phyagentos.runtime.preflight.adapter_plan import (
     AdapterPlan,
@@ -31,12 +30,14 @@ from phyagentos.runtime.preflight.arguments import (
     iter_predicate_problems,
 )
 from phyagentos.runtime.preflight.findings import locate, make_problem
-from phyagentos.runtime.preflight.live import iter_handshake_problems, iter_live_ability_problems, iter_timing_problems
 from phyagentos.runtime.preflight.needs import (
     find_exposed,
     iter_ability_problems,
+    iter_handshake_problems,
+    iter_live_ability_problems,
     iter_operation_problems,
     iter_resource_problems,
+    iter_timing_problems,
     iter_version_problems,
 )
 from phyagentos.runtime.preflight.policy_checks import AskPolicy, iter_policy_problems, iter_served_problems
@@ -56,13 +57,10 @@ RUNNABLE = ("builtin", "policy", "agent_loop")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preflight:
-    """The documents against which sessions are checked; lasting results are kept for each skill.
+    """The documents against which sessions on one target are checked; lasting results are kept for each skill.
 
-    Attributes:
-        skills: SKILLRUNTIME.md, by name.
-        profile: Of the one target of this worker.
-        kinds: Kinds of skills that this runtime can run.
-        ask_policy: Asks a policy server for its descriptor; None where no client is installed.
+    This runtime can run skills of these `kinds`. `ask_policy` asks a policy server for its descriptor; None where no
+    client is installed.
     """
 
     skills: dict[str, SkillRuntime]
@@ -147,7 +145,8 @@ class Preflight:
             return known[1], known[2]
         skill = self.skills[session.skill]
         chain = self._compile_bridges(skill)
-        policy, tools_of_agent = skill.policy, self._find_agent_tools(skill)
+        policy, loop = skill.policy, skill.loop
+        tools_of_agent = tuple(self.skills[name] for name in loop.tools) if loop is not None else ()
         seen = live.observations if policy is None else tuple(policy.observations)
         plan = AdapterPlan(
             target_adapter=f"target_adapter://{self.profile.kind}/{session.target}",
@@ -204,9 +203,6 @@ class Preflight:
             own = (each for each in chain if skill.action_space or each.address.startswith("target."))
             problems += (_locate_space(skill, each) for each in own)
         return problems
-
-    def _find_agent_tools(self, skill: SkillRuntime) -> tuple[SkillRuntime, ...]:
-        return tuple(self.skills[name] for name in skill.loop.tools) if skill.loop is not None else ()
 
     def _compile_bridges(self, skill: SkillRuntime) -> BridgeChain | tuple[Problem, ...]:
         """From the skill's action space to the target's; compiled once, since neither changes."""

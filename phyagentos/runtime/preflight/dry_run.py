@@ -24,7 +24,7 @@ from phyagentos.protocol.world.predicates.predicate import find_formula
 from phyagentos.protocol.world.predicates.syntax import Call, Name, Point
 from phyagentos.runtime.execution.context import compute_leaf_seed
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
-from phyagentos.runtime.execution.leaves.plan_room import list_removable
+from phyagentos.runtime.execution.leaves.placing import list_removable
 from phyagentos.runtime.motion.grasps import foresee_payload
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.motion.requests import (
@@ -70,12 +70,7 @@ _POINT = Parameter(type="point")
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """A ball that holds every point where the tool centre point can be: a proof, not an estimate.
-
-    Attributes:
-        center_m: (3,) in the world.
-        radius_m: Of the ball.
-    """
+    """A ball in the world that holds every point where the tool centre point can be: a proof, not an estimate."""
 
     center_m: tuple[float, float, float]
     radius_m: float
@@ -130,12 +125,10 @@ Motions = Generator[Home | Grasp | Destination, None, bool]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DryRun:
-    """Sends the planner the requests of the tree.
+    """Sends the planner of the worker, idle between sessions, the requests of the tree.
 
     Attributes:
-        planner: The worker's; idle between sessions.
         registry: Where leaves declare their roles.
-        clock: Measures the cost.
         home_rad: (n_joints,) posture before a session [rad].
         postures: Those that the target's profile names [rad].
         reach: Bound on the tool; None without one.
@@ -194,7 +187,7 @@ class DryRun:
                 is_known = answer.leads_on and motion.then is not None and motion.then.relation == "inside"
                 way, known = answer.approaches[0], motion.then if is_known else None
                 if thorough:
-                    answer, ms = self._ask(PlanMove(world, q_rad, way.line_rad[:1], session.seed, speed=PATH_SPEED))
+                    answer, ms = self._ask(PlanMove(world, q_rad, session.seed, way.line_rad[:1], speed=PATH_SPEED))
                     trials.append(_judge(f"path to {motion.object}", answer, ms, proves=False))
                 grasped = foresee_payload(entity, way)
                 q_rad = way.line_rad[-1]

@@ -19,11 +19,10 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import find_entities
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.handle import TargetSessionHandle
-from phyagentos.runtime.execution.already_met import weigh_before
+from phyagentos.runtime.execution.criteria import weigh_before
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import check_tree
-from phyagentos.runtime.models.scene_start import find_start_problems
-from phyagentos.runtime.models.sight import explain_unseen
+from phyagentos.runtime.models.scene_start import explain_unseen, find_start_problems
 from phyagentos.runtime.models.world import Robot
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.perception.look import Look
@@ -52,10 +51,7 @@ _OTHER_TARGET = frozenset({"TARGET_MISMATCH", "VERSION_MISMATCH"})  # its world 
 class Examiner:
     """Examines sessions on one target.
 
-    Attributes:
-        planner: Idle between sessions.
-        clock: Measures the cost.
-        show_look: Keeps the pictures of a look in a folder of evidence, and ends a sentence with their names.
+    `show_look` keeps the pictures of a look in a folder of evidence, and ends a sentence with their names.
     """
 
     preflight: Preflight
@@ -74,11 +70,8 @@ class Examiner:
     ) -> Finding:
         """Every problem of a session, or its grant.
 
-        Args:
-            session: The contract.
-            snapshot: Start of a rerun, which gets no dry run.
-            thorough: Look for paths in the dry run, too; also for a rerun.
-            may_reset: Whether another episode may end for this session.
+        A rerun starts at a `snapshot` and gets no dry run, unless it is `thorough`, which looks for paths, too;
+        `may_reset` is whether another episode may end for this session.
         """
         began_s = self.clock.now_s()
         loading_s = 0.0

@@ -54,12 +54,9 @@ class Turn:
 
 
 class Queues:
-    """All waiting sessions of one workspace.
+    """All waiting sessions of one workspace; those that are no longer pending in the ledger are passed over.
 
-    Args:
-        ledger: Sessions that are no longer pending there are passed over.
-        clock: For the limit of waiting.
-        ageing_per_s: Priority that a waiting session gains [1/s].
+    A waiting session gains priority, `ageing_per_s` [1/s].
     """
 
     def __init__(self, ledger: Ledger, clock: Clock, ageing_per_s: float = AGEING_PER_S) -> None:

@@ -26,12 +26,9 @@ _AT_WORK = frozenset({Phase.RUNNING, Phase.RECONCILING})
 
 
 class SharedTime:
-    """The worlds of one workspace that several targets share.
+    """The worlds of one workspace that several targets share: by name, their targets and the path of a socket.
 
-    Args:
-        worlds: Targets of each world and the path of its socket, by the world's name.
-        marks: How far the agent has acted.
-        clock: For the limit of waiting for an agent.
+    `marks` show how far the agent has acted.
     """
 
     def __init__(self, worlds: Mapping[str, tuple[Collection[str], Path]], marks: TurnMarks, clock: Clock) -> None:

@@ -16,13 +16,11 @@ TRIES = 5  # at a record that another writer makes out of date
 
 
 class SupervisorJournal:
-    """Follows the journal and records in it.
+    """Follows the journal, opened for the runtime side, and records in it.
 
-    Args:
-        journal: Opened for the runtime side.
-        ledger: Opened with it; holds everything up to the latest record that was followed.
-        on_pending: Called with every session that begins to wait, and with one that was amended while it waits.
-        on_record: Called with every record, once it is applied.
+    The ledger holds everything up to the latest record that was followed. `on_pending` is called with every session
+    that begins to wait, and with one that was amended while it waits; `on_record` with every record, once it is
+    applied.
     """
 
     def __init__(

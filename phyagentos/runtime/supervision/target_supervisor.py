@@ -28,8 +28,7 @@ from phyagentos.protocol.sessions.session import (
     SessionId,
     SessionStatus,
 )
-from phyagentos.runtime.supervision.limits import Due, Measure, Standing, find_due
-from phyagentos.runtime.supervision.liveness import HeartbeatMonitor
+from phyagentos.runtime.supervision.limits import Due, HeartbeatMonitor, Measure, Standing, find_due
 from phyagentos.runtime.supervision.queues import Queues
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry, make_rejection
 from phyagentos.runtime.supervision.target_phase import Phase, PhaseLog, fire_phase
@@ -52,12 +51,10 @@ _CHECKABLE = frozenset({SessionState.PENDING, SessionState.CLAIMED, SessionState
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Supervision:
-    """What the supervisors of one workspace share.
+    """What the supervisors of one workspace share; changes of phase are logged below `logs`.
 
-    Attributes:
-        logs: Folder for the changes of phase.
-        lease_s: How long a worker goes on without a sign of its watchdog [s].
-        rest_s: Pause after the first worker that did not start [s].
+    A worker goes on for `lease_s` without a sign of its watchdog [s]; `rest_s` is the pause after the first worker that
+    did not start [s].
     """
 
     journal: SupervisorJournal
@@ -72,8 +69,7 @@ class Supervision:
 class Lost:
     """A session whose runner or target was lost while it ran; its effect is unknown until the world is observed.
 
-    Attributes:
-        code: Under which it ends; that of `ended` when empty.
+    `code` is what it ends under; that of `ended` when empty.
     """
 
     session: Session
@@ -105,8 +101,7 @@ class TargetSupervisor:
 
     Attributes:
         state: Its phase, changed by events of `PHASE_TRANSITIONS` only.
-        session: Checked, running or observed.
-        epoch: Of the claim of that session.
+        session: Checked, running or observed, in the claim of an `epoch`.
         lost: Observed as soon as the new worker is ready.
         failures: Workers in a row that were lost before they were ready, or while they observed what was left.
     """

@@ -12,7 +12,7 @@ from phyagentos.clock import Clock
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.supervision.liveness import HeartbeatMonitor
+from phyagentos.runtime.supervision.limits import HeartbeatMonitor
 from phyagentos.runtime.supervision.operator_signals import OperatorSignals
 from phyagentos.runtime.supervision.queues import AGEING_PER_S, QUEUE_TIMED_OUT, Queues
 from phyagentos.runtime.supervision.shared_time import SharedTime
@@ -69,8 +69,7 @@ class Watchdog:
         on_record: Called with every record of the journal, once it is applied to the ledger.
         shared_time: Informs worlds of several targets; None where there are none.
         ageing_per_s: Priority that a waiting session gains [1/s].
-        lease_s: How long a worker goes on without a sign of this watchdog [s].
-        rest_s: Pause after the first worker that did not start [s].
+        lease_s: As of `Supervision`; `rest_s` likewise.
     """
 
     def __init__(

@@ -30,8 +30,7 @@ END_BYTES = 2000  # of a log: they hold its last line
 def end_with_parent(on_line: Callable[[bytes], None] = lambda _line: None) -> None:
     """In a child: end this process as soon as the parent's end of standard input is closed.
 
-    Args:
-        on_line: Called with every line from there, in a thread of its own.
+    `on_line` is called with every line from there, in a thread of its own.
     """
 
     def wait() -> None:
@@ -66,13 +65,7 @@ def read_end(log: Path) -> str:
 
 
 class ChildProcess:
-    """A child that ends with its parent and logs to a file.
-
-    Args:
-        command: Arguments after the interpreter.
-        log: File that takes its output.
-        pass_fds: Open files that the child inherits.
-    """
+    """A child, by arguments after the interpreter, that ends with its parent, logs to a file, inherits `pass_fds`."""
 
     def __init__(self, command: Sequence[str], log: Path, pass_fds: Sequence[int] = ()) -> None:
         self._process = start_child(command, log, pass_fds)
@@ -111,12 +104,11 @@ class ChildProcess:
 
 
 class Worker:
-    """The warm worker of one target and its world.
+    """The warm worker of one target and its world; both log below `logs`.
 
     Args:
         world: Process of its world, which other targets may share; None when the worker holds its target itself.
         worker: Command line; it is given `--control FD`, where its token is the first message.
-        logs: Folder for the output of both.
         socket: Where the world listens for the worker.
     """
 
@@ -169,8 +161,7 @@ class Worker:
     def kill(self, *, with_world: bool = False) -> None:
         """End the worker at once: nothing comes from it any more, and the target takes back its authority.
 
-        Args:
-            with_world: End the world too; one that does not answer might still carry out an earlier command.
+        With its world where that does not answer: it might still carry out an earlier command.
         """
         self._worker.kill()
         if with_world and self._world is not None:
@@ -185,11 +176,7 @@ class Worker:
         self._worker, self.connection = self._start_worker()
 
     def stop(self, *, at_once: bool = False) -> None:
-        """End both processes.
-
-        Args:
-            at_once: Do not wait for the worker to seal its bundles; it may be commanding.
-        """
+        """End both processes, `at_once` without waiting for the worker to seal its bundles: it may be commanding."""
         self.connection.close()
         if not at_once:
             self._worker.wait(SEAL_S)

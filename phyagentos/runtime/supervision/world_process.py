@@ -77,13 +77,7 @@ def end_when_unwatched(root: Path, clock: Clock, on_line: Callable[[bytes], None
 
 
 class WorldProcess:
-    """The process of one world; adopts the one that lives, else starts one.
-
-    Args:
-        command: Arguments after the interpreter.
-        lock: See `get_lock`.
-        log: File that takes its output.
-    """
+    """The process of one world, by arguments after the interpreter; adopts the one that lives, else starts one."""
 
     def __init__(self, command: Sequence[str], lock: Path, log: Path) -> None:
         self._command, self._lock, self._log = tuple(command), lock, log

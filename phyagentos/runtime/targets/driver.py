@@ -19,10 +19,8 @@ class TargetDriver(ABC):
     A method refuses by an ExecutionError with a code; nothing has moved then. Units are SI, joints are in the order of
     the profile, poses are in the world frame.
 
-    Attributes:
-        profile: Of the body.
-        is_ending: Whether the session is to end; a motion that waits for other targets calls it, and no other one may:
-            a command may wait behind it. It refuses with `ABORTED` then.
+    A motion that waits for other targets calls `is_ending`, whether the session is to end, and no other one may: a
+    command may wait behind it. It refuses with `ABORTED` then.
     """
 
     profile: TargetProfile

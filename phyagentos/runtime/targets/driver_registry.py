@@ -33,13 +33,10 @@ class DriverSite:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriverSpec:
-    """How a driver is opened.
+    """How a driver is opened, and the kinds of targets that it moves: a simulation never replaces a real robot.
 
-    Attributes:
-        open: Makes the driver of one target; raises DefinitionError or ExecutionError.
-        kinds: Kinds of targets that it moves. A simulation never replaces a real robot.
-        own_process: Whether it runs in a process of its own, which outlives workers and keeps real time, or in the
-            worker.
+    `own_process` is whether it runs in a process of its own, which outlives workers and keeps real time, or in the
+    worker.
     """
 
     open: "Callable[[DriverSite], TargetDriver]"

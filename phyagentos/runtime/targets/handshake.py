@@ -30,12 +30,9 @@ class Hello(msgspec.Struct, frozen=True, tag=True):
 
 
 class Grant(msgspec.Struct, frozen=True, tag=True):
-    """The next key, as the only message of a supervisor that adopts a running target.
+    """The next key, for a client by its process id, as the only message of a supervisor that adopts a running target.
 
     It is accepted from one process alone, identified by the kernel: the holder of the watchdog's lock.
-
-    Attributes:
-        commander: Process id of the client that the key is for; 0 when it is not known.
     """
 
     key: bytes
@@ -74,8 +71,7 @@ def mint(key: bytes, session: str = "", epoch: int = 0) -> bytes:
 class Tokens:
     """What admits a client to one target, and its sessions: the tokens of the newest key; none without a key.
 
-    Args:
-        is_supervisor: Whether a process, by its id, may grant a key.
+    `is_supervisor` is whether a process, by its id, may grant a key.
     """
 
     def __init__(self, key: bytes = b"", is_supervisor: Callable[[int], bool] = lambda _pid: False) -> None:

@@ -17,13 +17,10 @@ LOG_BEHIND = "the receive log cannot be written; what cannot be recorded must no
 
 
 class Reception(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One line.
+    """One line; `time_s` is the simulated time after the request was carried out [s], `code` that of its refusal.
 
-    Attributes:
-        time_s: Simulated time after it was carried out [s].
-        kind: Name of the request; `state_write` for a write of simulator state; `process_start` once a process.
-        code: Of a refusal.
-        at: UTC wall time of arrival, by the journal's clock; empty without one. Not part of any evidence.
+    `kind` is the name of the request, `state_write` for a write of simulator state, or `process_start` once a process;
+    `at` the UTC wall time of arrival, by the journal's clock, empty without one and not part of any evidence.
     """
 
     time_s: float

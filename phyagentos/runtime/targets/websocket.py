@@ -147,9 +147,7 @@ class WebSocketDoor:
 def connect_websocket(endpoint: str, trusted: Path | None = None) -> WebSocketChannel:
     """A connection to a target at `ws://host:port`, or with TLS at `wss://host:port`.
 
-    Args:
-        endpoint: Where it is.
-        trusted: PEM file of the authorities that may sign its certificate; without one, those of this system.
+    `trusted` is a PEM file of the authorities that may sign its certificate; without one, those of this system may.
 
     Raises:
         ExecutionError: `TARGET_LOST` when no target answers.

@@ -45,12 +45,9 @@ class Describe(msgspec.Struct, frozen=True, tag=True):
 class LoadScene(msgspec.Struct, frozen=True, tag=True):
     """Begin an episode: build the scene, place the target at home, let things settle. Reply: `Loaded`.
 
-    Only this request writes simulator state. It is refused when the episode is loaded with another scene or seed, and
-    changes nothing when it is loaded with the same ones.
-
-    Attributes:
-        snapshot: The driver's own snapshot to start from (rerun of a recorded session); empty for a fresh start.
-        may_reset: Whether this episode may replace another one.
+    Only this request writes simulator state. It is refused when the episode is loaded with another scene or seed, or
+    would replace another one without `may_reset`, and changes nothing when it is loaded with the same ones. A rerun
+    of a recorded session starts at the driver's own snapshot.
     """
 
     scene: str
@@ -63,8 +60,7 @@ class LoadScene(msgspec.Struct, frozen=True, tag=True):
 class Begin(msgspec.Struct, frozen=True, tag=True):
     """Give one session authority over the target. Reply: `Ack`. The epoch is a fencing token: it never decreases.
 
-    Attributes:
-        token: Of this epoch of the session, minted by the supervisor (see `handshake`); empty within one process.
+    `token` is of this epoch of the session, minted by the supervisor (see `handshake`); empty within one process.
     """
 
     session: str
@@ -73,14 +69,10 @@ class Begin(msgspec.Struct, frozen=True, tag=True):
 
 
 class Command(msgspec.Struct, frozen=True, tag=True):
-    """One control period of set-points. Reply: `Step`.
+    """One control period of set-points, one row per physics step; commands of a session count from 1. Reply: `Step`.
 
-    Attributes:
-        q_rad: (n_steps, n_joints) joint position set-points, one row per physics step.
-        qd_rad_s: (n_steps, n_joints) joint velocity set-points.
-        gripper_width_m: (n_steps,) opening set-points.
-        sequence: Number of the command in its session, from 1.
-        expires_at_s: Simulated time after which the command must not be carried out.
+    The arrays are (n_steps, n_joints), (n_steps, n_joints) and (n_steps,); after `expires_at_s`, in simulated time, the
+    command must not be carried out.
     """
 
     session: str
@@ -93,11 +85,9 @@ class Command(msgspec.Struct, frozen=True, tag=True):
 
 
 class Announce(msgspec.Struct, frozen=True, tag=True):
-    """Announce a motion before its first command, to a target that shares its world. Reply: `Admission`.
+    """Announce a motion (n, n_joints), one row per physics step, before its first command, in a shared world.
 
-    Attributes:
-        q_rad: (n, n_joints) postures, one row per physics step.
-        beside: A robot to which the motion comes near on purpose, as to take a thing out of its hand.
+    Reply: `Admission`. It may come near to the robot `beside` on purpose, as to take a thing out of its hand.
     """
 
     session: str
@@ -109,8 +99,7 @@ class Announce(msgspec.Struct, frozen=True, tag=True):
 class Halt(msgspec.Struct, frozen=True, tag=True):
     """Bring the target to rest within its limits, by its own means, and hold. Reply: `Step`.
 
-    Attributes:
-        category: Of the stop (IEC 60204-1, 9.2.2): after 2 the session may command again, after 1 only the next one.
+    After a stop of category 2 (IEC 60204-1, 9.2.2) the session may command again, after 1 only the next one.
     """
 
     session: str
@@ -134,11 +123,9 @@ class End(msgspec.Struct, frozen=True, tag=True):
 
 
 class Observe(msgspec.Struct, frozen=True, tag=True):
-    """Ask for an observation without moving time. Reply: `Observation`.
+    """Ask for an observation without moving time, and for the driver's snapshot of the moment. Reply: `Observation`.
 
-    Attributes:
-        truth: Adds ground truth of entities and regions; refused where it is not offered (`NO_GROUND_TRUTH`).
-        snapshot: Adds the driver's snapshot of the same moment.
+    `truth` adds ground truth of entities and regions; refused where it is not offered (`NO_GROUND_TRUTH`).
     """
 
     truth: bool = False
@@ -155,12 +142,10 @@ class InvokeTool(msgspec.Struct, frozen=True, tag=True):
 
 
 class Capture(msgspec.Struct, frozen=True, tag=True):
-    """Ask RGB-D cameras for their latest frames without moving time. Reply: `Frames`.
+    """Ask RGB-D cameras, all if none is named, for their latest frames without moving time. Reply: `Frames`.
 
-    Attributes:
-        cameras: Names of sensors.yaml; empty for all.
-        crops: Regions to render instead of the whole picture, by camera.
-        every: Subsampling factor of rows and columns, odd; the middle one of each group is read.
+    `crops` are regions to render instead of the whole picture, by camera; of `every` so many rows and columns, odd, the
+    middle one is read.
     """
 
     cameras: tuple[str, ...] = ()
@@ -186,11 +171,8 @@ class Refused(msgspec.Struct, frozen=True, tag=True):
 class Kinematics(msgspec.Struct, frozen=True):
     """A chain of hinges and slides as it stands at joint positions zero, in the world frame.
 
-    Attributes:
-        axes: (n_joints, 3) unit vectors of rotation or translation; zero for a slide without effect.
-        anchors_m: (n_joints, 3) a point on each axis.
-        tcp_m: (3,) the tool centre point.
-        slides: (n_joints,) which joints slide; empty when all turn.
+    `axes` (n_joints, 3) are unit vectors of rotation or translation, zero for a slide without effect, with a point on
+    each, and `slides` says which joints slide, empty when all turn; `tcp_m` (3,) is the tool centre point.
     """
 
     axes: tuple[tuple[float, float, float], ...]
@@ -258,22 +240,13 @@ class Loaded(msgspec.Struct, frozen=True, tag=True):
 
 
 class Admission(msgspec.Struct, frozen=True, tag=True):
-    """Whether an announced motion may begin.
-
-    Attributes:
-        blocked_by: A robot that stands in its way, or has announced to pass there; empty when the motion is admitted.
-    """
+    """Whether an announced motion may begin, or which robot stands in its way, or has announced to pass there."""
 
     blocked_by: str = ""
 
 
 class Neighbour(msgspec.Struct, frozen=True):
-    """Another robot of the same world.
-
-    Attributes:
-        target: Its measured state.
-        announced_rad: (k, n_joints) postures of what is left of the motion that it has announced; none at rest.
-    """
+    """Another robot of the same world, and what is left of the motion (k, n_joints) that it has announced."""
 
     name: str
     target: TargetState
@@ -284,12 +257,10 @@ class Step(msgspec.Struct, frozen=True, tag=True):
     """The world after one command: what a tick of a tree needs.
 
     Attributes:
-        time_s: Simulated time.
         tracking_error_rad: Largest |q - q_d| at the end of the period.
         stopped: Code of the target's own protective stop. It is at rest then, and the session cannot command it again.
         contact_force_n: Maximum force on one other body since the latest report, by the joint torque sensors; None
-            without such sensors.
-        contact_force_error_n: Greatest expected difference from the true force.
+            without such sensors. `contact_force_error_n` is the greatest expected difference from the true force.
         touched_n: Other robots that it touched since the latest report, with the maximum force between the two [N].
     """
 
@@ -305,11 +276,9 @@ class Step(msgspec.Struct, frozen=True, tag=True):
 class Observation(msgspec.Struct, frozen=True, tag=True):
     """What the target senses of itself at one moment, before perception.
 
-    Attributes:
-        entities: Ground truth, on request; likewise `regions`, and `signals`, further measurements of the target by
-            their names, flattened.
-        snapshot: The driver's state at this moment, on request; None where the driver has none.
-        neighbours: The other robots of its world, by name.
+    On request it has ground truth, `entities` and `regions`, and the driver's snapshot, None where it has none.
+    `signals` are further measurements of the target by their names, flattened; `neighbours` other robots of its world,
+    by name.
     """
 
     time_s: float

@@ -13,7 +13,7 @@ from py_trees.common import Status
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.capabilities.agent_loops import AgentCall, AgentLoop
+from phyagentos.protocol.capabilities.skill_runtimes import AgentCall, AgentLoop
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime as Skill
 from phyagentos.protocol.documents.schema import Located, validate
 from phyagentos.protocol.sessions.agent_calls import CallFiles, Turn

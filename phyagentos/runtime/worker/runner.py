@@ -20,13 +20,18 @@ from phyagentos.protocol.settings.runtime_contract import CameraRecording
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.set_points import SetPoints
-from phyagentos.runtime.execution.already_met import weigh_before
 from phyagentos.runtime.execution.camera_recorder import CameraRecorder
 from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.execution.criteria import (
+    find_moving,
+    find_open_criteria,
+    is_marginal,
+    is_start_marginal,
+    weigh_before,
+)
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import FailureCode, LeafError
 from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
-from phyagentos.runtime.execution.open_criteria import find_moving, find_open_criteria, is_marginal, is_start_marginal
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
 from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.targets.wire import RecordedFault, Step

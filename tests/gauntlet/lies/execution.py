@@ -6,7 +6,7 @@ SABOTAGES = (
     Sabotage(
         name="kept_thing_moved_out",
         lie="To make room a session moves out what the goal says must stay.",
-        edits=(Edit("phyagentos.runtime.execution.leaves.plan_room", " and each not in session.kept", ""),),
+        edits=(Edit("phyagentos.runtime.execution.leaves.placing", " and each not in session.kept", ""),),
         tests=(
             "tests/runtime/test_preflight_dry_run.py::"
             "test_what_the_tree_moves_out_of_the_destination_is_no_obstacle[more1-False]",
@@ -15,13 +15,13 @@ SABOTAGES = (
     Sabotage(
         name="what_comes_is_forgotten",
         lie="A place is called good although what the goal brings there next finds no room beside it.",
-        edits=(Edit("phyagentos.runtime.motion.packing", "if space.walled else []", "if False else []"),),
+        edits=(Edit("phyagentos.runtime.motion.placements", "if space.walled else []", "if False else []"),),
         tests=("tests/runtime/motion/test_placements.py::test_room_is_left_for_what_still_comes",),
     ),
     Sabotage(
         name="leaf_always_succeeds",
         lie="`verify_grasp` finds the object between the fingers whatever they touch.",
-        edits=(Edit("phyagentos.runtime.execution.leaves.verify_grasp", "if name in held:", "if True:"),),
+        edits=(Edit("phyagentos.runtime.execution.leaves.held", "if name in held:", "if True:"),),
         tests=("tests/runtime/test_runner.py::test_a_grasp_on_air_fails_with_its_code",),
     ),
     Sabotage(
@@ -85,7 +85,7 @@ SABOTAGES = (
         lie="A target with six joints is taken for the one with seven that the profile describes.",
         edits=(
             Edit(
-                "phyagentos.runtime.preflight.live",
+                "phyagentos.runtime.preflight.needs",
                 '"n_joints": (live.n_joints, len(profile.arm.joints)),',
                 '"n_joints": (live.n_joints, live.n_joints),',
             ),

@@ -228,7 +228,7 @@ SABOTAGES = (
         lie="A camera without noise that shows the arm where it was is live.",
         edits=(
             Edit(
-                "phyagentos.runtime.perception.motion_in_view",
+                "phyagentos.runtime.perception.sensor_health",
                 "return _count_absent(view, robot, state) > _count_absent(view, robot, then) + SAMPLES",
                 "return not view",
             ),
@@ -450,7 +450,7 @@ SABOTAGES = (
     Sabotage(
         name="cameras_never_move",
         lie="Every camera stands where it says.",
-        edits=(Edit("phyagentos.runtime.perception.displacement", "TIMES = 0.005, 2.5", "TIMES = 1.0, 2.5"),),
+        edits=(Edit("phyagentos.runtime.perception.sensor_health", "TIMES = 0.005, 2.5", "TIMES = 1.0, 2.5"),),
         tests=(
             "tests/runtime/perception/test_displacement.py::"
             "test_a_camera_that_is_shifted_is_displaced_and_things_are_where_the_others_see_them",

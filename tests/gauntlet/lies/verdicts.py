@@ -94,7 +94,7 @@ SABOTAGES = (
         lie="A hidden thing is under what is seen above its place, at whatever height that is.",
         edits=(
             Edit(
-                "phyagentos.runtime.perception.bearing",
+                "phyagentos.runtime.perception.contents",
                 "for name, top in tops if abs(top.measure_gap(upper)) <= near_m}",
                 "for name, top in tops if name == lower.name}",
             ),
@@ -363,7 +363,7 @@ SABOTAGES = (
         lie="What was seen once in its place before a session counts as met, although it may still move.",
         edits=(
             Edit(
-                "phyagentos.runtime.execution.already_met",
+                "phyagentos.runtime.execution.criteria",
                 "    return Truth.TRUE if is_met(session, now, now) else Truth.UNKNOWN\n",
                 "    return Truth.TRUE\n",
             ),

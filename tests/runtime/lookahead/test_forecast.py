@@ -30,8 +30,7 @@ from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_starts
 from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.perception.true_world import TrueWorld
-from phyagentos.runtime.perception.world_model import WORLD
+from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback

@@ -56,7 +56,7 @@ def turn(turn_rad, lean_rad=0.5):
 
 def ask(planner, start, goal, *postures, entities=(), ignore=("beam",), **settings):
     neighbours = (Neighbour("right_arm", np.array(postures), **settings),) if postures else ()
-    return planner.answer(PlanMove(World(entities, (), neighbours), start, goal[None], 1, ignore=ignore))
+    return planner.answer(PlanMove(World(entities, (), neighbours), start, 1, goal[None], ignore=ignore))
 
 
 def find_nearest(answer, measure, postures):

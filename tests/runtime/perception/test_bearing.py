@@ -6,7 +6,7 @@ import pytest
 from benchmarks.perception_parts.table import render_table
 from phyagentos.protocol.world.environment import Shape, ShapeKind, Status
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.runtime.perception.bearing import find_bearing
+from phyagentos.runtime.perception.contents import find_bearing
 from tests.protocol.predicate_worlds import cube, tray, truth, world
 from tests.runtime.perception.conftest import FLOOR, Stage, open_library
 

@@ -12,8 +12,7 @@ from phyagentos.runtime.perception.doubt import Doubt
 from phyagentos.runtime.perception.fitting import Fit, measure_sunk
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.separate_overlaps import SUNK_M, separate_overlaps
-from phyagentos.runtime.perception.views import CameraView, Cloud, drop_stray
-from phyagentos.runtime.perception.visibility import Sight
+from phyagentos.runtime.perception.views import CameraView, Cloud, Sight, drop_stray
 from phyagentos.runtime.targets.wire import Frame
 from tests.runtime.perception.conftest import SCENE
 

@@ -8,8 +8,8 @@ from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperR
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.world.environment import Pose, TargetState
-from phyagentos.runtime.actions.bridges.compilation import compile_chain
-from phyagentos.runtime.execution.lag import Lag
+from phyagentos.runtime.actions.bridges.chain import compile_chain
+from phyagentos.runtime.execution.commands import Lag
 from phyagentos.runtime.execution.skill_runtime import SkillStatus
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.observations import Observer

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from phyagentos.runtime.actions.chunks import TemporalEnsemble
 from phyagentos.runtime.execution.skill_runtime import SkillStatus
-from phyagentos.runtime.policies.ensemble import TemporalEnsemble
 from tests.runtime.policies.stand import PERIOD_S, ROWS, Stand
 
 LOCKSTEP = {"realtime": False}

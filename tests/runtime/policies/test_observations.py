@@ -6,8 +6,7 @@ import pytest
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import Stream
-from phyagentos.protocol.settings.cameras import CameraSettings, NoiseLevel
-from phyagentos.protocol.settings.sensors import Sensor, Sensors
+from phyagentos.protocol.settings.sensors import CameraSettings, NoiseLevel, Sensor, Sensors
 from phyagentos.protocol.world.environment import Pose, SensorHealth, TargetState
 from phyagentos.runtime.policies.observations import Observer
 from phyagentos.runtime.targets.wire import Frame, Frames, Observation

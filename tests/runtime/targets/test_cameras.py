@@ -8,8 +8,7 @@ import pytest
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import find_shipped_root
-from phyagentos.protocol.settings.cameras import CameraSettings, NoiseLevel
-from phyagentos.protocol.settings.sensors import Sensor, Sensors, read_sensors
+from phyagentos.protocol.settings.sensors import CameraSettings, NoiseLevel, Sensor, Sensors, read_sensors
 from phyagentos.protocol.world.faults import FaultFile
 from phyagentos.runtime.drivers.mujoco.joint_controller import StateHistory
 from phyagentos.runtime.drivers.mujoco.rendering import GraphicsCaster

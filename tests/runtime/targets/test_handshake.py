@@ -21,10 +21,9 @@ from phyagentos.runtime.channel import Link
 from phyagentos.runtime.drivers.debug import DebugDriver
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.handshake import Grant, Hello, Tokens, grant, greet, make_key, mint
-from phyagentos.runtime.targets.realtime import serve_realtime
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
-from phyagentos.runtime.targets.server import UnixDoor, serve
+from phyagentos.runtime.targets.server import UnixDoor, serve, serve_realtime
 from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocket
 
 CLOCK = SystemClock()

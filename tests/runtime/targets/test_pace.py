@@ -8,10 +8,9 @@ import pytest
 
 from phyagentos.assembly.processes import connect_to_world
 from phyagentos.clock import SystemClock
-from phyagentos.runtime.targets import realtime, wire
+from phyagentos.runtime.targets import server, wire
 from phyagentos.runtime.targets.handshake import Tokens, make_key, mint
-from phyagentos.runtime.targets.realtime import Pace, serve_realtime
-from phyagentos.runtime.targets.server import UnixDoor
+from phyagentos.runtime.targets.server import Pace, UnixDoor, serve_realtime
 from tests.clocks import ManualClock
 
 PERIOD_S = 0.02
@@ -94,7 +93,7 @@ def test_a_client_that_is_dead_after_its_first_command_is_waited_for_no_longer_t
     arm, clock, ask = stand
     ask(command(1))
     wait_for(1, arm)
-    clock.advance((realtime.AHEAD_PERIODS + 2) * PERIOD_S)
+    clock.advance((server.AHEAD_PERIODS + 2) * PERIOD_S)
     wait_for(3, arm)
     assert (arm.coasts >= 1, arm.is_moving) == (True, False)
 
@@ -106,7 +105,7 @@ def test_time_stands_only_where_the_world_is_not_ahead_already():
         arm.time_s = clock.now_s() + ahead * PERIOD_S
         pace = Pace(arm, clock) if not ahead else pace
         pace.begin_motion()
-        assert pace.compute_lag_s() <= -realtime.AHEAD_PERIODS * PERIOD_S + 1e-9
+        assert pace.compute_lag_s() <= -server.AHEAD_PERIODS * PERIOD_S + 1e-9
         before_s = pace.compute_lag_s()
         pace.begin_motion()
         assert pace.compute_lag_s() == before_s
@@ -122,9 +121,9 @@ def test_a_world_that_is_far_ahead_looks_for_stops_in_every_period_all_the_same(
     pace = Pace(arm, clock)
     arm.time_s = 3 * PERIOD_S
     for _ in range(4):
-        assert not realtime._wait_for(Silent(), arm, pace)
+        assert not server._wait_for(Silent(), arm, pace)
         clock.advance(waits[-1])
     assert max(waits) <= PERIOD_S
     assert (arm.looks, arm.coasts) == (4, 0)
-    realtime._wait_for(Silent(), arm, pace)
+    server._wait_for(Silent(), arm, pace)
     assert arm.coasts == 1

@@ -12,8 +12,7 @@ from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.handshake import Tokens, make_key, mint
-from phyagentos.runtime.targets.realtime import serve_realtime
-from phyagentos.runtime.targets.server import UnixDoor
+from phyagentos.runtime.targets.server import UnixDoor, serve_realtime
 from phyagentos.runtime.targets.stop_listener import StopListener
 
 pytestmark = [pytest.mark.sim, pytest.mark.alone]

@@ -13,7 +13,7 @@ from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
 from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.drivers.debug import DebugDriver
-from phyagentos.runtime.preflight.live import iter_handshake_problems
+from phyagentos.runtime.preflight.needs import iter_handshake_problems
 from phyagentos.runtime.preflight.safety_limits import iter_live_safety_problems
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog

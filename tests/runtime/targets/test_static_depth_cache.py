@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from phyagentos.protocol.capabilities.library import find_shipped_root
-from phyagentos.protocol.settings.cameras import NoiseLevel
-from phyagentos.protocol.settings.sensors import read_sensors
+from phyagentos.protocol.settings.sensors import NoiseLevel, read_sensors
 from phyagentos.runtime.drivers.mujoco.ray_cast import SKY, RayCaster
 from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import Hits, MovingSolids, Rays, Shot, shoot

@@ -1,7 +1,11 @@
-"""Ways to write a rotation, and the bridge between them; scipy's `Rotation` does the mathematics."""
+"""Ways to write a rotation, and bridges: between them, from changes to postures, into another frame.
+
+scipy's `Rotation` does the mathematics.
+"""
 
 import warnings
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,6 +14,7 @@ from typing_extensions import override
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, UNIT_ROTATIONS, ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frames, replace_space
+from phyagentos.runtime.actions.bridges.columns import METRES
 
 NORM_TOLERANCE = 0.05  # a quaternion that is further from length one was not meant as one
 LENGTH_MIN = 1e-6  # of the vectors of `rotation_6d`; below it they have no direction
@@ -106,3 +111,68 @@ def _complete_matrix(columns: Array) -> Array:
     second = columns[:, 3:] - np.sum(first * columns[:, 3:], axis=1, keepdims=True) * first
     second /= np.linalg.norm(second, axis=1, keepdims=True)
     return np.stack((first, second, np.cross(first, second)), axis=2)
+
+
+@dataclass(frozen=True, slots=True)
+class ToAbsoluteBridge(ActionBridge):
+    """Adds changes up, beginning at the set-point before the chunk; rotations turn about the axes of the frame."""
+
+    @classmethod
+    @override
+    def plan(cls, source: ActionSpace, target: ActionSpace, frames: Frames) -> "ToAbsoluteBridge | Problem | None":
+        return cls(source, replace_space(source, delta=False)) if source.delta else None
+
+    @override
+    def apply(self, rows: Array, before: Array) -> Array:
+        space, out = self.source, rows.copy()
+        linear = space.arm_width if space.representation == "joint_position" else POSITION_WIDTH
+        out[:, :linear] = before[:linear] + np.cumsum(rows[:, :linear], axis=0)
+        if space.representation == "tool_pose":
+            columns = slice(POSITION_WIDTH, space.arm_width)
+            turns = [*decode_rotation(np.concatenate((before[None, columns], rows[:, columns])), space)]
+            reached = [*accumulate(turns, lambda now, change: change * now)]
+            out[:, columns] = encode_rotation(Rotation.concatenate(reached[1:]), space)
+        return out
+
+    @override
+    def __str__(self) -> str:
+        return "delta->absolute"
+
+
+@dataclass(frozen=True, slots=True)
+class FrameBridge(ActionBridge):
+    """Expresses poses in another frame, by `target_T_source` (4, 4) in the space's own unit of length."""
+
+    target_T_source: Array
+
+    @classmethod
+    @override
+    def plan(cls, source: ActionSpace, target: ActionSpace, frames: Frames) -> "FrameBridge | Problem | None":
+        if source.representation == "joint_position" or source.frame == target.frame:
+            return None
+        for space in (source, target):
+            if space.frame not in frames:
+                return Problem.unknown("FRAME_UNKNOWN", "frame", space.frame, frames)
+        transformation = np.linalg.inv(frames[target.frame]) @ frames[source.frame]
+        transformation[:3, 3] /= METRES[source.length_unit]
+        return cls(source, replace_space(source, frame=target.frame), transformation)
+
+    @override
+    def apply(self, rows: Array, before: Array) -> Array:
+        return self._transform(rows, self.target_T_source)
+
+    @override
+    def invert(self, rows: Array) -> Array:
+        return self._transform(rows, np.array(np.linalg.inv(self.target_T_source), dtype=np.float64))
+
+    def _transform(self, rows: Array, T: Array) -> Array:
+        columns = slice(POSITION_WIDTH, self.source.arm_width)
+        out = rows.copy()
+        out[:, :POSITION_WIDTH] = rows[:, :POSITION_WIDTH] @ T[:3, :3].T + T[:3, 3]
+        turned = Rotation.from_matrix(T[:3, :3]) * decode_rotation(rows[:, columns], self.source)
+        out[:, columns] = encode_rotation(turned, self.source)
+        return out
+
+    @override
+    def __str__(self) -> str:
+        return f"frame {self.source.frame}->{self.target.frame}"

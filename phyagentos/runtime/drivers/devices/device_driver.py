@@ -8,8 +8,10 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeVar
 
+import mujoco
 import numpy as np
 import pydantic
 from numpy.typing import NDArray
@@ -18,13 +20,15 @@ from typing_extensions import override
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import Authored
-from phyagentos.protocol.world.environment import TargetState
-from phyagentos.runtime.drivers.devices.tool_centre import ToolCentre
+from phyagentos.protocol.world.environment import Pose, TargetState
+from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
+from phyagentos.runtime.models.robot import read_robot
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
 from phyagentos.runtime.targets.driver_registry import DriverSite
 
 Array = NDArray[np.float64]
+ReturnT = TypeVar("ReturnT")
 SettingsT = TypeVar("SettingsT", bound="DeviceSettings")
 
 BRAKING_SHARE = 0.8  # of the acceleration limit
@@ -102,6 +106,33 @@ class Bus(ABC):
     @abstractmethod
     def close(self) -> None:
         """Leave the bus; the drives keep what they hold."""
+
+
+class ToolCentre:
+    """The tool centre point of an arm, which the guard watches, by its MJCF.
+
+    Raises:
+        DefinitionError: The model is missing or unreadable.
+    """
+
+    def __init__(self, profile: TargetProfile, folder: Path) -> None:
+        place, found = f"{profile.target}/target.yaml", read_robot(profile, folder).compile() if profile.model else None
+        kinematics = read_kinematics(found, profile) if found is not None else None
+        if found is None or kinematics is None:
+            hint = "Copy the robot's model beside its profile; docs/targets.md says where from."
+            raise DefinitionError.of("MODEL_MISSING", f"{place}: model", repr(profile.model), "a MJCF file", hint)
+        self._model, self._data, self.kinematics = found, mujoco.MjData(found), kinematics
+        self._q = [found.joint(name).qposadr[0] for name in profile.arm.joints]
+        self._site = found.site(profile.tcp).id
+
+    def locate(self, q_rad: Array) -> Pose:
+        """Its pose in the world [m], of measured joints (n_joints,) [rad]."""
+        self._data.qpos[self._q] = q_rad
+        mujoco.mj_kinematics(self._model, self._data)
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, self._data.site_xmat[self._site])
+        w, x, y, z = quaternion.tolist()
+        return Pose(tuple(self._data.site_xpos[self._site].tolist()), (w, x, y, z))
 
 
 class DeviceDriver(TargetDriver):
@@ -287,4 +318,9 @@ class DeviceDriver(TargetDriver):
             raise
 
 
-ReturnT = TypeVar("ReturnT")
+def open_device(
+    name: str, site: DriverSite, kind: type[SettingsT], open_bus: Callable[[SettingsT], Bus]
+) -> DeviceDriver:
+    """The driver of a robot whose profile has settings of this kind."""
+    settings, point = read_settings(kind, site.profile), ToolCentre(site.profile, site.folder)
+    return DeviceDriver(name, site, open_bus(settings), settings, point)

@@ -24,12 +24,10 @@ def _import(package: str, driver: str, site: DriverSite) -> ModuleType:
 
 def _open_so101(site: DriverSite) -> "TargetDriver":
     sdk = _import("scservo_sdk", "so101", site)
-    from phyagentos.runtime.drivers.devices.device_driver import DeviceDriver, read_settings
+    from phyagentos.runtime.drivers.devices.device_driver import open_device
     from phyagentos.runtime.drivers.devices.so101_bus import So101Bus, So101Settings
-    from phyagentos.runtime.drivers.devices.tool_centre import ToolCentre
 
-    settings, point = read_settings(So101Settings, site.profile), ToolCentre(site.profile, site.folder)
-    return DeviceDriver("so101", site, So101Bus(sdk, site.profile, settings), settings, point)
+    return open_device("so101", site, So101Settings, lambda settings: So101Bus(sdk, site.profile, settings))
 
 
 SO101 = DriverSpec(open=_open_so101, kinds=("real_robot",))
@@ -37,12 +35,10 @@ SO101 = DriverSpec(open=_open_so101, kinds=("real_robot",))
 
 def _open_piper(site: DriverSite) -> "TargetDriver":
     sdk = _import("piper_sdk", "piper", site)
-    from phyagentos.runtime.drivers.devices.device_driver import DeviceDriver, read_settings
+    from phyagentos.runtime.drivers.devices.device_driver import open_device
     from phyagentos.runtime.drivers.devices.piper_bus import PiperBus, PiperSettings
-    from phyagentos.runtime.drivers.devices.tool_centre import ToolCentre
 
-    settings, point = read_settings(PiperSettings, site.profile), ToolCentre(site.profile, site.folder)
-    return DeviceDriver("piper", site, PiperBus(sdk, site.profile, settings, site.clock), settings, point)
+    return open_device("piper", site, PiperSettings, lambda found: PiperBus(sdk, site.profile, found, site.clock))
 
 
 PIPER = DriverSpec(open=_open_piper, kinds=("real_robot",))
@@ -50,12 +46,10 @@ PIPER = DriverSpec(open=_open_piper, kinds=("real_robot",))
 
 def _open_go2(site: DriverSite) -> "TargetDriver":
     _import("cyclonedds", "go2", site)
-    from phyagentos.runtime.drivers.devices.device_driver import DeviceDriver, read_settings
+    from phyagentos.runtime.drivers.devices.device_driver import open_device
     from phyagentos.runtime.drivers.devices.go2_bus import Go2Bus, Go2Settings
-    from phyagentos.runtime.drivers.devices.tool_centre import ToolCentre
 
-    settings, point = read_settings(Go2Settings, site.profile), ToolCentre(site.profile, site.folder)
-    return DeviceDriver("go2", site, Go2Bus(site.profile, settings, site.clock), settings, point)
+    return open_device("go2", site, Go2Settings, lambda settings: Go2Bus(site.profile, settings, site.clock))
 
 
 GO2 = DriverSpec(open=_open_go2, kinds=("real_robot",))

@@ -44,19 +44,13 @@ SENSOR_KINDS = frozenset({"freeze", "blackout", "misdate", "miscalibrate"})
 
 
 class FaultActivation(msgspec.Struct, frozen=True, kw_only=True):
-    """An active fault.
+    """An active fault, of a kind of the fault file.
 
     Attributes:
-        kind: As in the fault file.
         body: The object, the joint that seizes or whose link is pushed, or the pattern of the corrupted cameras.
-        time_s: Of its beginning.
-        start_m: The object's place then.
-        goal_m: The object's place at the end of a hand's pull.
-        lift_m: Height of the hand's path.
+        start_m: The object's place at the beginning; `goal_m` that at the end of a hand's pull, `lift_m` its height.
         mode: Of a corruption: stamp of a frozen picture, or kind of a blackout.
-        by_s: Error of a camera's clock.
-        by_m: Error of a camera's reported position.
-        by_rad: Error of its reported direction.
+        by_s: Error of a camera's clock; `by_m` and `by_rad` of its reported pose.
         qpos: The state of a frozen picture.
         force_n: Of a push, in the world.
     """
@@ -78,13 +72,7 @@ class FaultActivation(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """The faults of one episode.
-
-    Attributes:
-        faults: Each at most once, by its conditions.
-        activations: Recorded ones, each at its recorded time.
-        seed: For draws at the activation.
-    """
+    """The faults of one episode, each at most once by its conditions, and recorded ones, each at its recorded time."""
 
     faults: tuple[Fault, ...] = ()
     activations: tuple[FaultActivation, ...] = ()
@@ -143,7 +131,7 @@ class FaultInjector:
             return []
         due = self._steps % LOOK_EVERY == 0
         self._steps += 1
-        begun = [self._activate(physics, fault) for fault in self._find_due(physics)] if due else []
+        begun = [self._begin(physics, self._resolve(physics, each)) for each in self._find_due(physics)] if due else []
         begun += self._repeat(physics)
         for activation in list(self._active):
             if physics.time_s >= activation.time_s + activation.duration_s:
@@ -180,11 +168,6 @@ class FaultInjector:
         near = when.gripper_near_m
         return near is None or bool(np.linalg.norm(physics.find_tcp()[0] - position) <= near)
 
-    def _activate(self, physics: Physics, fault: Fault) -> FaultActivation:
-        activation = self._resolve(physics, fault)
-        self._begin(physics, activation)
-        return activation
-
     def _repeat(self, physics: Physics) -> list[FaultActivation]:
         due = [activation for activation in self._recorded if physics.time_s >= activation.time_s - 1e-9]
         for activation in due:
@@ -192,7 +175,7 @@ class FaultInjector:
             self._begin(physics, activation)
         return due
 
-    def _begin(self, physics: Physics, activation: FaultActivation) -> None:
+    def _begin(self, physics: Physics, activation: FaultActivation) -> FaultActivation:
         self._active.append(activation)
         if activation.kind == "slip":
             physics.set_pad_friction(SLIPPERY)
@@ -200,6 +183,7 @@ class FaultInjector:
             physics.set_joint_friction(activation.body, SEIZED_NM)
         elif activation.kind == "push":
             physics.push(activation.body, np.array(activation.force_n))
+        return activation
 
     def _resolve(self, physics: Physics, fault: Fault) -> FaultActivation:
         """Draw all open parameters of a fault."""

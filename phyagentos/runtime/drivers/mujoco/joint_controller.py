@@ -72,9 +72,7 @@ class StateHistory:
 class JointController:
     """Set-points, servos and stops, for commands of `n_steps` rows.
 
-    Attributes:
-        activations: Faults that became active since this was emptied.
-        history: States of past control periods, since the session or the scene began.
+    `activations` are faults that became active since this was emptied; `history` has states since the session began.
     """
 
     def __init__(self, profile: TargetProfile, physics: Physics, faults: "FaultInjector", n_steps: int) -> None:

@@ -32,8 +32,7 @@ class JointSensors:
 class ForceEstimate:
     """Contact force as estimated from joint torques: a bias that stays for an episode, noise, and a dead zone.
 
-    Attributes:
-        error_n: Greatest expected difference from the true force [N].
+    `error_n` is the greatest expected difference from the true force [N].
     """
 
     def __init__(self, profile: TargetProfile, seed: int, step_s: float) -> None:

@@ -27,7 +27,6 @@ class Legs:
     """The body of a robot on a free joint, and its legs; `look` comes before every query.
 
     Attributes:
-        weight_n: Of the whole robot.
         home_rad: (n,) posture of the legs in which it stands.
         home_feet_m: (n_feet, 3) soles then, from the frame of the upright body.
         height_m: Of that frame above the ground then.

@@ -40,13 +40,7 @@ BROKEN = (  # what is measured of every row, in this order
 
 @dataclass(frozen=True, slots=True)
 class SetPoint:
-    """The last set-point of the servos.
-
-    Attributes:
-        q_rad: (n_joints,) position.
-        qd_rad_s: (n_joints,) velocity.
-        step_rad: (n_joints,) difference to the position before.
-    """
+    """The last set-point of the servos, (n_joints,) each; `step_rad` is the difference to the position before."""
 
     q_rad: Array
     qd_rad_s: Array

@@ -258,10 +258,10 @@ class Physics:
     def find_touching(self) -> dict[str, int]:
         """Entities that touched a pad in the latest physics step, with the number of pads."""
         touched: dict[str, set[int]] = {}
-        for pair in self._find_pad_contacts():
+        for pair in self.data.contact.geom[: self.data.ncon].tolist():
             for pad, other in (pair, pair[::-1]):
-                entity = self._bodies.get(int(self.model.geom_bodyid[other]))
-                if pad in self._pads and entity is not None:
+                entity = self._bodies.get(int(self.model.geom_bodyid[other])) if pad in self._pads else None
+                if entity is not None:
                     touched.setdefault(entity.name, set()).add(pad)
         return {name: len(pads) for name, pads in sorted(touched.items())}
 
@@ -297,11 +297,6 @@ class Physics:
         moved = columns @ error_rad
         rotation = turn(moved[3:]) @ self.seen.site_xmat[self._tcp].reshape(3, 3)
         return as_pose(rotation, self.seen.site_xpos[self._tcp] + moved[:3])
-
-    def _find_pad_contacts(self) -> list[list[int]]:
-        """Pairs of geoms that touched in the latest physics step, one of them a pad or both."""
-        pairs: list[list[int]] = self.data.contact.geom[: self.data.ncon].tolist()
-        return [pair for pair in pairs if pair[0] in self._pads or pair[1] in self._pads]
 
     def read_entities(self, holders: Mapping[str, str]) -> tuple[Entity, ...]:
         """Ground truth of every thing (after `look`); `holders` maps entities to the target that holds each."""

@@ -14,9 +14,9 @@ from phyagentos.runtime.channel import PeerChannel
 from phyagentos.runtime.drivers.mujoco.simulation import ESTOPPED
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 from phyagentos.runtime.targets.handshake import Tokens
-from phyagentos.runtime.targets.realtime import AHEAD_PERIODS, Pace
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget, beat
+from phyagentos.runtime.targets.server import AHEAD_PERIODS, Pace
 from phyagentos.runtime.targets.wire import Capture, InvokeTool, Reply, Request
 
 LATE_SHARE = 0.25  # of a control period, by which a command may be late that was sent in time

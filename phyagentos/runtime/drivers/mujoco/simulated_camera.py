@@ -8,7 +8,6 @@ To sense the recorded states of an evidence bundle again, open its model
     frame = cameras["overhead"].capture(data, time_s=12.5, rng=np.random.default_rng(1))
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -16,8 +15,7 @@ import mujoco
 import numpy as np
 
 from phyagentos.geometry import as_pose, turn
-from phyagentos.protocol.settings.cameras import CameraSettings, NoiseLevel
-from phyagentos.protocol.settings.sensors import Sensors
+from phyagentos.protocol.settings.sensors import CameraSettings, NoiseLevel, Sensors
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.drivers.mujoco.camera_noise import blur, draw_places, spoil
 from phyagentos.runtime.drivers.mujoco.ray_cast import RayCaster
@@ -78,10 +76,10 @@ class SimulatedCamera:
         every: int = 1,
         begin: mujoco.MjData | None = None,
     ) -> Frame:
-        """One frame.
+        """One frame of a state with computed poses, as of `pose_state`, which is only read.
 
         Args:
-            data: State with computed poses, as of `pose_state`; it is only read.
+            data: The state.
             time_s: Stamp of the frame.
             rng: Of this frame's noise.
             crop: Window to look at instead of the whole picture.
@@ -142,9 +140,9 @@ class SimulatedCamera:
 
 
 def open_cameras(
-    model: mujoco.MjModel, sensors: Sensors, *, seed: int, level: str = "", names: Sequence[str] = (), prefix: str = ""
+    model: mujoco.MjModel, sensors: Sensors, *, seed: int, level: str = "", prefix: str = ""
 ) -> dict[str, SimulatedCamera]:
-    """The cameras of sensors.yaml that a model can carry, all or those of `names`.
+    """The cameras of sensors.yaml that a model can carry.
 
     An empty `level` of noise is the file's choice; `prefix` is of the names of the robot that carries some of them.
 
@@ -155,7 +153,7 @@ def open_cameras(
     caster: Caster = RayCaster(model) if sensors.backend == "ray" else GraphicsCaster(model)
     cameras: dict[str, SimulatedCamera] = {}
     for name, sensor in sensors.cameras.items():
-        if sensor.camera is None or (names and name not in names):
+        if sensor.camera is None:
             continue
         try:
             cameras[name] = SimulatedCamera(model, name, sensor.camera, noise, caster, seed, prefix)

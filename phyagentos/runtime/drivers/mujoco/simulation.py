@@ -45,11 +45,7 @@ class Body(Protocol):
 
 @dataclass(slots=True)
 class _Move:
-    """A motion that a driver waits for.
-
-    Attributes:
-        ended: Code of the stop that broke it off, empty when it was carried out; None before its end.
-    """
+    """A motion that a driver waits for; `ended` is the code of the stop that broke it off, empty for none."""
 
     motion: Motion
     ended: str | None = None
@@ -62,10 +58,8 @@ class Simulation:
     Attributes:
         read_agreement: Read before time moves, where several robots share it; None without a runtime plane.
         bodies: By name; they join before the first scene is loaded.
-        control_period_s: Of all robots [s].
         is_paced: Whether `pass_period` alone moves time, by the wall clock.
         lock: Guards a shared world.
-        encounters: Of the robots of a shared world; None while no scene is loaded.
         ending: Robots whose session is to end; they come to rest while the others stand.
     """
 

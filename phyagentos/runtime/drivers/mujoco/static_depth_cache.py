@@ -27,10 +27,9 @@ UNSEEN = 1e-4  # a move of a solid that no pixel shows [m], or of its rotation
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """A request for the picture of a perfect camera.
+    """A request for the picture of a perfect camera at `viewpoint`, `world_T_camera`.
 
     Attributes:
-        viewpoint: `world_T_camera`.
         far_m: Greatest depth that matters.
         pixels: Requested rows and columns, for a picture of one row (1, n); all when absent.
         still: Whether the camera never moves: its view of fixed solids is then cached.
@@ -104,14 +103,7 @@ class Rays:
 
 @dataclass(frozen=True, slots=True)
 class StaticDepthCache:
-    """A picture of the fixed solids.
-
-    Attributes:
-        signature: Of the state of the fixed solids.
-        lengths: (n,) of the rays with z = 1.
-        hits: Of all rays.
-        picture: Of (n,) pixels.
-    """
+    """A picture (n,) of the fixed solids in the state of a `signature`; `lengths` (n,) are of the rays with z = 1."""
 
     signature: bytes
     lens: Lens

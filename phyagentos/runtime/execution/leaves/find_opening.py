@@ -9,6 +9,7 @@ from phyagentos.protocol.world.environment import CLOSES_AT, Entity, Mechanism
 from phyagentos.protocol.world.mechanisms import compute_motion, find_hinge
 from phyagentos.protocol.world.predicates.geometry import compute_center
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
+from phyagentos.runtime.motion.poses import move_pose
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.shapes import ROUND_KINDS
 from phyagentos.runtime.perception.world_model import BELIEF
@@ -62,7 +63,7 @@ class FindOpening(Leaf):
         at_m, tool = np.array(compute_center(part)), compute_matrix(self.context.step.target.tcp)
         ways_m = [motion[:3, :3] @ at_m + motion[:3, 3] - at_m for motion in motions]
         axis = find_hinge(whole)
-        level = tuple(compute_pose(_shift(tool, way_m)) for way_m in ways_m)
+        level = tuple(compute_pose(move_pose(tool, way_m)) for way_m in ways_m)
         is_pivot = axis is None or abs(tool[:3, 1] @ axis) > ALONG
         turned = level if is_pivot else tuple(compute_pose(motion @ tool) for motion in motions)
         way_m = ways_m[-1]
@@ -85,9 +86,3 @@ def _is_round_about(part: Entity, axis: Array) -> bool:
     if len(part.shapes) != 1 or part.shapes[0].kind not in ROUND_KINDS:
         return False
     return bool(abs((compute_matrix(part.pose) @ compute_matrix(part.shapes[0].pose))[:3, 2] @ axis) > ALONG)
-
-
-def _shift(tool: Array, way_m: Array) -> Array:
-    moved = tool.copy()
-    moved[:3, 3] += way_m
-    return moved

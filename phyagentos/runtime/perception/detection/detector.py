@@ -12,13 +12,9 @@ Colours = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detection:
-    """One thing in one picture.
+    """One thing in one picture, with one of the requested labels and a score in 0..1.
 
-    Attributes:
-        label: One of the requested.
-        score: 0..1.
-        box: (left, top, width, height) [pixels].
-        mask: (h, w) of the picture; None where only the box is known.
+    `box` is (left, top, width, height) [pixels]; `mask` (h, w) is None where only the box is known.
     """
 
     label: str

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange, describe_target_space
-from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged
-from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged, compile_chain
 from phyagentos.runtime.actions.violations import Intervention, ViolationCode
 
 JOINTS = ("joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "joint7")

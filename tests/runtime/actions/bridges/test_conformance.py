@@ -7,13 +7,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, ActionSpace, GripperRange
-from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged
-from phyagentos.runtime.actions.bridges.clamping import ClampBridge
-from phyagentos.runtime.actions.bridges.compilation import BRIDGES, compile_chain
-from phyagentos.runtime.actions.bridges.deltas import ToAbsoluteBridge
-from phyagentos.runtime.actions.bridges.joints import ProjectionBridge
+from phyagentos.runtime.actions.bridges.chain import BRIDGES, BridgeChain, Bridged, compile_chain
+from phyagentos.runtime.actions.bridges.columns import ClampBridge, ProjectionBridge
 from phyagentos.runtime.actions.bridges.resampling import ResampleBridge
-from phyagentos.runtime.actions.bridges.rotations import decode_rotation, encode_rotation
+from phyagentos.runtime.actions.bridges.rotations import ToAbsoluteBridge, decode_rotation, encode_rotation
 from phyagentos.runtime.actions.bridges.tool_poses import ToolPoseBridge
 from phyagentos.runtime.actions.violations import ViolationCode
 

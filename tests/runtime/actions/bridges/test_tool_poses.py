@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from phyagentos.geometry import compute_quaternion
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, describe_target_space
 from phyagentos.protocol.world.environment import Pose
-from phyagentos.runtime.actions.bridges.chain import Bridged
-from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.actions.bridges.chain import Bridged, compile_chain
 from phyagentos.runtime.actions.bridges.tool_poses import ArmKinematics, ToolPoseBridge
 from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.actions.violations import ViolationCode

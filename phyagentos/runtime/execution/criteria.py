@@ -1,14 +1,16 @@
-"""What the last look does not show well enough for a verdict on the acceptance.
+"""What looks say of a session's acceptance: met before it begins or in its midst, and left open at its end.
 
-The watchdog keeps the target free until the verdict: the agent may have to look again before anything moves.
+Preflight and the runner ask before a session, lest one is refused or begun that has nothing to do. What the last look
+does not show well enough for a verdict keeps the target free: the agent may have to look again before anything moves.
 """
 
-import msgspec
+from msgspec.structs import replace
 
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import find_things, parse_predicate
 from phyagentos.protocol.world.predicates.syntax import iter_calls
+from phyagentos.protocol.world.truth import Truth
 
 BLURRED = 2.0  # the turn in a later look may be off by so much more than stated now, and `moved` still be decided
 
@@ -38,10 +40,31 @@ def is_start_marginal(session: Session, initial: Environment) -> bool:
     criteria = map(parse_predicate, (*session.accept, *session.hold))
     comparing = [each for each in criteria if any(call.name == "moved" for call in iter_calls(each.formula))]
     entities = initial.entities.items()
-    blurred = {key: msgspec.structs.replace(each, turn_std_rad=BLURRED * each.turn_std_rad) for key, each in entities}
-    view = session.make_view(msgspec.structs.replace(initial, entities=blurred), initial)
+    blurred = {key: replace(each, turn_std_rad=BLURRED * each.turn_std_rad) for key, each in entities}
+    view = session.make_view(replace(initial, entities=blurred), initial)
     return any(each.evaluate(view).is_marginal for each in comparing)
 
 
 def _find_things(session: Session, after: Environment) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for text in session.accept for name in find_things(text, after)))
+
+
+def weigh_before(session: Session, now: Environment) -> Truth:
+    """Whether the acceptance is true before the session: unknown where all that is missing is a second look at rest.
+
+    What else is unknown counts as false, as in a session that is to act all the same: it acts.
+    """
+    if not session.unless_met or not session.accept:
+        return Truth.FALSE
+    still = {name: replace(each, speed_m_s=0.0, still_since_s=None) for name, each in now.entities.items()}
+    if not is_met(session, still_now := replace(now, entities=still), still_now):
+        return Truth.FALSE
+    return Truth.TRUE if is_met(session, now, now) else Truth.UNKNOWN
+
+
+def is_met(session: Session, now: Environment, initial: Environment) -> bool:
+    """Whether a session that was begun in `initial` has an acceptance, and all of it is true now."""
+    view = session.make_view(now, initial)
+    return bool(session.accept) and all(
+        parse_predicate(text).evaluate(view).truth is Truth.TRUE for text in session.accept
+    )

@@ -1,0 +1,158 @@
+"""Leaves that ask for a straight way of the tool: through poses, up, or with a held peg or block in contact."""
+
+import numpy as np
+from msgspec.structs import replace
+
+from phyagentos.geometry import compute_matrix, compute_pose, to_parent, turn
+from phyagentos.protocol.world.predicates.geometry import compute_reach
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.planning import LinePlanningLeaf
+from phyagentos.runtime.motion.poses import raise_pose
+from phyagentos.runtime.motion.requests import Array, MotionRequest, Payload
+from phyagentos.runtime.motion.shapes import compute_entity_box
+from phyagentos.runtime.perception.world_model import BELIEF
+
+RIM_M = 0.005  # of the peg's lower end above the rim, between two tries
+LEFT_M = 0.0015  # above the floor, at the end of the way down
+PITCH_M = 0.0007  # the n-th try is so far from the first one, times the root of n
+GOLDEN_RAD = 2.399963  # between two tries: they cover a disc evenly
+OVER_M = 0.015  # of the block above the floor of the area, before it is lowered
+PRESS_M = 0.0015  # of the set-points below the height of contact: joints yield, and press with some 10 N
+EDGE_M = 0.012  # past the sides of the area: what a pose in the hand may be off, and more
+OVERLAP_M = 0.012  # of neighbouring strokes
+
+
+class PlanLine(LinePlanningLeaf):
+    """A line of the tool from where it is through waypoints."""
+
+    ROLE = Role.PLAN
+    INPUT_PORTS = {
+        "waypoints": PortInformation(data_type=tuple, description="Poses world_T_tcp, in order."),
+        "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
+        "ignore": PortInformation(data_type=str, required=False, description="Entity that may be touched."),
+    }
+
+    def compose(self) -> MotionRequest | Status:
+        """One request."""
+        return self.request_line(self.read("waypoints"))
+
+
+class PlanReach(LinePlanningLeaf):
+    """Straight up to the height of the point where it is higher, then straight there."""
+
+    ROLE = Role.PLAN
+    INPUT_PORTS = {
+        "to": PortInformation(data_type=tuple, description="Where the tool centre point shall be, world frame [m]."),
+        "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
+        "ignore": PortInformation(data_type=str, required=False, description="Entity that may be touched."),
+    }
+
+    def compose(self) -> MotionRequest | Status:
+        """Two waypoints."""
+        x, y, z = map(float, self.read("to"))
+        here = self.context.step.target.tcp
+        up = compute_pose(raise_pose(compute_matrix(here), max(0.0, z - here.position_m[2])))
+        return self.request_line((up, replace(here, position_m=(x, y, z))))
+
+
+class PlanRetreat(LinePlanningLeaf):
+    """A vertical line upwards; what the fingers were around is no obstacle."""
+
+    ROLE = Role.PLAN
+    INPUT_PORTS = {
+        "height_m": PortInformation(data_type=float, default_value=0.10, description="How far up [m]."),
+        "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
+        "ignore": PortInformation(data_type=str, required=False, description="Entity that may be touched."),
+    }
+
+    def compose(self) -> MotionRequest | Status:
+        """One waypoint above the tool."""
+        world_T_tcp = compute_matrix(self.context.step.target.tcp)
+        return self.request_line((compute_pose(raise_pose(world_T_tcp, self.read("height_m"))),))
+
+
+class PlanInsert(LinePlanningLeaf):
+    """Straight ways with a held peg, the hand as it is turned: over the middle of a hole, or down to its floor."""
+
+    ROLE = Role.PLAN
+    INPUT_PORTS = {
+        "payload": PortInformation(data_type=Payload, description="The peg, and how it is held."),
+        "socket": PortInformation(data_type=str, description="Entity whose interior is the hole."),
+        "down": PortInformation(data_type=bool, default_value=False, description="Into it; over it if false."),
+        "ignore": PortInformation(data_type=str, required=False, description="Entity that may be touched."),
+    }
+
+    def compose(self) -> MotionRequest | Status:
+        """One request; each activation downwards shifts the place."""
+        payload, entities = self.read("payload"), self.context.world.observe(BELIEF).entities
+        socket, peg = entities.get(self.read("socket")), entities.get(payload.entity)
+        if socket is None or socket.interior is None or peg is None:
+            return self.fail(FailureCode.OBJECT_GONE, f"{self.read('socket')} has no hole, or there is no peg")
+        tool = compute_matrix(self.context.step.target.tcp)
+        held = tool @ compute_matrix(payload.tcp_T_entity)
+        x, y, z = to_parent(socket.pose, socket.interior.center_m)
+        half_m, tip_m = socket.interior.half_m[2], held[2, 3] - compute_reach(peg, (0.0, 0.0, -1.0))
+        is_down = self.read("down")
+        index = self.activations - 1 if is_down else 0
+        shift = PITCH_M * np.sqrt(index) * np.array((np.cos(GOLDEN_RAD * index), np.sin(GOLDEN_RAD * index)))
+        over = tool.copy()
+        over[:2, 3] += np.array((x, y)) + shift - held[:2, 3]
+        over[2, 3] += z + half_m + RIM_M - tip_m
+        if is_down:
+            up = raise_pose(tool, max(0.0, float(over[2, 3] - tool[2, 3])))
+            ways = [up, over, raise_pose(over, LEFT_M - RIM_M - 2.0 * half_m)]
+        else:
+            ways = [raise_pose(over, max(0.0, float(tool[2, 3] - over[2, 3]))), over]
+        return self.request_line(tuple(map(compute_pose, ways)))
+
+
+class PlanWipe(LinePlanningLeaf):
+    """A way to just above the nearest corner, outside of the area, or strokes to and fro from there, in contact."""
+
+    ROLE = Role.PLAN
+    INPUT_PORTS = {
+        "payload": PortInformation(data_type=Payload, description="The block, and how it is held."),
+        "area": PortInformation(data_type=str, description="Region to wipe."),
+        "strokes": PortInformation(data_type=bool, default_value=False, description="Over it; to its corner if false."),
+        "ignore": PortInformation(data_type=str, required=False, description="Entity that may be touched."),
+    }
+
+    def compose(self) -> MotionRequest | Status:
+        """One request; strokes push along what is lower than the middle of the pads."""
+        payload, world = self.read("payload"), self.context.world.observe(BELIEF)
+        area, block = world.regions.get(self.read("area")), world.entities.get(payload.entity)
+        if area is None or block is None:
+            return self.fail(FailureCode.OBJECT_GONE, f"there is no area {self.read('area')}, or no {payload.entity}")
+        tool, frame = compute_matrix(self.context.step.target.tcp), compute_matrix(area.pose)
+        box = compute_entity_box(replace(block, pose=compute_pose(tool @ compute_matrix(payload.tcp_T_entity))))
+        own = frame[:3, :3].T @ box.pose[:3, :3]
+        level = own[:2, (int(np.argmax(np.abs(own[2]))) + 1) % 3]
+        yaw_rad = float(np.arctan2(level[1], level[0]))
+        square = turn((0.0, 0.0, np.round(2 * yaw_rad / np.pi) * np.pi / 2 - yaw_rad))  # sides along those of the area
+        from_m = (box.pose[:2, 3] - frame[:2, 3]) @ frame[:2, :2]
+        corners = list_corners(np.array(area.half_m), np.abs(square @ own) @ box.half_m, from_m)
+        poses = np.repeat(tool[None], len(corners), axis=0)
+        poses[:, :3, :3] = square @ tool[:3, :3]
+        poses[:, :2, 3] = corners @ frame[:2, :2].T + frame[:2, 3] + (square @ (tool - box.pose)[:3, 3])[:2]
+        if not self.read("strokes"):
+            down_m = frame[2, 3] - area.half_m[2] + OVER_M - box.bottom_m
+            return self.request_line((compute_pose(poses[0]), compute_pose(raise_pose(poses[0], down_m))))
+        request = self.request_line(tuple(compute_pose(raise_pose(pose, -PRESS_M)) for pose in poses[1:]))
+        entities = (each for each in request.world.entities if each.movable and each.shapes)
+        low = (each.name for each in entities if compute_entity_box(each).top_m < tool[2, 3])
+        return replace(request, ignore=(*request.ignore, *low))
+
+
+def list_corners(half_m: Array, reach_m: Array, from_m: Array) -> Array:
+    """(k, 2) ends of the strokes in the frame of an area, past all its sides; the first is the nearest to `from_m`.
+
+    `half_m` is of the area, `reach_m` of the block along its axes; strokes are across the longer side of the block.
+    """
+    across = int(np.argmax(reach_m[:2]))
+    room_m = max(0.0, half_m[across] + EDGE_M - reach_m[across])
+    lanes = np.linspace(room_m, -room_m, 1 + int(np.ceil(2 * room_m / (2 * reach_m[across] - OVERLAP_M))))
+    end_m = half_m[1 - across] + reach_m[1 - across] + EDGE_M
+    ends = [
+        (sign * end_m, lane) for index, lane in enumerate(lanes) for sign in ((1, -1) if index % 2 == 0 else (-1, 1))
+    ]
+    return np.array(ends)[:, :: 1 if across else -1] * np.where(from_m < 0.0, -1.0, 1.0)
