@@ -29,7 +29,7 @@ from phyagentos.bench.records import EpisodeLog, EpisodeRecord, Order
 from phyagentos.bench.suite_file import MemoryUse, Policy
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
-from phyagentos.protocol.documents.durable_files import replace_durably
+from phyagentos.protocol.documents.durable_files import replace_durably, require_empty
 from phyagentos.protocol.workspace.process_lock import become_sole
 
 MANIFEST, SUITE, LOCK = "run.json", "suite.yaml", ".lock"
@@ -58,9 +58,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
 
 def begin_run(folder: Path, source: Path, plan: Plan, clock: Clock) -> Manifest:
     """Make the folder of a run; raises DefinitionError `WOULD_OVERWRITE`."""
-    if folder.exists() and any(folder.iterdir()):
-        hint = f"Continue it: paos bench resume {folder}. Or name another folder."
-        raise DefinitionError.of("WOULD_OVERWRITE", str(folder), "a folder that is not empty", "a new folder", hint)
+    require_empty(folder, f"Continue it: paos bench resume {folder}. Or name another folder.")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / SUITE).write_bytes(source.read_bytes())
     manifest = _describe(source, plan, clock.wall_iso(), Path.cwd())

@@ -1,5 +1,6 @@
-"""Commands for people who write goals and skills: `lint` and `compile`."""
+"""Commands for people who write goals and skills: `init`, `lint` and `compile`."""
 
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -7,9 +8,21 @@ import typer
 
 from phyagentos.cli.arguments import AsJson, Overrides, RunPython, get_file, open_library, parse_overrides
 from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_problems, print_result
+from phyagentos.protocol.documents.durable_files import require_empty
 
 if TYPE_CHECKING:
     from phyagentos.agent.goals.graph import GoalGraph
+
+TEMPLATES = Path(__file__).with_name("scaffold")
+
+
+def init(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is missing or empty.")]) -> None:
+    """Make a place of your own: a goal graph, a scene and a skill that run at once."""
+    require_empty(folder)
+    shutil.copytree(TEMPLATES, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__", ".*"))
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        print_note(f"wrote {path}")
+    print_result(f"next: paos lint {folder} && paos run {folder / 'goal_graphs' / 'first.yaml'}")
 
 
 def lint(

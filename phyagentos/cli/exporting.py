@@ -13,7 +13,7 @@ _SPACES = typer.Argument(metavar="WORKSPACE…", help="Workspaces whose sessions
 _LIST = "Names with commas between."
 
 
-def export_lerobot(
+def lerobot(
     workspaces: Annotated[list[Path], _SPACES],
     to: Annotated[Path, typer.Option("--to", metavar="DIR", help="A folder that is missing or empty.")],
     fps: Annotated[int, typer.Option(min=0, help="Frames a second; the control rate without.")] = 0,

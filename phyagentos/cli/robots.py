@@ -18,7 +18,7 @@ from phyagentos.protocol.settings.safety import Safety, read_safety
 Name = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a target, as `paos robot list` prints it.")]
 
 
-def list_robots(as_json: AsJson = False) -> None:
+def list_(as_json: AsJson = False) -> None:
     """Print every profile that can be used here, with its model and whether that is here."""
     from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.models.sources import require_models
