@@ -181,9 +181,9 @@ def _to_exit_code(error: BaseException) -> int:
     show = getattr(error, "show", None)  # a usage error knows how to print itself
     if callable(show):
         show()
-        return int(ExitCode.INVALID_INPUT)
+        return ExitCode.INVALID_INPUT
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else int(ExitCode.INTERNAL_ERROR)
     if isinstance(error, typer.Abort):
-        return int(ExitCode.INTERRUPTED)
+        return ExitCode.INTERRUPTED
     return int(report_exception(error, debug=is_debugging(sys.argv)))

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from phyagentos.cli.arguments import TrustPython
+from phyagentos.cli.arguments import TrustPython, admit_python
 from phyagentos.cli.explaining import Space
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
-from phyagentos.cli.trusting import admit_python
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.plain_text import clean
@@ -49,7 +48,7 @@ def approve(
     proposals = Proposals(place.proposals)
     if not name and policy is None:
         print_result("\n".join(_list(proposals)) or "no proposal waits")
-        return int(ExitCode.GOAL_MET)
+        return ExitCode.GOAL_MET
     admit_python(workspace, is_trusted=trust_python)
     if policy is not None:
         return _approve_by_policy(place, proposals, policy, once_idle=once_idle)
@@ -104,7 +103,7 @@ def _approve_by_policy(place: Workspace, proposals: "Proposals", file: Path, *, 
                     if code == ExitCode.INTERRUPTED:
                         return int(code)
             if once_idle:
-                return int(ExitCode.GOAL_MET)
+                return ExitCode.GOAL_MET
             watch.wait(POLL_S)
 
 

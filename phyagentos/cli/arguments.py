@@ -12,10 +12,11 @@ from typing import Annotated
 import typer
 
 from phyagentos.cli.outcome import Exit, ExitCode, print_note
-from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.workspace.foreign_python import find_foreign_python
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
-from phyagentos.protocol.workspace.workspace import MARKER
+from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
 Overrides = Annotated[
     list[str] | None,
@@ -77,6 +78,23 @@ def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
     if wrong:
         raise Exit(ExitCode.INVALID_INPUT, f"--set {wrong[0]}: expected PARAMETER=VALUE or {PREFIX}ROLE=NAME")
     return {key if key.startswith(PREFIX) else f"parameters.{key}.default": value for key, _, value in pairs}
+
+
+def admit_python(root: Path, *sources: Path, is_trusted: bool) -> None:
+    """Name the Python of an existing workspace that neither the projects of `sources` nor the working folder hold.
+
+    Raises:
+        DefinitionError: `UNTRUSTED_PYTHON` unless it `is_trusted`; `LEADS_OUT`.
+    """
+    found = find_foreign_python(Workspace.open(root), open_library(*sources)) if (root / MARKER).is_file() else ()
+    if found and not is_trusted:
+        expected = "a skill as in this project, in an installed package or as shipped"
+        hint = "Read it; --trust-python lets it run."
+        raise DefinitionError(
+            [Problem("UNTRUSTED_PYTHON", str(path), "other Python", expected, hint) for path in found]
+        )
+    for path in found:
+        print_note(f"trusted Python: {path}")
 
 
 def find_workspaces() -> list[Path]:

@@ -41,13 +41,13 @@ def lint(
         print_note(f"warning: {warning}")
     if not checked:
         print_note("no authored file found")
-        return int(ExitCode.INVALID_INPUT)
+        return ExitCode.INVALID_INPUT
     files = f"{len(checked)} file{'s' if len(checked) != 1 else ''}"
     if count:
         print_note(f"{files} checked, {count} problem{'s' if count != 1 else ''}")
-        return int(ExitCode.INVALID_INPUT)
+        return ExitCode.INVALID_INPUT
     (print_note if as_json else print_result)(f"{files} checked, no problem")
-    return int(ExitCode.GOAL_MET)
+    return ExitCode.GOAL_MET
 
 
 def compile_graph(

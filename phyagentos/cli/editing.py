@@ -58,7 +58,7 @@ def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] 
     if not judged:
         print_note("no session by hand waits for a verdict")
     is_met = all(attempt.verdict is Verdict.SUCCESS for _, attempt in judged)
-    return int(ExitCode.GOAL_MET if is_met else ExitCode.GOAL_NOT_MET)
+    return ExitCode.GOAL_MET if is_met else ExitCode.GOAL_NOT_MET
 
 
 def _edit_copy(edits: "EditIntake", history: "History", name: str, command: list[str]) -> "Merge":

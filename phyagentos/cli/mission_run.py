@@ -21,7 +21,7 @@ from phyagentos.agent.mission.mission import choose_goal
 from phyagentos.assembly.memory_choice import choose_memory
 from phyagentos.assembly.paths import choose_folder, serve_alone
 from phyagentos.assembly.planes import Plane, start_watch
-from phyagentos.cli.arguments import get_file, get_settings, open_library, parse_overrides
+from phyagentos.cli.arguments import admit_python, get_file, get_settings, open_library, parse_overrides
 from phyagentos.cli.console import CleanConsole, RunConsole
 from phyagentos.cli.lint import FileKind, find_other_kind, lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note
@@ -29,7 +29,6 @@ from phyagentos.cli.planted_faults import iter_misses
 from phyagentos.cli.progress import RunFold
 from phyagentos.cli.report import build_report, compute_exit_code, print_report
 from phyagentos.cli.stopping import cancel_unheld
-from phyagentos.cli.trusting import admit_python
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions.estop import read_latch

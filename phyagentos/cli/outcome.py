@@ -63,6 +63,14 @@ def print_json(value: object) -> None:
     print_result(msgspec.json.format(msgspec.json.encode(value), indent=2).decode())
 
 
+def print_found(value: object, text: str, *, as_json: bool) -> None:
+    """What a command found: the value as JSON, else the text."""
+    if as_json:
+        print_json(value)
+    else:
+        print_result(text)
+
+
 def print_problems(problems: Iterable[Problem]) -> int:
     """Every problem on its own line of stderr, duplicates once. Returns how many were printed."""
     unique = dict.fromkeys(problems)

@@ -12,10 +12,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 import typer
 
-from phyagentos.cli.arguments import Overrides, TrustPython, get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import (
+    AsJson,
+    Overrides,
+    TrustPython,
+    admit_python,
+    get_file,
+    open_library,
+    parse_overrides,
+)
 from phyagentos.cli.explaining import get_session
-from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
-from phyagentos.cli.trusting import admit_python
+from phyagentos.cli.forecasts import find_forecast, render_forecast
+from phyagentos.cli.history import read_ledger
+from phyagentos.cli.outcome import Exit, ExitCode, print_found, print_note
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import GoalId, Session
@@ -37,7 +46,7 @@ def preflight(
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the scene.", min=0, max=2**63 - 1)] = 0,
     set_: Overrides = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Everything as JSON.")] = False,
+    as_json: AsJson = False,
     trust_python: TrustPython = False,
 ) -> int:
     """Check every session against its live target, without moving anything: plan and tools, or every problem."""
@@ -45,14 +54,12 @@ def preflight(
     if workspace is not None:
         admit_python(workspace, is_trusted=trust_python)
     reports = check_sessions(order)
-    if as_json:
-        print_json({"subject": subject, "sessions": reports})
-    else:
-        print_result("\n".join(line for report in reports for line in _render(report)))
+    text = "\n".join(line for report in reports for line in _render(report))
+    print_found({"subject": subject, "sessions": reports}, text, as_json=as_json)
     refused = [report["session"] for report in reports if report["problems"]]
     if refused:
         print_note(f"{len(refused)} of {len(reports)} would be rejected: {', '.join(refused)}")
-    return int(ExitCode.REJECTED if refused else ExitCode.GOAL_MET)
+    return ExitCode.REJECTED if refused else ExitCode.GOAL_MET
 
 
 def check_sessions(order: "Order") -> list[dict[str, Any]]:
@@ -75,8 +82,8 @@ class Order:
     """
 
     library: Library
-    source: "Workspace | None"
-    sessions: "tuple[Session, ...]"
+    source: Workspace | None
+    sessions: tuple[Session, ...]
     after: Mapping[str, tuple[str, ...]]
     forecasts: Mapping[str, dict[str, Any]]
 
@@ -100,9 +107,6 @@ def read_order(path: Path, root: Path | None, seed: int, overrides: Mapping[str,
 
 def _find_session(subject: str, root: Path | None) -> Order | None:
     """The order for a session of a workspace; None when a goal graph is meant."""
-    from phyagentos.cli.forecasts import find_forecast
-    from phyagentos.cli.history import read_ledger
-
     if root is None:
         return None
     known = read_ledger(root, subject).sessions
@@ -162,8 +166,6 @@ def _report(session: Session, checked: "Checked", order: Order) -> dict[str, Any
 
 def _render(report: Mapping[str, Any]) -> Iterator[str]:
     """One session for people."""
-    from phyagentos.cli.forecasts import render_forecast
-
     yield f"{report['session']}: {'fits' if report['fits'] else 'would be REJECTED'}"
     for name, key in (("problem", "problems"), ("later", "decided_later")):
         for each in report[key]:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from phyagentos.cli.arguments import AsJson, open_library
-from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_result
+from phyagentos.cli.outcome import ExitCode, print_found, print_json, print_note, print_result
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import is_beside
@@ -33,10 +33,9 @@ def list_(as_json: AsJson = False) -> None:
         except DefinitionError as error:
             missing = f"{error.problems[0].found}. {error.problems[0].hint}"
         rows.append((name, profile.kind, profile.embodiment, profile.model, missing or "here"))
-    if as_json:
-        print_json([dict(zip(("robot", "kind", "embodiment", "model", "state"), row, strict=True)) for row in rows])
-    else:
-        print_result(render_table(("robot", "kind", "embodiment", "model", "state"), rows))
+    columns = ("robot", "kind", "embodiment", "model", "state")
+    facts = [dict(zip(columns, row, strict=True)) for row in rows]
+    print_found(facts, render_table(columns, rows), as_json=as_json)
 
 
 def show(robot: Name, as_json: AsJson = False) -> None:
@@ -48,10 +47,7 @@ def show(robot: Name, as_json: AsJson = False) -> None:
     profile, folder = read_profile(open_library().get_target(robot))
     facts = {"robot": profile.target, "description": profile.description, "model": profile.model}
     facts |= describe_robot(build_robot_model(profile, folder)) if profile.model else {}
-    if as_json:
-        print_json(facts)
-    else:
-        print_result(render_table(("", ""), list(facts.items())))
+    print_found(facts, render_table(("", ""), list(facts.items())), as_json=as_json)
 
 
 def check(robot: Name, as_json: AsJson = False) -> int:

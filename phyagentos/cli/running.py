@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from phyagentos.assembly.process_tuning import end_with
-from phyagentos.cli.arguments import Overrides, TrustPython, get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import Overrides, TrustPython, admit_python, get_file, open_library, parse_overrides
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.settings.perception import Prior, Sensing
@@ -108,7 +108,6 @@ def watch(
     """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
     from phyagentos.assembly.runtime_plane import run_watch
     from phyagentos.cli.lint import FileKind, find_other_kind, lint_file
-    from phyagentos.cli.trusting import admit_python
 
     file = get_file(faults, "faults") if faults is not None else None
     if file is not None and (problems := find_other_kind(file, FileKind.FAULTS) or lint_file(file)):

@@ -1,13 +1,14 @@
 """`paos verify`: another judgement of a session that has its verdict, by judges of one's choice."""
 
-from collections.abc import Iterable
 from contextlib import closing
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from phyagentos.cli.arguments import AsJson
 from phyagentos.cli.explaining import Space, get_session
-from phyagentos.cli.outcome import ExitCode, print_json, print_result
+from phyagentos.cli.history import read_ledger
+from phyagentos.cli.outcome import ExitCode, print_found
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import SessionStatus
@@ -37,12 +38,11 @@ def verify(
         bool,
         typer.Option("--from-frames", help="Perceive the stored camera frames again, judge, compare; records nothing."),
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="The judgement as JSON on stdout.")] = False,
+    as_json: AsJson = False,
 ) -> int:
     """Add a judgement to a session that has its verdict; erases none and changes no state."""
     from phyagentos.agent.judging.review import review_session
     from phyagentos.assembly.verification import build_verifier
-    from phyagentos.cli.history import read_ledger
 
     place, clock = Workspace.open(workspace), SystemClock()
     names = None if with_ is None else tuple(filter(None, map(str.strip, with_.split(",")))) or (with_,)
@@ -57,14 +57,11 @@ def verify(
             each for each in sessions.values() if (each.contract.goal, each.contract.node) == (own.goal, own.node)
         ]
         attempt = review_session(place, journal, status, verifier, lineage)
-    if as_json:
-        print_json(attempt)
-    else:
-        print_result(f"{status.contract.id}: {attempt.verdict}  {attempt.reason}")
-        _print_criteria(attempt.criteria)
-        decided = status.decision.verdict if status.decision is not None else "none"
-        print_result(f"  added as judgement {len(status.attempts) + 1}; the verdict stays {decided}")
-    return int(ExitCode.GOAL_MET if attempt.verdict is Verdict.SUCCESS else ExitCode.GOAL_NOT_MET)
+    decided = status.decision.verdict if status.decision is not None else "none"
+    lines = [f"{status.contract.id}: {attempt.verdict}  {attempt.reason}", *map(_render, attempt.criteria)]
+    lines.append(f"  added as judgement {len(status.attempts) + 1}; the verdict stays {decided}")
+    print_found(attempt, "\n".join(lines), as_json=as_json)
+    return ExitCode.GOAL_MET if attempt.verdict is Verdict.SUCCESS else ExitCode.GOAL_NOT_MET
 
 
 def _verify_from_frames(
@@ -77,17 +74,12 @@ def _verify_from_frames(
 
     seen = perceive_again(workspace, status)
     again = judge_again(Evidence(workspace.root).read(status), seen, verifier, status.decision)
-    if as_json:
-        print_json(again)
-    else:
-        equal = "equal to what was recorded" if not again.differences else "not what was recorded"
-        print_result(f"{again.session}: {len(again.criteria)} criteria from {again.looks} looks, {equal}")
-        _print_criteria(again.criteria)
-        for difference in again.differences:
-            print_result(f"  differs: {difference}")
-    return int(ExitCode.GOAL_NOT_MET if again.differences else ExitCode.GOAL_MET)
+    equal = "equal to what was recorded" if not again.differences else "not what was recorded"
+    lines = [f"{again.session}: {len(again.criteria)} criteria from {again.looks} looks, {equal}"]
+    lines += [*map(_render, again.criteria), *(f"  differs: {difference}" for difference in again.differences)]
+    print_found(again, "\n".join(lines), as_json=as_json)
+    return ExitCode.GOAL_NOT_MET if again.differences else ExitCode.GOAL_MET
 
 
-def _print_criteria(criteria: Iterable[Criterion]) -> None:
-    for criterion in criteria:
-        print_result(f"  {criterion.truth}: {criterion.kind} {criterion.text}: {criterion.because}")
+def _render(criterion: Criterion) -> str:
+    return f"  {criterion.truth}: {criterion.kind} {criterion.text}: {criterion.because}"
