@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from phyagentos.assembly.paths import find_project
 from phyagentos.cli.outcome import Exit, ExitCode, print_note
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
@@ -32,14 +33,6 @@ TrustPython = Annotated[
     bool, typer.Option("--trust-python", help="Let skills of the workspace run Python that is not known from here.")
 ]
 PREFIX = "targets."
-FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol")
-
-
-def find_project(path: Path) -> Path:
-    """The project folder of a file; its own folder when none is recognised."""
-    resolved = path.resolve()
-    own = resolved if resolved.is_dir() else resolved.parent
-    return next((parent.parent for parent in resolved.parents if parent.name in FOLDERS), own)
 
 
 def open_library(*paths: Path) -> Library:

@@ -11,9 +11,8 @@ import msgspec
 import typer
 
 from phyagentos.cli.arguments import AsJson, open_library
-from phyagentos.cli.field_tables import iter_structures, list_fields
 from phyagentos.cli.outcome import print_found
-from phyagentos.cli.schemas import build_schema
+from phyagentos.cli.schemas import build_schema, iter_structures, list_fields
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, read_skill

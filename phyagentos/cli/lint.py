@@ -9,7 +9,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from phyagentos.cli.arguments import FOLDERS, open_library
+from phyagentos.assembly.paths import FOLDERS
+from phyagentos.cli.arguments import open_library
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry

@@ -120,7 +120,7 @@ def run_mission(order: Order, clock: Clock | None = None) -> int:
     graph = get_file(order.graph, "goal_graphs")
     faults = get_file(order.faults, "faults") if order.faults is not None else None
     compiled = lint_order(graph, faults, parse_overrides(order.overrides), order.workspace)
-    root = order.workspace or choose_workspace(graph.stem, order.seed)
+    root = order.workspace or choose_folder(Path("workspaces"), f"{graph.stem}-{order.seed}")
     admit_python(root, graph, is_trusted=order.trusts_python)
     workspace = Workspace.create(root, open_library(graph))
     with serve_alone(workspace, clock), Interrupts().counted() as interrupts:
@@ -206,11 +206,6 @@ def lint_order(
     if problems := [*(problem for file in files for problem in lint_file(file)), *problems]:
         raise DefinitionError(problems)
     return compiled
-
-
-def choose_workspace(name: str, seed: int) -> Path:
-    """`workspaces/<graph>-<seed>-<n>` under the working directory, the first that does not exist."""
-    return choose_folder(Path("workspaces"), f"{name}-{seed}")
 
 
 def start_planes(order: Order, goal: GoalId, graph: Path, faults: Path | None, workspace: Workspace) -> list[Plane]:

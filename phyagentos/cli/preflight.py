@@ -64,10 +64,9 @@ def preflight(
 
 def check_sessions(order: "Order") -> list[dict[str, Any]]:
     """What each session would be granted, or why it would be refused, by real processes that move nothing."""
-    from phyagentos.assembly.examination import Examination
+    from phyagentos.assembly.examination import examine
 
-    with Examination.open(order.library, order.source) as examination:
-        found = examination.examine([_settle(each) for each in order.sessions])
+    found = examine(order.library, order.source, [_settle(each) for each in order.sessions])
     return [_report(session, found[session.id], order) for session in order.sessions]
 
 

@@ -46,12 +46,12 @@ def show_schema(
     fields: Annotated[bool, typer.Option("--fields", help="As a Markdown table of its fields.")] = False,
 ) -> None:
     """Print the JSON Schema of an authored file or a document; without a kind, the kinds."""
-    from phyagentos.cli import field_tables, schemas
+    from phyagentos.cli import schemas
 
     if kind is None:
         print_result("\n".join(schemas.names_of_schemas()))
     elif fields:
-        print_result(field_tables.render_fields(kind))
+        print_result(schemas.render_fields(kind))
     else:
         print_result(schemas.render_schema(kind))
 

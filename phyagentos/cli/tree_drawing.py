@@ -10,7 +10,7 @@ import rich.markup
 import typer
 from rich.tree import Tree as Printed
 
-from phyagentos.cli.arguments import find_project
+from phyagentos.assembly.paths import find_project
 from phyagentos.cli.console import CleanConsole
 from phyagentos.cli.outcome import print_note, print_result
 from phyagentos.errors import DefinitionError

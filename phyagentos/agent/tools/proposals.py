@@ -12,7 +12,6 @@ import re
 import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,7 +22,7 @@ from phyagentos.agent.goals.spec import NODE_NAME
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.durable_files import create_durably
 from phyagentos.protocol.documents.regular_files import read_regular
-from phyagentos.protocol.documents.schema import Authored, ModelT, parse_yaml, validate
+from phyagentos.protocol.documents.schema import Authored, ModelT, iter_nested, parse_yaml, validate
 from phyagentos.protocol.sessions.session import GoalId
 
 PROPOSAL_MAX = 1 << 18  # bytes
@@ -73,7 +72,7 @@ class Proposed:
 def encode_proposal(proposal: Proposal) -> Proposed:
     """The canonical bytes of a proposal, and the name that they give it; raises `TOO_LARGE` or `HIDDEN_TEXT`."""
     content = proposal.model_dump(mode="json")
-    letters = {each for text in _iter_texts(content) for each in text if each not in "\n\t"}
+    letters = {each for text in iter_nested(content) if isinstance(text, str) for each in text} - set("\n\t")
     if hidden := [f"U+{ord(each):04X}" for each in sorted(letters) if unicodedata.category(each) in _HIDDEN]:
         expected = "text that is seen as it is"
         raise DefinitionError.of("HIDDEN_TEXT", proposal.goal, ", ".join(hidden[:8]), expected)
@@ -150,15 +149,6 @@ class Proposals:
         """Approvals of one decider since a wall time."""
         found = [_read(path, Decision)[0] for path in self._decisions.glob("*.yaml")]
         return sum(each.decision == "approved" and each.by == by and each.at >= since for each in found)
-
-
-def _iter_texts(value: Any) -> Iterator[str]:
-    """Every text in plain data, keys included."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict | list):
-        for each in chain(value, value.values()) if isinstance(value, dict) else value:
-            yield from _iter_texts(each)
 
 
 def _read(path: Path, model: type[ModelT]) -> tuple[ModelT, bytes]:
