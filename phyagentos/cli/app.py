@@ -25,7 +25,7 @@ from phyagentos.cli.outcome import ExitCode, is_debugging, print_json, report_ex
 
 PLAIN: dict[str, Any] = {"no_args_is_help": True, "rich_markup_mode": None, "pretty_exceptions_enable": False}
 COMMANDS = {  # name -> module and function; the first line of its docstring is the help
-    "run": "running:run",
+    "run": "mission_run:run",
     "ask": "asking:ask",
     "agent": "running:agent",
     "watch": "running:watch",

@@ -1,4 +1,4 @@
-"""Commands that move things: `run` (both planes and a live view), `agent` and `watch` (one plane by hand)."""
+"""Commands that move things, one plane by hand: `agent` and `watch`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -24,48 +24,8 @@ Mode = Annotated[WorldMode | None, typer.Option(help="How simulated time advance
 Sense = Annotated[Sensing | None, typer.Option(help="What agent and verifier see; kept in perception.yaml.")]
 Known = Annotated[Prior | None, typer.Option(help="What perception knows at first; kept in perception.yaml.")]
 Verify = Annotated[VerificationMode | None, typer.Option(help="What judgements are for, over runtime_contract.yaml.")]
-_FOLDER_HELP = "Folder of the run; a new one under workspaces/ by default."
 _MEMORY_HELP = "Whose memory: `project`, `workspace`, `none`, or a folder; over runtime_contract.yaml."
 WhichMemory = Annotated[str | None, typer.Option("--memory", help=_MEMORY_HELP, envvar="PHYAGENTOS_MEMORY")]
-
-
-def run(
-    graph: Graph,
-    seed: Seed = 0,
-    workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help=_FOLDER_HELP)] = None,
-    faults: FaultFile = None,
-    set_: Overrides = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON report on stdout, all else on stderr.")] = False,
-    no_pictures: NoPictures = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the final table.")] = False,
-    world_mode: Mode = None,
-    verify: Verify = None,
-    sense: Sense = None,
-    prior: Known = None,
-    memory: WhichMemory = None,
-    trust_python: TrustPython = False,
-) -> int:
-    """Run a goal graph to its verdict: both planes, live progress, a final table."""
-    from phyagentos.cli.mission_run import Order, run_mission
-
-    return run_mission(
-        Order(
-            graph=graph,
-            seed=seed,
-            workspace=workspace,
-            faults=faults,
-            overrides=tuple(set_ or ()),
-            as_json=as_json,
-            pictures=not no_pictures,
-            quiet=quiet,
-            world_mode=world_mode,
-            verify=verify,
-            sense=sense,
-            prior=prior,
-            memory=memory,
-            trusts_python=trust_python,
-        )
-    )
 
 
 def agent(
