@@ -3,8 +3,6 @@
 Neither a simulator nor ground truth is used: the only model loaded is the robot's own, to mask it in pictures.
 """
 
-from pathlib import Path
-
 from phyagentos.assembly.processes import open_world_model
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.registries import get_registered_target
@@ -35,18 +33,6 @@ def perceive_again(workspace: Workspace, status: SessionStatus) -> list[tuple[Lo
     if not entries:
         found = "its sensing was truth, its target has no camera, or an earlier version recorded it"
         raise ExecutionError("LOOK_MISSING", f"{folder / LOOKS}: no look was recorded; {found}")
-    _check_settings(workspace, folder)
-    looks = {entry.file: read_look(folder / entry.file, entry.sha256) for entry in entries}
-    profile = get_registered_target(workspace.target_registry, target)
-    eyes = RecordedFrames(next(iter(looks.values())))
-    world = open_world_model(workspace, target, profile, eyes, read_settings(workspace, target))
-    if not isinstance(world, PerceivedWorld):
-        raise ExecutionError("LOOK_DIFFERS", f"{workspace.perception}: sensing is truth, the session's was perceived")
-    worlds = {file: world.repeat(look) for file, look in looks.items()}
-    return [(entry, worlds[entry.file]) for entry in entries]
-
-
-def _check_settings(workspace: Workspace, folder: Path) -> None:
     recorded = read_yaml(folder / CONTRACT).data.get("settings_sha256", {})
     found = "another file than the session ran with"
     hint = f"Restore it, or judge on the snapshots: `paos verify {folder.name}` without --from-frames."
@@ -57,3 +43,11 @@ def _check_settings(workspace: Workspace, folder: Path) -> None:
     ]
     if changed:
         raise DefinitionError(changed)
+    looks = {entry.file: read_look(folder / entry.file, entry.sha256) for entry in entries}
+    profile = get_registered_target(workspace.target_registry, target)
+    eyes = RecordedFrames(next(iter(looks.values())))
+    world = open_world_model(workspace, target, profile, eyes, read_settings(workspace, target))
+    if not isinstance(world, PerceivedWorld):
+        raise ExecutionError("LOOK_DIFFERS", f"{workspace.perception}: sensing is truth, the session's was perceived")
+    worlds = {file: world.repeat(look) for file, look in looks.items()}
+    return [(entry, worlds[entry.file]) for entry in entries]

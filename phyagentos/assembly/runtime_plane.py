@@ -10,7 +10,6 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import FrameType
 
 from phyagentos.assembly.drivers import choose_driver
 from phyagentos.assembly.paths import FAULTS, make_socket_folder, open_project, remove_socket_folders, serve_alone
@@ -189,11 +188,8 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     views.share(watchdog.ledger, watchdog.follow)
     seal_rest(workspace, views.ledger)  # of a runtime that was killed
 
-    def on_signal(_number: int, _frame: FrameType | None) -> None:
-        watchdog.stop()
-
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, on_signal)
+        signal.signal(number, lambda *_: watchdog.stop())
     collect_rarely()
     if rules.world_mode is WorldMode.LOCKSTEP:
         ask_for_prompt_wakeups()

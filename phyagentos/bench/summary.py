@@ -1,18 +1,27 @@
-"""The figures of a run, each with the episodes that it is made of."""
+"""The figures of a run, each with the episodes that it is made of; and of two sets of episodes, paired by seed.
+
+Pairs are compared by McNemar's exact test (McNemar 1947, doi:10.1007/BF02295996).
+"""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 import numpy as np
+from scipy.stats import binomtest, wilcoxon
 
-from phyagentos.bench.comparison import compare, read_values
-from phyagentos.bench.records import BY_NAME, EpisodeRecord, Order, select
+from phyagentos.bench.records import AXES, BY_NAME, EpisodeRecord, Order, select
 from phyagentos.bench.report import Ask, Rate, Spread
 from phyagentos.bench.suite_file import Asked, Figure, Suite
 from phyagentos.bench.sweep import Manifest
+from phyagentos.errors import DefinitionError
 
 GROUPED = ("pass", "policy", "setting", "verification")  # axes of a row, beside its task
+SIGNIFICANT = 0.05
+Key = tuple[str, ...]
+_SHARES = (Figure.FINAL, Figure.FIRST, Figure.PARTS, Figure.FIRST_PARTS)
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -158,15 +167,11 @@ def _list_values(records: Sequence[EpisodeRecord], figure: Figure, part: str = "
     return [float(value) for name, value in each if part in {"", name}]
 
 
-def _make_rate(records: Sequence[EpisodeRecord], figure: Figure) -> Rate:
-    values = _list_values(records, figure)
-    return Rate(int(sum(values)), len(values))
-
-
 def _make_row(*key: str, orders: Sequence[Order], missing: dict[str, str], done: dict[str, EpisodeRecord]) -> Row:
     records = [done[order.id] for order in orders if order.id in done]
     sessions = [session for record in records for session in record.sessions]
     absent = sum(order.id in missing for order in orders)
+    shares = {each.value: _list_values(records, each) for each in _SHARES}
     stages = sorted({stage for session in sessions for stage in session.stages_ms})
     return Row(
         axes=dict(zip(GROUPED, key, strict=False)),
@@ -174,7 +179,7 @@ def _make_row(*key: str, orders: Sequence[Order], missing: dict[str, str], done:
         episodes=tuple(record.id for record in records),
         missing=absent,
         pending=len(orders) - len(records) - absent,
-        **{each.value: _make_rate(records, each) for each in _SHARES},
+        **{name: Rate(int(sum(values)), len(values)) for name, values in shares.items()},
         verdicts=dict(Counter(record.verdict or record.ended for record in records)),
         false_successes=tuple(record.id for record in records if record.is_false_success),
         false_failures=tuple(record.id for record in records if record.is_false_failure),
@@ -189,4 +194,87 @@ def _make_row(*key: str, orders: Sequence[Order], missing: dict[str, str], done:
     )
 
 
-_SHARES = (Figure.FINAL, Figure.FIRST, Figure.PARTS, Figure.FIRST_PARTS)
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What B is against A, on the pairs.
+
+    Attributes:
+        only_a: Episodes without a partner; `only_b` likewise.
+        gained: Pairs in which B has more; `lost`, in which A has.
+        p: Two-sided p value of the difference.
+    """
+
+    a: Rate
+    b: Rate
+    gained: tuple[Key, ...]
+    lost: tuple[Key, ...]
+    only_a: tuple[Key, ...]
+    only_b: tuple[Key, ...]
+    p: float
+
+    def is_regression(self, significant: float = SIGNIFICANT) -> bool:
+        """Whether B is significantly worse, or lacks episodes that A has: a gap may hide anything."""
+        return bool(self.only_a) or (len(self.lost) > len(self.gained) and self.p <= significant)
+
+
+def compare(a: Sequence[EpisodeRecord], b: Sequence[EpisodeRecord], of: Figure = Figure.FINAL) -> Comparison:
+    """Pair the episodes of two sets by seed and every axis but those on which each has one value of its own.
+
+    Raises:
+        DefinitionError: `NOT_PAIRED` where no episode of one set belongs to one of the other.
+    """
+    free = [axis for axis in AXES if _is_free(axis, a, b)]
+    ours, theirs = _index(a, free, of), _index(b, free, of)
+    pairs = [key for key in ours if key in theirs]
+    if not pairs:
+        expected = "runs that share tasks and seeds"
+        raise DefinitionError.of("NOT_PAIRED", "paos bench compare", "no episode of both", expected)
+    gained = tuple(key for key in pairs if theirs[key] > ours[key])
+    lost = tuple(key for key in pairs if ours[key] > theirs[key])
+    p = 1.0
+    if (differing := len(gained) + len(lost)) and of is Figure.SESSIONS:
+        p = float(wilcoxon([ours[key] - theirs[key] for key in pairs]).pvalue)
+    elif differing:
+        p = float(binomtest(len(gained), differing).pvalue)
+    return Comparison(
+        a=Rate(sum(bool(ours[key]) for key in pairs), len(pairs)),
+        b=Rate(sum(bool(theirs[key]) for key in pairs), len(pairs)),
+        gained=gained,
+        lost=lost,
+        only_a=tuple(key for key in ours if key not in theirs),
+        only_b=tuple(key for key in theirs if key not in ours),
+        p=p,
+    )
+
+
+def read_values(record: EpisodeRecord, of: Figure) -> Mapping[str, Any]:
+    """What a figure is made of, in one episode: of each part of its goal, or of an empty name."""
+    match of:
+        case Figure.PARTS:
+            return record.parts
+        case Figure.FIRST_PARTS:
+            return record.first_parts
+        case Figure.VERIFIED:
+            return {"": bool(record.is_met) and record.verdict == "success"}
+        case Figure.FIRST:
+            return {"": record.is_first}
+        case Figure.SESSIONS:
+            return {"": len(record.sessions)}
+        case Figure.OTHER_BITS:
+            return {"": record.bits}
+        case _:
+            return {"": bool(record.is_met)}
+
+
+def _is_free(axis: str, a: Sequence[EpisodeRecord], b: Sequence[EpisodeRecord]) -> bool:
+    values = [{getattr(record, axis) for record in each} for each in (a, b)]
+    return values[0] != values[1] and all(len(each) == 1 for each in values)
+
+
+def _index(records: Sequence[EpisodeRecord], free: Sequence[str], of: Figure) -> dict[Key, Any]:
+    kept = [axis for axis in AXES if axis not in free]
+    return {
+        (*filter(None, (getattr(record, axis) for axis in kept)), str(record.seed), *filter(None, (part,))): value
+        for record in records
+        for part, value in read_values(record, of).items()
+    }

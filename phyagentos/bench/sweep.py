@@ -9,6 +9,7 @@ runs/<suite>-1/
 
 import contextlib
 import hashlib
+import itertools
 import os
 import signal
 import subprocess
@@ -90,12 +91,8 @@ def continue_run(folder: Path, plan: Plan) -> Manifest:
         changed = changed or [known.source]
     if changed:
         hint = "Begin a new run; what this one has measured stays."
-        raise DefinitionError(
-            [
-                Problem("RUN_DIFFERS", path, "another content than when the run began", "the same", hint)
-                for path in changed
-            ]
-        )
+        found = "another content than when the run began"
+        raise DefinitionError([Problem("RUN_DIFFERS", path, found, "the same", hint) for path in changed])
     replace_durably(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(today)))
     return today
 
@@ -110,13 +107,16 @@ def run_sweep(
     """
     lock = become_sole(folder / LOCK, clock, "RUN_BUSY", "another process works on this run")
     log = EpisodeLog(folder)
+    left = [order for order in manifest.orders if order.id not in log.records and order.id not in manifest.missing]
+    served = [policies[name] for name in dict.fromkeys(order.policy for order in left) if name]
     try:
-        with _serving(
-            [policies[name] for name in _list_policies(manifest, log.records)], Path(manifest.project), clock
-        ):
-            for phase in dict.fromkeys(order.phase for order in manifest.orders):
-                chains = _make_chains(manifest, phase, log.records)
-                yield from _run_chains(chains, folder, manifest, engine, log)
+        with _serving(served, Path(manifest.project), clock):
+            for phase in dict.fromkeys(order.phase for order in left):
+                chains: dict[str, deque[Order]] = {}
+                for order in left:
+                    if order.phase == phase:
+                        chains.setdefault(order.chain or order.id, deque()).append(order)
+                yield from _run_chains(deque(chains.values()), folder, manifest, engine, log)
     finally:
         engine.close()
         log.close()
@@ -142,31 +142,16 @@ def _run_chains(
                 yield record
 
 
-def _make_chains(manifest: Manifest, phase: str, done: Mapping[str, EpisodeRecord]) -> deque[deque[Order]]:
-    chains: dict[str, deque[Order]] = {}
-    for order in manifest.orders:
-        if order.phase == phase and order.id not in done and order.id not in manifest.missing:
-            chains.setdefault(order.chain or order.id, deque()).append(order)
-    return deque(chains.values())
-
-
 def _find_memory(order: Order, orders: Sequence[Order], done: Mapping[str, EpisodeRecord]) -> str:
     """Folder of the last adapting episode before this one, of the same policy, setting and mode; empty for none."""
     if order.memory not in {MemoryUse.FROZEN, MemoryUse.ADAPTING}:
         return ""
     found = ""
-    for other in orders:
-        if other.id == order.id:
-            break
+    for other in itertools.takewhile(lambda each: each.id != order.id, orders):
         record = done.get(other.id)
         if other.memory == MemoryUse.ADAPTING and other.lineage == order.lineage and record and record.ended == "over":
             found = record.folder
     return found
-
-
-def _list_policies(manifest: Manifest, done: Mapping[str, EpisodeRecord]) -> list[str]:
-    left = (order for order in manifest.orders if order.id not in done and order.id not in manifest.missing)
-    return [name for name in dict.fromkeys(order.policy for order in left) if name]
 
 
 @contextlib.contextmanager

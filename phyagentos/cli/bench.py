@@ -11,13 +11,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from phyagentos.assembly.paths import choose_folder
-from phyagentos.bench import comparison
+from phyagentos.bench.availability import find_lacks, plan_setup, set_up
 from phyagentos.bench.engines import EngineName, open_engine
-from phyagentos.bench.environments import find_lacks, plan_setup, set_up
 from phyagentos.bench.matrix import compile_suite, find_environments, find_suite
 from phyagentos.bench.records import BY_NAME, EpisodeRecord, read_records, select
 from phyagentos.bench.rendering import render_json, render_markdown, write_reports
 from phyagentos.bench.suite_file import Figure, Policy, read_suite
+from phyagentos.bench.summary import compare as compare_records
 from phyagentos.bench.summary import summarise
 from phyagentos.bench.sweep import SUITE, Manifest, begin_run, continue_run, read_manifest, run_sweep
 from phyagentos.cli.arguments import AsJson
@@ -82,7 +82,7 @@ def compare(
     as_json: AsJson = False,
 ) -> int:
     """Compare two runs, paired by seed: McNemar's exact test. Ends with 1 when B is worse, or lacks episodes of A."""
-    found = comparison.compare(_read_chosen(a), _read_chosen(b), of)
+    found = compare_records(_read_chosen(a), _read_chosen(b), of)
     is_worse = found.is_regression(significant)
     lines = [f"A {found.a}", f"B {found.b}"]
     lines += [f"gained {len(found.gained)}, lost {len(found.lost)}, p = {found.p:.4g}"]

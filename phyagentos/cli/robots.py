@@ -10,7 +10,6 @@ import typer
 from phyagentos.cli.arguments import AsJson, open_library
 from phyagentos.cli.outcome import ExitCode, print_found, print_json, print_note, print_result
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import is_beside
 from phyagentos.protocol.documents.markdown import render_table
 from phyagentos.protocol.settings.safety import Safety, read_safety
@@ -56,7 +55,10 @@ def check(robot: Name, as_json: AsJson = False) -> int:
 
     library = open_library()
     path = library.get_target(robot)
-    problems = check_profile(path, _read_limits(library, path))
+    files = [root / "protocol" / "safety.yaml" for root in library.roots] + [path.with_name("safety.yaml")]
+    found = [read_safety(each) for each in files if each.is_file()]
+    limits = {name: limits for each in found for name, limits in each.targets.items()}
+    problems = check_profile(path, Safety(targets=limits))
     if as_json:
         print_json([{"code": each.code, "address": each.address, "message": str(each)} for each in problems])
     else:
@@ -103,10 +105,3 @@ def new(
     if is_beside(model):
         print_note(f"its model is {hint}: set PHYAGENTOS_MODELS to {path.resolve().parent}")
     print_note(f"next: edit it, then paos robot check {target} && paos robot render {target}")
-
-
-def _read_limits(library: Library, profile: Path) -> Safety:
-    """Limits of the project's safety.yaml, and of that beside a profile."""
-    files = [root / "protocol" / "safety.yaml" for root in library.roots] + [profile.with_name("safety.yaml")]
-    found = [read_safety(path) for path in files if path.is_file()]
-    return Safety(targets={name: limits for each in found for name, limits in each.targets.items()})

@@ -50,10 +50,15 @@ def _builders() -> dict[str, Callable[[], dict[str, Any]]]:
     from phyagentos.protocol.capabilities.targets import TargetProfile
     from phyagentos.protocol.capabilities.trees import TreeHeader
     from phyagentos.protocol.documents.document import build_schema as build_document_schema
+    from phyagentos.protocol.documents.struct_schema import build_authored_schema
     from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
     from phyagentos.protocol.world.faults import FaultFile
     from phyagentos.protocol.world.scenes import SceneSpec
     from phyagentos.store.document_registry import FORMATS
+
+    def build_authored(model: type[Authored]) -> dict[str, Any]:
+        schema, definitions = build_authored_schema(model)
+        return {"$defs": definitions, **schema} if definitions else schema
 
     models: dict[str, type[Authored]] = {
         "faults": FaultFile,
@@ -65,16 +70,9 @@ def _builders() -> dict[str, Callable[[], dict[str, Any]]]:
         "tree": TreeHeader,
         **{Path(name).stem: model for name, model in SETTINGS_FILES.items()},
     }
-    authored = {kind: partial(_build_authored, model) for kind, model in models.items()}
+    authored = {kind: partial(build_authored, model) for kind, model in models.items()}
     documents = {each.name: partial(build_document_schema, each) for each in FORMATS.values()}
     return {**authored, **documents}
-
-
-def _build_authored(model: type[Authored]) -> dict[str, Any]:
-    from phyagentos.protocol.documents.struct_schema import build_authored_schema
-
-    schema, definitions = build_authored_schema(model)
-    return {"$defs": definitions, **schema} if definitions else schema
 
 
 def render_fields(kind: str) -> str:

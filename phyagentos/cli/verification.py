@@ -1,10 +1,15 @@
 """`paos verify`: another judgement of a session that has its verdict, by judges of one's choice."""
 
 from contextlib import closing
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from phyagentos.agent.judging.from_frames import judge_again
+from phyagentos.agent.judging.goal_judgement import Evidence
+from phyagentos.agent.judging.review import review_session
+from phyagentos.agent.judging.verifier import SessionVerifier
+from phyagentos.assembly.verification import build_verifier
 from phyagentos.cli.arguments import AsJson
 from phyagentos.cli.explaining import Space, get_session
 from phyagentos.cli.history import read_ledger
@@ -17,9 +22,6 @@ from phyagentos.protocol.settings.verification import JudgeName
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
-
-if TYPE_CHECKING:
-    from phyagentos.agent.judging.verifier import SessionVerifier
 
 
 def verify(
@@ -41,9 +43,6 @@ def verify(
     as_json: AsJson = False,
 ) -> int:
     """Add a judgement to a session that has its verdict; erases none and changes no state."""
-    from phyagentos.agent.judging.review import review_session
-    from phyagentos.assembly.verification import build_verifier
-
     place, clock = Workspace.open(workspace), SystemClock()
     names = None if with_ is None else tuple(filter(None, map(str.strip, with_.split(",")))) or (with_,)
     verifier = build_verifier(place, clock, mode=mode, judges=names)
@@ -65,11 +64,9 @@ def verify(
 
 
 def _verify_from_frames(
-    workspace: Workspace, status: SessionStatus, verifier: "SessionVerifier", *, as_json: bool
+    workspace: Workspace, status: SessionStatus, verifier: SessionVerifier, *, as_json: bool
 ) -> int:
     """Exit code 0 where what is perceived and judged again is equal to what was recorded."""
-    from phyagentos.agent.judging.from_frames import judge_again
-    from phyagentos.agent.judging.goal_judgement import Evidence
     from phyagentos.assembly.from_frames import perceive_again
 
     seen = perceive_again(workspace, status)
