@@ -42,10 +42,8 @@ def carry_out(
     """Pursue an approved proposal to its verdict, with a runtime of its own where none serves the workspace.
 
     Nothing is read from its file again. A goal that has its verdict is only reported. `restrict` narrows what it may
-    use, repairs included. The Python of the workspace's skills is run: look at it before.
-
-    Raises:
-        DefinitionError: `NOT_APPROVED` without an approval of exactly these bytes.
+    use, repairs included. The Python of the workspace's skills is run: look at it before. Raises DefinitionError
+    `NOT_APPROVED` without an approval of exactly these bytes.
     """
     decision = Proposals(workspace.proposals).find_decision(proposed)
     if decision is None or decision.decision != "approved":

@@ -23,10 +23,8 @@ LOG_TAIL = 400  # characters of a worker's log that go into a message
 def examine(library: Library, source: Workspace | None, sessions: Sequence[Session]) -> dict[str, Checked]:
     """Check sessions with a dry run, each in the world as its scene begins, commanding nothing; findings by session.
 
-    Documents and settings are those of `source`, which is only read, else those that ship.
-
-    Raises:
-        ExecutionError: `RUNNER_LOST` when a worker ends instead of answering.
+    Documents and settings are those of `source`, which is only read, else those that ship. Raises ExecutionError
+    `RUNNER_LOST` when a worker ends instead of answering.
     """
     found: dict[str, Checked] = {}
     with tempfile.TemporaryDirectory(prefix="paos-") as folder:

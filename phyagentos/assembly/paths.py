@@ -30,11 +30,7 @@ def open_project(root: Path, *projects: Path) -> Workspace:
 
 @contextlib.contextmanager
 def serve_alone(workspace: Workspace, clock: Clock) -> Iterator[None]:
-    """While the block runs, no other `paos run` or `paos watch` serves this workspace.
-
-    Raises:
-        DefinitionError: `WATCHED_ALREADY`, at once.
-    """
+    """While the block runs, no other `paos run` or `paos watch` serves this workspace; raises `WATCHED_ALREADY`."""
     try:
         lock = become_sole(workspace.root / RUNTIME_LOCK, clock, "WATCHED_ALREADY", "another one", patience_s=0.0)
     except ExecutionError as error:

@@ -126,11 +126,7 @@ def plan_setup(name: str, spec: EnvironmentSpec, interpreter: str = sys.executab
 
 
 def set_up(name: str, spec: EnvironmentSpec, say: Callable[[str], None], interpreter: str = sys.executable) -> Path:
-    """Make an environment, or complete it; its interpreter.
-
-    Raises:
-        ExecutionError: `SETUP_FAILED`, with the command; what pip printed stands above it.
-    """
+    """Make an environment, or complete it; its interpreter. Raises ExecutionError `SETUP_FAILED` with the command."""
     for command in plan_setup(name, spec, interpreter):
         say(" ".join(command))
         if code := subprocess.run(command, check=False, stdout=STDERR).returncode:

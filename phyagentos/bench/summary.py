@@ -33,10 +33,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
         false_successes: Ids of episodes with a verdict `success` that the scorer denies.
         false_failures: Ids of those whose success the verdict denies.
         ticks: Control periods (actions) of an episode.
-        wall_s: Of an episode, its processes started [s].
         action_ms: Wall time of a session for one of its actions [ms].
-        taxa: Kinds of failure of episodes.
-        missed_sessions: The same of sessions.
+        taxa: Kinds of failure of episodes; `missed_sessions` those of sessions.
     """
 
     axes: dict[str, str]
@@ -71,13 +69,7 @@ class Promise(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Summary(msgspec.Struct, frozen=True, kw_only=True):
-    """A whole run.
-
-    Attributes:
-        missing: Id of an episode -> why it cannot run here.
-        pending: Ids of episodes without a record.
-        versions: Of the framework, settings and memory that episodes ran with, and how many did.
-    """
+    """A whole run; `versions` are those of framework, settings and memory, and how many episodes ran with each."""
 
     report: int = 1
     suite: str
@@ -220,8 +212,7 @@ class Comparison:
 def compare(a: Sequence[EpisodeRecord], b: Sequence[EpisodeRecord], of: Figure = Figure.FINAL) -> Comparison:
     """Pair the episodes of two sets by seed and every axis but those on which each has one value of its own.
 
-    Raises:
-        DefinitionError: `NOT_PAIRED` where no episode of one set belongs to one of the other.
+    Raises DefinitionError `NOT_PAIRED` where no episode of one set belongs to one of the other.
     """
     free = [axis for axis in AXES if _is_free(axis, a, b)]
     ours, theirs = _index(a, free, of), _index(b, free, of)

@@ -45,7 +45,6 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
         project: Working folder, in which names were looked up.
         missing: Id of an episode -> why it cannot run here.
         files: Path -> SHA-256 of the suite, its goal graphs and its faults.
-        seeds_max: Of each pass; None for all.
     """
 
     source: str
@@ -73,16 +72,14 @@ def read_manifest(folder: Path) -> Manifest:
         return msgspec.json.decode((folder / MANIFEST).read_bytes(), type=Manifest)
     except (OSError, msgspec.MsgspecError) as error:
         hint = "Name a folder that `paos bench run` has made."
-        raise DefinitionError.of(
-            "NOT_A_RUN", str(folder / MANIFEST), str(error), "the folder of a run", hint
-        ) from error
+        where = str(folder / MANIFEST)
+        raise DefinitionError.of("NOT_A_RUN", where, str(error), "the folder of a run", hint) from error
 
 
 def continue_run(folder: Path, plan: Plan) -> Manifest:
     """The manifest of a run that goes on, with what is missing today.
 
-    Raises:
-        DefinitionError: `RUN_DIFFERS` where the suite, a goal graph or a file of faults is not what it was.
+    Raises DefinitionError `RUN_DIFFERS` where the suite, a goal graph or a file of faults is not what it was.
     """
     known = read_manifest(folder)
     today = _describe(Path(known.source), plan, known.at, Path(known.project))
@@ -102,8 +99,7 @@ def run_sweep(
 ) -> Iterator[EpisodeRecord]:
     """Carry out what has no record yet, pass after pass; yields each record once it is on the disk.
 
-    Raises:
-        ExecutionError: `RUN_BUSY` where another process works on the run.
+    Raises ExecutionError `RUN_BUSY` where another process works on the run.
     """
     lock = become_sole(folder / LOCK, clock, "RUN_BUSY", "another process works on this run")
     log = EpisodeLog(folder)
@@ -156,11 +152,7 @@ def _find_memory(order: Order, orders: Sequence[Order], done: Mapping[str, Episo
 
 @contextlib.contextmanager
 def _serving(policies: Sequence[Policy], project: Path, clock: Clock) -> Iterator[None]:
-    """The servers of policies while the block runs; they end with this process.
-
-    Raises:
-        ExecutionError: `POLICY_MISSING` for one that does not answer in time.
-    """
+    """The servers of policies while the block runs; raises `POLICY_MISSING` for one that does not answer in time."""
     end_with_us = partial(end_with, os.getpid())
     served = [policy for policy in policies if policy.serve]
     quiet: Any = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "start_new_session": True}
@@ -173,9 +165,8 @@ def _serving(policies: Sequence[Policy], project: Path, clock: Clock) -> Iterato
         for policy, server in zip(served, servers, strict=True):
             while policy.ready and not can_connect(policy.ready):
                 if clock.now_s() > until_s or server.poll() is not None:
-                    raise ExecutionError(
-                        "POLICY_MISSING", f"{' '.join(policy.command)} does not listen at {policy.ready}"
-                    )
+                    found = f"{' '.join(policy.command)} does not listen at {policy.ready}"
+                    raise ExecutionError("POLICY_MISSING", found)
                 clock.sleep(0.1)
         yield
     finally:

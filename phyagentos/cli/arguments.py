@@ -41,11 +41,7 @@ def open_library(*paths: Path) -> Library:
 
 
 def get_file(argument: Path, folder: str) -> Path:
-    """The file that an argument means: a path, or a name or path inside the libraries' `folder` (`tidy_table`).
-
-    Raises:
-        DefinitionError: With the names that would have been found.
-    """
+    """The file that an argument means: a path, or a name or path inside the libraries' `folder` (`tidy_table`)."""
     if argument.is_file():
         return argument
     roots = open_library().roots
@@ -76,16 +72,14 @@ def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
 def admit_python(root: Path, *sources: Path, is_trusted: bool) -> None:
     """Name the Python of an existing workspace that neither the projects of `sources` nor the working folder hold.
 
-    Raises:
-        DefinitionError: `UNTRUSTED_PYTHON` unless it `is_trusted`; `LEADS_OUT`.
+    Raises DefinitionError `UNTRUSTED_PYTHON` unless it `is_trusted`; `LEADS_OUT`.
     """
     found = find_foreign_python(Workspace.open(root), open_library(*sources)) if (root / MARKER).is_file() else ()
     if found and not is_trusted:
         expected = "a skill as in this project, in an installed package or as shipped"
         hint = "Read it; --trust-python lets it run."
-        raise DefinitionError(
-            [Problem("UNTRUSTED_PYTHON", str(path), "other Python", expected, hint) for path in found]
-        )
+        asked = [Problem("UNTRUSTED_PYTHON", str(path), "other Python", expected, hint) for path in found]
+        raise DefinitionError(asked)
     for path in found:
         print_note(f"trusted Python: {path}")
 
@@ -101,10 +95,11 @@ def choose_newest() -> Path:
     """The workspace that a reading command means that is given none; says which. Raises `NOT_A_WORKSPACE`."""
     found = find_workspaces()
     if not found:
-        wanted = "a workspace that `paos run` has made there"
-        raise DefinitionError.of(
-            "NOT_A_WORKSPACE", "workspaces", "none", wanted, "Name one: --workspace W; `paos store` takes W alone."
+        wanted, hint = (
+            "a workspace that `paos run` has made there",
+            "Name one: --workspace W; `paos store` takes W alone.",
         )
+        raise DefinitionError.of("NOT_A_WORKSPACE", "workspaces", "none", wanted, hint)
     print_note(f"workspace {found[0]} (the newest of {len(found)})")
     return found[0]
 

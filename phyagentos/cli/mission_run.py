@@ -131,12 +131,7 @@ def mute_if_gone(descriptor: int) -> None:
 
 
 def run_mission(order: Order) -> int:
-    """Run a goal graph to its verdict; returns the exit code.
-
-    Raises:
-        DefinitionError: Before anything is started.
-        Exit: When a plane failed.
-    """
+    """Run a goal graph to its verdict; raises DefinitionError before anything is started, Exit when a plane failed."""
     clock, graph = SystemClock(), get_file(order.graph, "goal_graphs")
     faults = get_file(order.faults, "faults") if order.faults is not None else None
     compiled = lint_order(graph, faults, parse_overrides(order.overrides), order.workspace)
@@ -196,10 +191,8 @@ def lint_order(
 ) -> GoalGraph:
     """The graph, once it, the scene, skills and models that it names, and the faults are in order; loads no simulator.
 
-    Ports of trees against leaves, and how the scene begins, are left to preflight.
-
-    Raises:
-        DefinitionError: With every problem.
+    Ports of trees against leaves, and how the scene begins, are left to preflight. Raises DefinitionError with every
+    problem.
     """
     library = open_library(graph)
     if problems := find_other_kind(graph, FileKind.GOAL_GRAPH):

@@ -20,9 +20,7 @@ class Row:
 
     Attributes:
         depth: How many nodes come before it on the longest way from the start.
-        after: Nodes that it waits for.
-        node_state: Of the node, when it has no session.
-        reason: Why it has none, when it is over.
+        reason: Why it has no session, when it is over.
         beat: The heartbeat of the worker that runs it now.
         wall_s: From its claim to its latest record, by the wall clock [s]; the wait for the target is not in it.
     """

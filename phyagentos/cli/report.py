@@ -26,8 +26,6 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
         report: Version of this format.
         wall_s: Of the whole command, both planes started and ended [s].
         pictures: Session -> files.
-        goal: The agent's own report; None without a goal.
-        unstruck_faults: Faults of the fault file that never struck.
     """
 
     report: int = 1

@@ -91,8 +91,7 @@ def show(
 def read_drawing(argument: str) -> Drawing:
     """Read a tree (a YAML file, or a name in the library) and the subtrees it names.
 
-    Raises:
-        DefinitionError: With every problem of the first file that has any; `CYCLE` when a tree contains itself.
+    Raises DefinitionError with every problem of the first file that has any; `CYCLE` when a tree contains itself.
     """
     path = Path(argument)
     is_file = path.suffix in {".yaml", ".yml"}

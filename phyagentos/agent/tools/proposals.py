@@ -32,11 +32,7 @@ _HIDDEN = frozenset({"Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp"})  # Unicode categ
 
 
 class Proposal(Authored):
-    """A goal that is asked for from outside, by whom, and who shall decide.
-
-    Attributes:
-        graph: The goal graph as it would run: overrides applied, included graphs in their places.
-    """
+    """A goal that is asked for from outside, by whom, and who decides; overrides are applied, graphs included."""
 
     proposal: Literal[1] = 1
     goal: str = pydantic.Field(pattern=NODE_NAME, max_length=80)
@@ -114,8 +110,7 @@ class Proposals:
     def read(self, name: str) -> Proposed:
         """One proposal; its bytes are read once, and everything that follows is about these.
 
-        Raises:
-            DefinitionError: `UNKNOWN_PROPOSAL`; `PROPOSAL_CHANGED` unless they are those that its name stands for.
+        Raises DefinitionError `UNKNOWN_PROPOSAL`; `PROPOSAL_CHANGED` unless they are those that its name stands for.
         """
         if not self.has(name):
             raise DefinitionError.unknown("UNKNOWN_PROPOSAL", str(self._new), name[:100], self.list_waiting())

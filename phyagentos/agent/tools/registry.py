@@ -55,8 +55,6 @@ class Tool:
 
     Attributes:
         level: The least level at which it is offered.
-        arguments: Their model, which gives the JSON Schema.
-        handler: Called with checked arguments, by name.
         is_stop: Brings robots to rest; offered at every level, and never waits for other calls.
         is_destructive: Ends what cannot be taken up again.
     """
@@ -121,11 +119,7 @@ class ToolRegistry:
         return tool
 
     def call(self, name: str, arguments: Any) -> Answer:
-        """Check the arguments, plain data as received, and run the tool.
-
-        Raises:
-            DefinitionError: Every problem of the call; what the tool refuses.
-        """
+        """Check the arguments, plain data as received, and run the tool; raises DefinitionError with every problem."""
         code, size = "", _measure(arguments)
         try:
             tool = self.get(name)

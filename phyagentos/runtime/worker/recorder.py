@@ -43,11 +43,7 @@ _NONE: Mapping[str, float] = {}
 
 
 class Recorder:
-    """One bundle.
-
-    Args:
-        folder: `evidence/<session id>/`; made if it is missing.
-        before: Files of the bundle before, which equal ones of this bundle share.
+    """One bundle, whose folder is made if it is missing; files that equal those of the bundle before share their bytes.
 
     Attributes:
         look_ms: Wall time spent on the files of looks [ms].
@@ -197,7 +193,6 @@ class Bundles:
     """The bundles of one worker.
 
     Args:
-        root: The workspace; evidence folders are relative to it.
         settings: Settings files in force; their hashes are those of the start.
         pictures: Whether to take pictures before and after.
     """

@@ -60,7 +60,6 @@ class SessionRunner:
     """Runs sessions on one target, one at a time.
 
     Args:
-        clock: Bounds thinking.
         sampling_hz: Sampling of conditions that must hold all through, in simulated time [Hz].
         record: Cameras whose pictures are kept on the way.
     """
@@ -93,7 +92,7 @@ class SessionRunner:
         beat: Beat,
         await_lease: Callable[[], None] = lambda: None,
     ) -> Execution:
-        """Carry out one session and leave its bundle.
+        """Carry out one session and leave its bundle; never raises for what the world, a leaf or a tree did.
 
         Args:
             session: The contract, after preflight.
@@ -103,9 +102,6 @@ class SessionRunner:
             cancel: Called in every turn; a reason (`cancelled`, `timed_out`, `stalled`) ends the execution.
             beat: Called in every turn.
             await_lease: Called when the bundle is open, before anything is asked of the target.
-
-        Returns:
-            How the execution ended. Never raises for what the world, a leaf or a tree did.
         """
         self._open_criteria = ()
         recorder = self.bundles.open(evidence)
@@ -153,10 +149,7 @@ class SessionRunner:
     def observe_only(self, order: Reconcile, epoch: int) -> Execution:
         """Bring the target to rest and observe the world that a lost runner left behind, under a fresh epoch.
 
-        The files of the bundle stay.
-
-        Raises:
-            ExecutionError: `TARGET_LOST` when the world cannot be observed either.
+        The files of the bundle stay. Raises ExecutionError `TARGET_LOST` when the world cannot be observed either.
         """
         recorder = self.bundles.open(order.evidence)
         self._handle.begin(order.session.id, epoch)

@@ -39,13 +39,7 @@ PUBLISH_PERIOD_S = 0.2  # a person reads no faster
 
 
 class WorkerLoop:
-    """Answers the watchdog until the connection ends.
-
-    Args:
-        workspace: For ENVIRONMENT.md and the evidence.
-        clock: For leases and the rate of publishing.
-        gate: Looks ahead where a session demands it; None where that is not possible.
-    """
+    """Answers the watchdog until the connection ends; a `gate` looks ahead where a session demands it."""
 
     def __init__(
         self,
