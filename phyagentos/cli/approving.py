@@ -12,8 +12,7 @@ from typing import Annotated
 
 import typer
 
-from phyagentos.agent.tools.approval_policy import ApprovalPolicy, iter_objections, restrict
-from phyagentos.agent.tools.proposals import Proposals, Proposed
+from phyagentos.agent.tools.proposals import ApprovalPolicy, Proposals, Proposed, iter_objections, restrict
 from phyagentos.assembly.approved_goals import carry_out, compile_proposed
 from phyagentos.cli.arguments import TrustPython, admit_python
 from phyagentos.cli.explaining import Space

@@ -5,7 +5,6 @@ On a terminal a table that redraws itself, above it what has been decided; elsew
 
 import sys
 from collections.abc import Iterable
-from types import TracebackType
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.live import Live
@@ -20,20 +19,13 @@ from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.world.truth import Truth
 
-STYLES = {
-    "succeeded": "green",
-    "done": "green",
-    "success": "green",
-    "failed": "red",
-    "failure": "red",
-    "rejected": "red",
-    "blocked": "red",
-    "replanned": "yellow",
-    "replan": "yellow",
-    "unverified": "yellow",
-    "cancelled": "magenta",
-    "running": "bold cyan",
-    "waiting": "dim",
+_STYLES = {  # of states and verdicts
+    "green": ("succeeded", "done", "success"),
+    "red": ("failed", "failure", "rejected", "blocked"),
+    "yellow": ("replanned", "replan", "unverified"),
+    "magenta": ("cancelled",),
+    "bold cyan": ("running",),
+    "dim": ("waiting",),
 }
 MARKS = {Truth.TRUE: ("✓", "green"), Truth.FALSE: ("✗", "red"), Truth.UNKNOWN: ("?", "yellow")}
 
@@ -64,9 +56,7 @@ class RunConsole:
             self._live.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._live is not None:
             self._live.stop()
 
@@ -148,7 +138,8 @@ def tell_failure(row: Row) -> str:
 
 def choose_style(row: Row, word: str) -> str:
     """The style of its state or verdict: a success that the execution does not share is no plain one."""
-    return "yellow" if tell_failure(row) else STYLES.get(word, "")
+    style = next((style for style, words in _STYLES.items() if word in words), "")
+    return "yellow" if tell_failure(row) else style
 
 
 def describe(row: Row) -> str:

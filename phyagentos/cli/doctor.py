@@ -92,7 +92,12 @@ def examine_machine(
     if as_json:
         print_json(findings)
     else:
-        CleanConsole(highlight=False).print(_build_table(findings))
+        table = Table(box=None, pad_edge=False, header_style="dim")
+        for column in ("subject", "grade", "found", "what to do"):
+            table.add_column(column, overflow="fold")
+        for each in findings:
+            table.add_row(each.subject, Text(each.grade, STYLES[each.grade]), Text(each.found), Text(each.fix))
+        CleanConsole(highlight=False).print(table)
     return ExitCode(any(each.grade is Grade.BROKEN for each in findings))  # GOAL_NOT_MET where any is
 
 
@@ -109,15 +114,6 @@ def iter_findings(folder: Path, clock: Clock) -> Iterator[Finding]:
             yield Finding(subject, Grade.BROKEN, str(error), f"Make {folder} a folder that you may write to.")
     yield check_scheduling()
     yield check_ports()
-
-
-def _build_table(findings: list[Finding]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    for column in ("subject", "grade", "found", "what to do"):
-        table.add_column(column, overflow="fold")
-    for each in findings:
-        table.add_row(each.subject, Text(each.grade, STYLES[each.grade]), Text(each.found), Text(each.fix))
-    return table
 
 
 def warm_kernels(clock: Clock) -> Finding:

@@ -100,7 +100,13 @@ def lint_file(path: Path, *, runs_python: bool = False, library: Library | None 
         read_text(path)  # what cannot be read has no kind, and its path may lead nowhere
         kind = find_kind(path)
         if kind is None:
-            return [_unknown_kind(path)]
+            read_yaml(path)  # a syntax error is the better message
+            keys = _read_keys(path)
+            known = ", ".join(f"{key!r} ({kind})" for key, kind in _KEYS.items())
+            found = f"top-level keys {', '.join(keys) or '(none)'}"
+            expected = f"one of the keys {known}, a SKILL.md, a protocol document or a settings file"
+            hint = next((hint for key in keys if (hint := format_hint(key, _KEYS))), "")
+            return [Problem("UNKNOWN_KIND", f"{path}:1:1", found, expected, hint)]
         _check(kind, path, library or open_library(path), runs_python=runs_python)
     except DefinitionError as error:
         return list(error.problems)
@@ -144,16 +150,6 @@ def _read_keys(path: Path) -> list[str]:
     except DefinitionError:
         return []
     return [str(key) for key in data] if isinstance(data, dict) else []
-
-
-def _unknown_kind(path: Path) -> Problem:
-    read_yaml(path)  # an unreadable file or a syntax error is the better message
-    keys = _read_keys(path)
-    known = ", ".join(f"{key!r} ({kind})" for key, kind in _KEYS.items())
-    found = f"top-level keys {', '.join(keys) or '(none)'}"
-    expected = f"one of the keys {known}, a SKILL.md, a protocol document or a settings file"
-    hint = next((hint for key in keys if (hint := format_hint(key, _KEYS))), "")
-    return Problem("UNKNOWN_KIND", f"{path}:1:1", found, expected, hint)
 
 
 def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -> None:

@@ -77,14 +77,12 @@ class Order:
     Attributes:
         source: Workspace whose documents and settings count; None for those that ship.
         after: Session -> nodes that come before it.
-        forecasts: Session -> its forecast, for those that have one.
     """
 
     library: Library
     source: Workspace | None
     sessions: tuple[Session, ...]
     after: Mapping[str, tuple[str, ...]]
-    forecasts: Mapping[str, dict[str, Any]]
 
 
 def read_order(path: Path, root: Path | None, seed: int, overrides: Mapping[str, str]) -> Order:
@@ -101,7 +99,7 @@ def read_order(path: Path, root: Path | None, seed: int, overrides: Mapping[str,
     goal = GoalId(graph.name)
     sessions = SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=seed).preview()
     after = {str(session.id): graph.nodes[session.node].predecessors for session in sessions}
-    return Order(library=library, source=source, sessions=sessions, after=after, forecasts={})
+    return Order(library=library, source=source, sessions=sessions, after=after)
 
 
 def _find_session(subject: str, root: Path | None) -> Order | None:
@@ -117,9 +115,7 @@ def _find_session(subject: str, root: Path | None) -> Order | None:
             return None
         raise
     source, session = Workspace.open(root), known[id].contract
-    forecast = find_forecast(source.evidence_of(session.id))
-    forecasts = {str(id): forecast} if forecast is not None else {}
-    return Order(library=source.library(), source=source, sessions=(session,), after={str(id): ()}, forecasts=forecasts)
+    return Order(library=source.library(), source=source, sessions=(session,), after={str(id): ()})
 
 
 def _settle(session: Session) -> Session:
@@ -158,7 +154,7 @@ def _report(session: Session, checked: "Checked", order: Order) -> dict[str, Any
         "awaits": awaited,
         "after": list(after),
         "dry_run": msgspec.to_builtins(checked.trials),
-        "lookahead": order.forecasts.get(session.id),
+        "lookahead": find_forecast(order.source.evidence_of(session.id)) if order.source is not None else None,
         "ms": round(checked.ms, 3),
     }
 

@@ -150,8 +150,6 @@ def _describe(schema: dict[str, Any]) -> str:
         for key, word in (("minimum", "at least"), ("maximum", "at most"), ("exclusiveMinimum", "above"))
         if key in schema
     ]
-    return "; ".join(part for part in (_shorten(schema.get("description", "")), *bounds) if part)
-
-
-def _shorten(text: str) -> str:
-    return text if text.endswith("...") else text.removesuffix(".")
+    text = schema.get("description", "")
+    text = text if text.endswith("...") else text.removesuffix(".")
+    return "; ".join(part for part in (text, *bounds) if part)

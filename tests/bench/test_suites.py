@@ -12,7 +12,7 @@ from phyagentos.bench.availability import find_lacks, plan_setup
 from phyagentos.bench.engines import EngineName, open_engine
 from phyagentos.bench.matrix import compile_suite
 from phyagentos.bench.records import EpisodeLog, EpisodeRecord, read_records
-from phyagentos.bench.scorers.outcomes import FILE, OUTCOMES
+from phyagentos.bench.scorers.scorer import FILE, OUTCOMES
 from phyagentos.bench.scoring import Taxon, classify_cause, classify_problems
 from phyagentos.bench.suite_file import Asked, Policy, Variant, merge
 from phyagentos.bench.summary import compare, compute_figure

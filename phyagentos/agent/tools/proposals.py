@@ -2,7 +2,8 @@
 
 A proposal is named after the SHA-256 of its bytes, so a changed file no longer has its own name. That name is also the
 id of its goal: the journal takes a goal once, so no approval can be used twice. A decision is a file of the operator's
-side in `proposals/decisions/`; no tool writes there, and nothing starts a robot because a file appears there.
+side in `proposals/decisions/`; no tool writes there, and nothing starts a robot because a file appears there. Without a
+person, a policy file of the operator decides: it permits goals within bounds.
 """
 
 import contextlib
@@ -11,15 +12,17 @@ import os
 import re
 import unicodedata
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import pydantic
 import yaml
 
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.spec import NODE_NAME
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.documents.durable_files import create_durably
 from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.documents.schema import Authored, ModelT, iter_nested, parse_yaml, validate
@@ -27,6 +30,7 @@ from phyagentos.protocol.sessions.session import GoalId
 
 PROPOSAL_MAX = 1 << 18  # bytes
 WAITING_MAX = 100  # proposals without a decision; a person reads no more
+_TIME = r"^([01]\d|2[0-3]):[0-5]\d$"
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,79}-[0-9a-f]{16}")
 _HIDDEN = frozenset({"Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp"})  # Unicode categories: they show other than they are
 
@@ -157,3 +161,64 @@ def _read(path: Path, model: type[ModelT]) -> tuple[ModelT, bytes]:
 def _dump(value: Authored) -> bytes:
     """YAML for people and for hashes: the same values give the same bytes."""
     return yaml.safe_dump(value.model_dump(mode="json"), sort_keys=False, allow_unicode=True, width=100).encode()
+
+
+class PolicyBudget(Authored):
+    """What permitted goals may cost.
+
+    Attributes:
+        goals_a_day: Approvals by this policy within 24 hours.
+        sessions: Most that the `budget` of a goal graph may name; one that names none is not permitted.
+        sim_time_s: The same for the simulated time of all executions of a goal [s].
+    """
+
+    goals_a_day: int = pydantic.Field(ge=1)
+    sessions: int = pydantic.Field(ge=1)
+    sim_time_s: float = pydantic.Field(gt=0)
+
+
+class ApprovalPolicy(Authored):
+    """What may run without a person, in any scene when none is named; a span of time may cross midnight."""
+
+    approve: Literal[1] = 1
+    skills: tuple[str, ...] = pydantic.Field(min_length=1)
+    targets: tuple[str, ...] = pydantic.Field(min_length=1)
+    scenes: tuple[str, ...] = ()
+    from_utc: str = pydantic.Field(default="00:00", pattern=_TIME)
+    until_utc: str = pydantic.Field(default="23:59", pattern=_TIME)
+    budget: PolicyBudget
+
+
+def iter_objections(policy: ApprovalPolicy, graph: GoalGraph, *, at: str, approved: int) -> Iterator[Problem]:
+    """Why a goal graph is not permitted, at a wall time of `Clock.wall_iso`; none when it is.
+
+    `approved` is the number of goals that this policy approved within the 24 hours before.
+    """
+    now, begin, end, budget = at[11:16], policy.from_utc, policy.until_utc, graph.spec.budget
+    is_time = begin <= now <= end if begin <= end else now >= begin or now <= end
+    most_of = policy.budget
+    asked: list[tuple[str, object, bool, str]] = [
+        ("scene", graph.spec.scene, graph.spec.scene in (policy.scenes or (graph.spec.scene,)), f"{policy.scenes}"),
+        ("time", f"{now} UTC", is_time, f"{begin} to {end} UTC"),
+        ("goals", f"{approved} within a day", approved < most_of.goals_a_day, f"at most {most_of.goals_a_day}"),
+    ]
+    for node, choice in graph.choices.items():
+        asked.append((f"{node}.skill", choice.skill, choice.skill in policy.skills, format_names(policy.skills)))
+        asked.append((f"{node}.target", choice.target, choice.target in policy.targets, format_names(policy.targets)))
+    for name in ("sessions", "sim_time_s"):
+        wanted, most = getattr(budget, name), getattr(most_of, name)
+        asked.append((f"budget.{name}", wanted, wanted is not None and wanted <= most, f"at most {most}"))
+    return (
+        Problem("NOT_PERMITTED", f"{graph.name}: {where}", str(found), expected)
+        for where, found, is_permitted, expected in asked
+        if not is_permitted
+    )
+
+
+def restrict(policy: ApprovalPolicy, catalogue: Catalogue) -> Catalogue:
+    """What the policy permits of a catalogue."""
+    return replace(
+        catalogue,
+        skills={name: each for name, each in catalogue.skills.items() if name in policy.skills},
+        targets={name: each for name, each in catalogue.targets.items() if name in policy.targets},
+    )

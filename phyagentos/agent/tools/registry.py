@@ -79,11 +79,6 @@ class Tool:
         about = " ".join((handler.__doc__ or "").split())
         return cls(name=name, description=about, level=level, arguments=model, handler=handler, **facts)
 
-    @property
-    def is_read_only(self) -> bool:
-        """Whether it changes nothing."""
-        return self.level is Level.READ and not self.is_stop
-
 
 class ToolCall(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The record of one call: `code` is that of the refusal or failure, empty where it was answered."""
@@ -108,8 +103,7 @@ class ToolRegistry:
         highest = _ORDER.index(self.level)
         return [each for each in self._tools.values() if each.is_stop or _ORDER.index(each.level) <= highest]
 
-    def get(self, name: str) -> Tool:
-        """An offered tool; raises DefinitionError `UNKNOWN_TOOL`, or `TOOL_NOT_OFFERED` above the level."""
+    def _get(self, name: str) -> Tool:
         offered, tool = {each.name: each for each in self.list_offered()}, self._tools.get(name)
         if tool is None:
             raise DefinitionError.unknown("UNKNOWN_TOOL", "tools", name, offered)
@@ -122,7 +116,7 @@ class ToolRegistry:
         """Check the arguments, plain data as received, and run the tool; raises DefinitionError with every problem."""
         code, size = "", _measure(arguments)
         try:
-            tool = self.get(name)
+            tool = self._get(name)
             if not 0 < size <= ARGUMENTS_MAX:
                 found, expected = f"{size} bytes of JSON", f"UTF-8, at most {ARGUMENTS_MAX} bytes"
                 raise DefinitionError.of("TOO_LARGE" if size else "INVALID_PARAMETER", name, found, expected)
