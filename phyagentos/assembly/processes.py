@@ -192,10 +192,8 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         serve_refusals(orders, error.problems)
         return
     bounds = read_tool_bounds(settings.limits)
-    shared = [
-        name for name, each in targets.items() if profile.world and each.world == profile.world and name != target
-    ]
-    neighbours = {name: library.get_target(name) for name in sorted(shared)}
+    shared = {name for name, each in targets.items() if profile.world and each.world == profile.world}
+    neighbours = {name: library.get_target(name) for name in sorted(shared - {target})}
     planner: Planner = PlannerProcess(profile_path, bounds, neighbours) if profile.model else LocalPlanner(NoModel())
     connection: Channel = Loopback(local) if local is not None else connect_to_world(socket, token, clock)
     has_truth = not profile.model and profile.kind != "real_robot"

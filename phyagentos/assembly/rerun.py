@@ -1,4 +1,7 @@
-"""A recorded session, carried out once more from its own workspace: what `paos rerun` does."""
+"""A recorded session once more: `paos rerun` carries it out, `paos verify --from-frames` perceives its looks again.
+
+The latter uses neither a simulator nor ground truth: the only model loaded is the robot's own, to mask it in pictures.
+"""
 
 import hashlib
 import math
@@ -9,15 +12,22 @@ from pathlib import Path
 import numpy as np
 
 from phyagentos.assembly.paths import RECORDED_FAULTS, choose_folder
+from phyagentos.assembly.processes import open_world_model
 from phyagentos.assembly.runtime_plane import open_worker
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.registries import get_registered_target, read_target_registry
+from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
-from phyagentos.protocol.sessions.looks import LOOKS, PREFIX
+from phyagentos.protocol.sessions.looks import LOOKS, PREFIX, LookEntry, read_looks
 from phyagentos.protocol.sessions.session import Execution, SessionId, SessionStatus
-from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
+from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, compute_file_hash
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.runtime.perception.look import RecordedFrames
+from phyagentos.runtime.perception.look_file import read_look
+from phyagentos.runtime.perception.perceived_world import PerceivedWorld
+from phyagentos.runtime.preflight.settings import read_settings
 from phyagentos.runtime.supervision.workers import Worker
 from phyagentos.runtime.worker.orders import Check, Checked, Finished, Renew, Run
 from phyagentos.store.history import Histories
@@ -159,3 +169,37 @@ def _describe(first: "np.ndarray", second: "np.ndarray") -> str:
     if first.shape != second.shape:
         return f": shape {second.shape}, recorded was {first.shape}"
     return f", by up to {float(np.max(np.abs(first - second))):.3g}"
+
+
+def perceive_again(workspace: Workspace, status: SessionStatus) -> list[tuple[LookEntry, Environment]]:
+    """Each look that a session's bundle names, and the world as perception makes it of that look now.
+
+    Raises:
+        ExecutionError: `LOOK_MISSING` or `EVIDENCE_UNREADABLE`, which name the file; `LOOK_DIFFERS` where perception
+            now reads something else than it did.
+        DefinitionError: `SETTINGS_CHANGED` where the settings are not those of the session.
+    """
+    execution, target = status.execution, status.contract.target
+    folder = workspace.root / execution.evidence if execution is not None else workspace.evidence / status.contract.id
+    entries = read_looks(folder)
+    if not entries:
+        found = "its sensing was truth, its target has no camera, or an earlier version recorded it"
+        raise ExecutionError("LOOK_MISSING", f"{folder / LOOKS}: no look was recorded; {found}")
+    recorded = read_yaml(folder / evidence.CONTRACT).data.get("settings_sha256", {})
+    found = "another file than the session ran with"
+    hint = f"Restore it, or judge on the snapshots: `paos verify {folder.name}` without --from-frames."
+    changed = [
+        Problem("SETTINGS_CHANGED", str(path), found, f"sha256 {recorded[path.name]}", hint)
+        for path in (workspace.perception, workspace.sensors)
+        if path.name in recorded and compute_file_hash(path) != recorded[path.name]
+    ]
+    if changed:
+        raise DefinitionError(changed)
+    looks = {entry.file: read_look(folder / entry.file, entry.sha256) for entry in entries}
+    profile = get_registered_target(workspace.target_registry, target)
+    eyes = RecordedFrames(next(iter(looks.values())))
+    world = open_world_model(workspace, target, profile, eyes, read_settings(workspace, target))
+    if not isinstance(world, PerceivedWorld):
+        raise ExecutionError("LOOK_DIFFERS", f"{workspace.perception}: sensing is truth, the session's was perceived")
+    worlds = {file: world.repeat(look) for file, look in looks.items()}
+    return [(entry, worlds[entry.file]) for entry in entries]

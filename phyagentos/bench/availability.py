@@ -106,14 +106,11 @@ def find_lacks(name: str, spec: EnvironmentSpec) -> list[Problem]:
         found = (done.stderr.strip().splitlines() or ["no message"])[-1]
         return [Problem("ENVIRONMENT_MISSING", str(python), found, "a Python that starts", hint)]
     versions, absent = json.loads(done.stdout)
-    unmet = [each for each in wanted if not _is_met(each, versions[each.name])]
-    lacks = [(f"{each.name} {versions[each.name] or 'not installed'}", str(each)) for each in unmet]
+    had = [(each, versions[each.name]) for each in wanted]
+    unmet = [(each, has) for each, has in had if not (has and each.specifier.contains(has, prereleases=True))]
+    lacks = [(f"{each.name} {has or 'not installed'}", str(each)) for each, has in unmet]
     lacks += [(f"no module {module}", f"module {module}") for module in absent]
     return [Problem("ENVIRONMENT_MISSING", str(python), found, expected, hint) for found, expected in lacks]
-
-
-def _is_met(requirement: Requirement, version: str | None) -> bool:
-    return version is not None and requirement.specifier.contains(version, prereleases=True)
 
 
 def plan_setup(name: str, spec: EnvironmentSpec, interpreter: str = sys.executable) -> list[list[str]]:

@@ -214,7 +214,8 @@ def compare(a: Sequence[EpisodeRecord], b: Sequence[EpisodeRecord], of: Figure =
 
     Raises DefinitionError `NOT_PAIRED` where no episode of one set belongs to one of the other.
     """
-    free = [axis for axis in AXES if _is_free(axis, a, b)]
+    values = {axis: [{getattr(record, axis) for record in each} for each in (a, b)] for axis in AXES}
+    free = [axis for axis, (ours, theirs) in values.items() if ours != theirs and len(ours) == len(theirs) == 1]
     ours, theirs = _index(a, free, of), _index(b, free, of)
     pairs = [key for key in ours if key in theirs]
     if not pairs:
@@ -255,11 +256,6 @@ def read_values(record: EpisodeRecord, of: Figure) -> Mapping[str, Any]:
             return {"": record.bits}
         case _:
             return {"": bool(record.is_met)}
-
-
-def _is_free(axis: str, a: Sequence[EpisodeRecord], b: Sequence[EpisodeRecord]) -> bool:
-    values = [{getattr(record, axis) for record in each} for each in (a, b)]
-    return values[0] != values[1] and all(len(each) == 1 for each in values)
 
 
 def _index(records: Sequence[EpisodeRecord], free: Sequence[str], of: Figure) -> dict[Key, Any]:

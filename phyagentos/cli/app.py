@@ -21,7 +21,7 @@ import typer
 from typer.core import TyperGroup
 from typing_extensions import override
 
-from phyagentos.cli.outcome import ExitCode, is_debugging, print_json, report_exception
+from phyagentos.cli.outcome import ExitCode, print_json, report_exception
 
 PLAIN: dict[str, Any] = {"no_args_is_help": True, "rich_markup_mode": None, "pretty_exceptions_enable": False}
 COMMANDS = {  # name -> module and function; the first line of its docstring is the help
@@ -186,4 +186,4 @@ def _to_exit_code(error: BaseException) -> int:
         return error.code if isinstance(error.code, int) else int(ExitCode.INTERNAL_ERROR)
     if isinstance(error, typer.Abort):
         return ExitCode.INTERRUPTED
-    return int(report_exception(error, debug=is_debugging(sys.argv)))
+    return int(report_exception(error))

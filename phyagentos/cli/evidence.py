@@ -31,7 +31,19 @@ from phyagentos.store.retention import RetentionReport, apply_retention, read_re
 
 def verify(workspace: Space, as_json: AsJson = False) -> int:
     """Hash every bundle of an ended session again, and follow what its snapshots point at."""
-    checked, problems = _verify(Workspace.open(workspace))
+    place = Workspace.open(workspace)
+    sessions = read_ledger(place.root).sessions
+    problems = [missing for status in sessions.values() if (missing := _find_missing(place, status))]
+    checked = len(problems)
+    for folder in iter_bundles(place.evidence):
+        status = sessions.get(SessionId(folder.name))
+        if status is not None and status.state not in FINAL_STATES and not (folder / MANIFEST).exists():
+            continue  # it may be half written
+        checked += 1
+        judged = status.attempts if status is not None else ()
+        shown = [each.shown for attempt in judged for each in attempt.criteria if isinstance(each.shown, str)]
+        problems += [*check_bundle(folder, shown), *_check_looks(folder)]
+    problems += check_objects(place.evidence)
     if not as_json:
         print_problems(problems)
     found = f"{len(problems)} problem{'s' if len(problems) != 1 else ''}" if problems else "as recorded"
@@ -49,23 +61,6 @@ def prune(
     place = Workspace.open(workspace)
     report = apply_retention(place, read_retention(place), SystemClock(), dry_run=dry_run)
     print_found(report, "\n".join(_describe(report, dry_run=dry_run)), as_json=as_json)
-
-
-def _verify(workspace: Workspace) -> tuple[int, list[Problem]]:
-    """How many bundles there are, and what is wrong with them; a session that has not ended may be half written."""
-    sessions = read_ledger(workspace.root).sessions
-    problems: list[Problem] = []
-    checked = 0
-    for folder in iter_bundles(workspace.evidence):
-        status = sessions.get(SessionId(folder.name))
-        if status is not None and status.state not in FINAL_STATES and not (folder / MANIFEST).exists():
-            continue
-        checked += 1
-        judged = status.attempts if status is not None else ()
-        shown = [each.shown for attempt in judged for each in attempt.criteria if isinstance(each.shown, str)]
-        problems += [*check_bundle(folder, shown), *_check_looks(folder)]
-    gone = [missing for status in sessions.values() if (missing := _find_missing(workspace, status))]
-    return checked + len(gone), [*gone, *problems, *check_objects(workspace.evidence)]
 
 
 def _check_looks(folder: Path) -> list[Problem]:

@@ -34,11 +34,10 @@ from phyagentos.cli.arguments import (
     open_library,
     parse_overrides,
 )
-from phyagentos.cli.console import CleanConsole, RunConsole
+from phyagentos.cli.console import CleanConsole, RunConsole, RunFold
 from phyagentos.cli.lint import FileKind, find_other_kind, lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note
 from phyagentos.cli.planted_faults import iter_misses
-from phyagentos.cli.progress import RunFold
 from phyagentos.cli.report import build_report, compute_exit_code, print_report
 from phyagentos.cli.running import FaultFile, Graph, Known, Mode, Seed, Sense, Verify, WhichMemory
 from phyagentos.cli.stopping import cancel_unheld

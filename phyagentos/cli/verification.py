@@ -67,7 +67,7 @@ def _verify_from_frames(
     workspace: Workspace, status: SessionStatus, verifier: SessionVerifier, *, as_json: bool
 ) -> int:
     """Exit code 0 where what is perceived and judged again is equal to what was recorded."""
-    from phyagentos.assembly.from_frames import perceive_again
+    from phyagentos.assembly.rerun import perceive_again
 
     seen = perceive_again(workspace, status)
     again = judge_again(Evidence(workspace.root).read(status), seen, verifier, status.decision)

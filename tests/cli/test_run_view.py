@@ -17,7 +17,7 @@ from rich.text import Text
 from phyagentos.assembly.paths import choose_folder
 from phyagentos.cli import console as console_module
 from phyagentos.cli import mission_run
-from phyagentos.cli.console import CleanConsole, RunConsole, build_progress_table
+from phyagentos.cli.console import CleanConsole, RunConsole, RunFold, build_progress_table, compute_depth
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.mission_run import (
     Interrupts,
@@ -29,7 +29,6 @@ from phyagentos.cli.mission_run import (
     run_planes,
 )
 from phyagentos.cli.outcome import Exit, ExitCode
-from phyagentos.cli.progress import RunFold, compute_depth
 from phyagentos.cli.report import build_report, compute_exit_code, print_report
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.estop import Latch, latch

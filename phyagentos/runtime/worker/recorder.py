@@ -82,15 +82,13 @@ class Recorder:
             return False
         return True
 
-    def write_initial(self, observation: Observation, environment: Environment) -> None:
-        """The world before the first command."""
-        self._write_snapshot(evidence.INITIAL, observation)
-        self.files.write(evidence.BEFORE, encode_json(environment))
-
-    def write_terminal(self, observation: Observation, environment: Environment) -> None:
-        """The world at rest after the last command."""
-        self._write_snapshot(evidence.TERMINAL, observation)
-        self.files.write(evidence.AFTER, encode_json(environment))
+    def write_world(self, role: LookRole, observation: Observation, environment: Environment) -> None:
+        """The world before the first command (`START`) or at rest after the last one; a snapshot stays what it is."""
+        is_start = role is LookRole.START
+        if (snapshot := observation.snapshot) is not None:
+            name = evidence.INITIAL if is_start else evidence.TERMINAL
+            self.files.write(name if snapshot.media_type == NPZ else name.replace(".npz", ".snapshot"), snapshot.data)
+        self.files.write(evidence.BEFORE if is_start else evidence.AFTER, encode_json(environment))
 
     def write_looks(self, looks: Iterable[tuple[LookRole, Look]], samples: Mapping[SampleKey, HoldSample]) -> None:
         """The file of each look with its role, and `looks.json`, which names them all."""
@@ -181,12 +179,6 @@ class Recorder:
         """Write the last file of a bundle; returns the execution."""
         self.files.write(evidence.EXECUTION, encode_json(execution))
         return execution
-
-    def _write_snapshot(self, name: str, observation: Observation) -> None:
-        """The driver's snapshot as it is; under `name` if it is an NPZ, else with the suffix `.snapshot`."""
-        if (snapshot := observation.snapshot) is not None:
-            name = name if snapshot.media_type == NPZ else name.replace(".npz", ".snapshot")
-            self.files.write(name, snapshot.data)
 
 
 class Bundles:

@@ -26,7 +26,7 @@ from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
 from phyagentos.runtime.execution.open_criteria import find_moving, find_open_criteria, is_marginal, is_start_marginal
 from phyagentos.runtime.execution.skill_runtime import TickResult
 from phyagentos.runtime.perception.world_model import WORLD
-from phyagentos.runtime.targets.wire import RecordedFault, Step
+from phyagentos.runtime.targets.wire import Observation, RecordedFault, Step
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.orders import Reconcile
 from phyagentos.runtime.worker.recorder import Bundles, Recorder
@@ -178,8 +178,7 @@ class SessionRunner:
             observation = handle.observe(snapshot=True)
         handle.guard_against(initial)
         self._provide_model(session, recorder)
-        recorder.write_initial(observation, initial)
-        self._write_looks(recorder, LookRole.START, initial)
+        self._write_world(recorder, LookRole.START, observation, initial)
         self._take_picture(recorder, files.PICTURE_BEFORE)
         context = self._skills.open_context(session, self._target, initial, recorder.folder)
         return SessionLoop(
@@ -272,16 +271,16 @@ class SessionRunner:
         )
         if after is not seen:
             observation = self._handle.observe(snapshot=True)
-        recorder.write_terminal(observation, after)
-        self._write_looks(recorder, LookRole.END, after)
+        self._write_world(recorder, LookRole.END, observation, after)
         if holds is not None:
             holds.sample(after, self._world.latest_look, is_last=True)
         self._open_criteria = find_open_criteria(session, after)
         self._take_picture(recorder, files.PICTURE_AFTER)
         return self._handle.end().faults
 
-    def _write_looks(self, recorder: Recorder, role: LookRole, seen: Environment) -> None:
-        """The look behind a snapshot, and the looks that its entities point at."""
+    def _write_world(self, recorder: Recorder, role: LookRole, observation: Observation, seen: Environment) -> None:
+        """A snapshot, the look behind it, and the looks that its entities point at."""
+        recorder.write_world(role, observation, seen)
         if (look := self._world.latest_look) is not None:
             pointed = ((LookRole.POINTED, each) for each in self._world.find_looks(seen) if each is not look)
             recorder.write_looks([(role, look), *pointed], {})
