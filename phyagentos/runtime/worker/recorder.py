@@ -115,9 +115,6 @@ class Recorder:
         if data:
             self.files.write(name, data)
 
-    def on_turn(self, result: object, ticks: int, time_s: float) -> None:
-        """Turns leave no sample; the tree keeps its own trace."""
-
     def on_step(self, points: SetPoints, step: Step) -> None:
         """Keep one sample: the end of a commanded period and what was measured there."""
         target = step.target

@@ -4,7 +4,8 @@ The outcome of a session is read from the world at rest, not from its skill.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ from phyagentos.protocol.sessions.session import ALREADY_MET, Ended, Execution, 
 from phyagentos.protocol.settings.runtime_contract import CameraRecording
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.execution.already_met import weigh_before
 from phyagentos.runtime.execution.camera_recorder import CameraRecorder
 from phyagentos.runtime.execution.holds import HoldMonitor
@@ -26,7 +26,7 @@ from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
 from phyagentos.runtime.execution.open_criteria import find_moving, find_open_criteria, is_marginal, is_start_marginal
 from phyagentos.runtime.execution.skill_runtime import TickResult
 from phyagentos.runtime.perception.world_model import WORLD
-from phyagentos.runtime.targets.wire import Observation, RecordedFault, Step
+from phyagentos.runtime.targets.wire import Observation, RecordedFault
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.orders import Reconcile
 from phyagentos.runtime.worker.recorder import Bundles, Recorder
@@ -36,24 +36,6 @@ _UNSEEN = frozenset({FailureCode.OBJECT_GONE, FailureCode.NOT_VISIBLE})  # the r
 SETTLE_S = 0.3  # of simulated time, within which released things come to rest
 Beat = Callable[..., None]
 """Publishes what a session does, as `HeartbeatWriter.beat`."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _HeartbeatObserver:
-    """Heartbeat of one session, as an observer of its loop."""
-
-    session: Session
-    epoch: int
-    beat: Beat
-
-    def on_turn(self, result: TickResult, ticks: int, time_s: float) -> None:
-        self.publish("thinking" if result.thinking else "executing", ticks, time_s, result.active)
-
-    def on_step(self, points: SetPoints, step: Step) -> None:
-        pass
-
-    def publish(self, phase: str, ticks: int, time_s: float, leaf: str = "") -> None:
-        self.beat(phase=phase, session=self.session.id, epoch=self.epoch, tick=ticks, sim_time_s=time_s, leaf=leaf)
 
 
 class SessionRunner:
@@ -107,9 +89,9 @@ class SessionRunner:
         recorder = self.bundles.open(evidence)
         recorder.write_contract(session, epoch, plan, self.bundles.settings_sha256)
         await_lease()
-        began_s, heartbeat = self._clock.now_s(), _HeartbeatObserver(session=session, epoch=epoch, beat=beat)
+        began_s, beat = self._clock.now_s(), partial(beat, session=session.id, epoch=epoch)
         try:
-            loop = self._open(session, epoch, plan, recorder, cancel, heartbeat)
+            loop = self._open(session, epoch, plan, recorder, cancel, beat)
         except (DefinitionError, ExecutionError) as error:
             return self._give_up(session, error, recorder, evidence)
         loop.ms["open"] = 1e3 * (self._clock.now_s() - began_s)
@@ -117,12 +99,12 @@ class SessionRunner:
         try:
             outcome = self._look_whether_met(loop, plan, recorder) or loop.run()
         finally:
-            heartbeat.publish("halting", loop.ticks, loop.context.time_s)
+            beat(phase="halting", tick=loop.ticks, sim_time_s=loop.context.time_s)
             lost = self._halt(loop, recorder)
         outcome = lost or outcome
         faults: tuple[RecordedFault, ...] = ()
         if outcome.ended is not Ended.TARGET_LOST:
-            heartbeat.publish("observing", loop.ticks, loop.context.time_s)
+            beat(phase="observing", tick=loop.ticks, sim_time_s=loop.context.time_s)
             try:
                 faults = self._write_end(session, recorder, loop.holds, loop.context.initial)
                 if outcome.code in _UNSEEN:
@@ -160,15 +142,14 @@ class SessionRunner:
         return self._close_unmoved(order.session, outcome, recorder, order.evidence)
 
     def _open(
-        self,
-        session: Session,
-        epoch: int,
-        plan: Mapping[str, Any],
-        recorder: Recorder,
-        cancel: Cancel,
-        heartbeat: _HeartbeatObserver,
+        self, session: Session, epoch: int, plan: Mapping[str, Any], recorder: Recorder, cancel: Cancel, beat: Beat
     ) -> SessionLoop:
         """Take authority, observe, record, build the skill."""
+
+        def on_turn(result: TickResult, ticks: int, time_s: float) -> None:
+            phase = "thinking" if result.thinking else "executing"
+            beat(phase=phase, tick=ticks, sim_time_s=time_s, leaf=result.active)
+
         handle = self._handle
         observation = handle.begin(session.id, epoch)
         self._world.enter(session.scene)
@@ -188,7 +169,8 @@ class SessionRunner:
             holds=HoldMonitor(session.hold, initial, session.target, self._sample_every, session.interchangeable),
             cancel=cancel,
             clock=self._clock,
-            observers=(recorder, heartbeat),
+            on_turn=on_turn,
+            on_step=recorder.on_step,
             cameras=self._open_cameras(),
         )
 
