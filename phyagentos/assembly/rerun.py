@@ -41,7 +41,6 @@ _TEXTS = (evidence.SCENE_XML, evidence.TRACE, evidence.HOLDS, evidence.EXECUTION
 class Rerun:
     """A session, repeated: the workspace of the second bundle, and where it differs from the first, bit for bit."""
 
-    session: str
     workspace: Path
     execution: Execution
     differences: tuple[str, ...]
@@ -70,7 +69,7 @@ def rerun_session(root: Path, session: str) -> Rerun:
     with open_worker(repeated, status.contract.target) as worker:
         finished = _order(worker, status, folder)
     differences = find_differences(folder, repeated.evidence_of(SessionId(session)))
-    return Rerun(session=session, workspace=repeated.root, execution=finished, differences=tuple(differences))
+    return Rerun(workspace=repeated.root, execution=finished, differences=tuple(differences))
 
 
 def _refuse_without_start(folder: Path) -> None:

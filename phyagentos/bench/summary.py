@@ -21,6 +21,7 @@ from phyagentos.errors import DefinitionError
 GROUPED = ("pass", "policy", "setting", "verification")  # axes of a row, beside its task
 SIGNIFICANT = 0.05
 Key = tuple[str, ...]
+_SUMMED = (Figure.FALSE_SUCCESSES, Figure.FALSE_FAILURES, Figure.MEMORY_CHANGED, Figure.CONTACTS)  # others are means
 _SHARES = (Figure.FINAL, Figure.FIRST, Figure.PARTS, Figure.FIRST_PARTS)
 
 
@@ -127,21 +128,13 @@ def compute_figure(asked: Asked, records: Sequence[EpisodeRecord]) -> float:
 
 
 def _compute(figure: Figure, part: str, records: Sequence[EpisodeRecord]) -> float:
-    sessions = [session for record in records for session in record.sessions]
-    match figure:
-        case Figure.FALSE_SUCCESSES:
-            return float(sum(record.is_false_success for record in records))
-        case Figure.FALSE_FAILURES:
-            return float(sum(record.is_false_failure for record in records))
-        case Figure.MEMORY_CHANGED:
-            return float(sum(record.memory_before != record.memory_after for record in records if record.is_frozen))
-        case Figure.CONTACTS:
-            return float(sum(session.contacts for session in sessions))
-        case Figure.STAGE_MS:
-            return Spread.of([session.stages_ms[part] for session in sessions if part in session.stages_ms]).median
-        case _:
-            values = _list_values(records, figure, part)
-            return float(np.mean(values)) if values else float("nan")
+    if figure is Figure.STAGE_MS:
+        sessions = (session for record in records for session in record.sessions)
+        return Spread.of([session.stages_ms[part] for session in sessions if part in session.stages_ms]).median
+    if figure in _SUMMED:
+        return float(sum(_list_values(records, figure)))
+    values = _list_values(records, figure, part)
+    return float(np.mean(values)) if values else float("nan")
 
 
 def _keep(asked: Asked, records: Sequence[EpisodeRecord]) -> Promise:
@@ -254,6 +247,14 @@ def read_values(record: EpisodeRecord, of: Figure) -> Mapping[str, Any]:
             return {"": len(record.sessions)}
         case Figure.OTHER_BITS:
             return {"": record.bits}
+        case Figure.FALSE_SUCCESSES:
+            return {"": record.is_false_success}
+        case Figure.FALSE_FAILURES:
+            return {"": record.is_false_failure}
+        case Figure.MEMORY_CHANGED:
+            return {"": record.is_frozen and record.memory_before != record.memory_after}
+        case Figure.CONTACTS:
+            return {"": sum(session.contacts for session in record.sessions)}
         case _:
             return {"": bool(record.is_met)}
 

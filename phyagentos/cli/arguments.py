@@ -19,19 +19,13 @@ from phyagentos.protocol.workspace.foreign_python import find_foreign_python
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set", metavar="KEY=VALUE", help="A parameter, NAME=VALUE, or a role, targets.ROLE=NAME. Repeatable."
-    ),
-]
+_SET_HELP = "A parameter, NAME=VALUE, or a role, targets.ROLE=NAME. Repeatable."
+_RUN_HELP = "Execute the behaviours.py of skills, which is not done unasked."
+_TRUST_HELP = "Let skills of the workspace run Python that is not known from here."
+Overrides = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help=_SET_HELP)]
 AsJson = Annotated[bool, typer.Option("--json", help="As JSON on stdout.")]
-RunPython = Annotated[
-    bool, typer.Option("--run-python", help="Execute the behaviours.py of skills, which is not done unasked.")
-]
-TrustPython = Annotated[
-    bool, typer.Option("--trust-python", help="Let skills of the workspace run Python that is not known from here.")
-]
+RunPython = Annotated[bool, typer.Option("--run-python", help=_RUN_HELP)]
+TrustPython = Annotated[bool, typer.Option("--trust-python", help=_TRUST_HELP)]
 PREFIX = "targets."
 
 

@@ -27,17 +27,14 @@ from phyagentos.errors import DefinitionError, Problem
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a run, as `paos bench run` made it.", file_okay=False)]
 SuiteFile = Annotated[Path, typer.Argument(help="A suite: a file, or a name in benchmarks/suites/.")]
-Jobs = Annotated[
-    int, typer.Option("--jobs", "-j", min=1, help="Episodes side by side, each with processes of its own.")
-]
+Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Episodes side by side, in processes of their own.")]
+NewRun = Annotated[Path | None, typer.Option("--run", "-r", help="Folder of the run; a new one under runs/.")]
 Where = Annotated[EngineName, typer.Option(help="Where episodes are carried out; `ray` needs the extra of this name.")]
 
 
 def run(
     suite: SuiteFile,
-    folder: Annotated[
-        Path | None, typer.Option("--run", "-r", help="Folder of the run; a new one under runs/.")
-    ] = None,
+    folder: NewRun = None,
     jobs: Jobs = 1,
     engine: Where = EngineName.LOCAL,
     seeds: Annotated[int | None, typer.Option(help="Only so many seeds of each pass.", min=1)] = None,

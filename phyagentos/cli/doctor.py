@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -80,9 +80,7 @@ STYLES = {Grade.FINE: "green", Grade.WEAK: "yellow", Grade.BROKEN: "bold red"}
 
 def examine_machine(
     folder: Annotated[Path, typer.Argument(help="Where workspaces will stand.")] = Path(),
-    warm: Annotated[
-        bool, typer.Option("--warm", help="Check nothing; compile every kernel that is not kept yet.")
-    ] = False,
+    warm: Annotated[bool, typer.Option("--warm", help="Only compile every kernel that is not kept yet.")] = False,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Check this machine: graphics, locks, file events, clock, versions, ports, disk; print each fix."""
@@ -106,7 +104,8 @@ def iter_findings(folder: Path, clock: Clock) -> Iterator[Finding]:
     yield check_python()
     yield check_packages()
     yield check_graphics()
-    for check in CHECKS:
+    checks = (check_space, check_file_system, check_syncs, check_locks, check_exchange, check_events, check_clock)
+    for check in checks:
         try:
             yield check(folder, clock)
         except OSError as error:
@@ -286,14 +285,3 @@ def check_ports() -> Finding:
             return Finding("ports", Grade.FINE, "a local server can be reached")
     except OSError as error:
         return Finding("ports", Grade.WEAK, str(error), "Policy servers need the loopback: ip link set lo up.")
-
-
-CHECKS: tuple[Callable[[Path, Clock], Finding], ...] = (
-    check_space,
-    check_file_system,
-    check_syncs,
-    check_locks,
-    check_exchange,
-    check_events,
-    check_clock,
-)

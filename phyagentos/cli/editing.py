@@ -29,9 +29,7 @@ DEFAULT_EDITOR = "vi"
 
 def edit(
     workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path(),
-    editor: Annotated[
-        str, typer.Option("--editor", help="Command that edits a file; $VISUAL, $EDITOR or vi by default.")
-    ] = "",
+    editor: Annotated[str, typer.Option(help="Command that edits a file; $VISUAL, $EDITOR or vi by default.")] = "",
 ) -> int:
     """Edit SESSIONS.md, with or without a runtime: limits and priority of pending sessions, ends, new sessions."""
     place = Workspace.open(workspace)

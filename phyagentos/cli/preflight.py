@@ -38,12 +38,12 @@ OF_THE_MOMENT = frozenset(  # may change
     {"PRECONDITION_UNMET", "HOLD_BROKEN", "NO_FREE_SITE", "OUT_OF_REACH", "OUTSIDE_WORKSPACE"}
 )
 
+_WHOSE = "Whose settings count; needed for a session."
+
 
 def preflight(
     subject: Annotated[str, typer.Argument(metavar="GRAPH|SESSION", help="A goal graph, or a session of a workspace.")],
-    workspace: Annotated[
-        Path | None, typer.Option("--workspace", "-w", help="Whose settings count; needed for a session.")
-    ] = None,
+    workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help=_WHOSE)] = None,
     seed: Annotated[int, typer.Option(help="Of the scene.", min=0, max=2**63 - 1)] = 0,
     set_: Overrides = None,
     as_json: AsJson = False,

@@ -13,6 +13,7 @@ from phyagentos.protocol.settings.perception import Prior, Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 
+_GOAL_HELP = "Id of the goal. One that has its verdict is only reported, so a restart does nothing twice."
 _GRAPH = "A goal graph: a file, or a name of `paos list graphs`."
 Graph = Annotated[Path, typer.Argument(help=_GRAPH, autocompletion=lambda: open_library().names_of_goal_graphs())]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run; created when missing.")]
@@ -33,12 +34,7 @@ def agent(
     workspace: Space,
     seed: Seed = 0,
     set_: Overrides = None,
-    goal: Annotated[
-        str | None,
-        typer.Option(
-            help="Id of the goal. One that has its verdict is only reported, so a restart does nothing twice."
-        ),
-    ] = None,
+    goal: Annotated[str | None, typer.Option(help=_GOAL_HELP)] = None,
     with_parent: WithParent = None,
     verify: Verify = None,
     memory: WhichMemory = None,
@@ -46,9 +42,8 @@ def agent(
     """Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict."""
     from phyagentos.assembly.agent_plane import run_agent
 
-    _prepare(
-        with_parent, f"agent of {workspace}: submits, judges; `paos watch -w {workspace}` carries out; Ctrl-C ends"
-    )
+    about = f"agent of {workspace}: submits, judges; `paos watch -w {workspace}` carries out; Ctrl-C ends"
+    _prepare(with_parent, about)
     file, overrides = get_file(graph, "goal_graphs"), parse_overrides(set_)
     report = run_agent(workspace, file, seed, overrides=overrides, goal=goal, verify=verify, memory=memory)
     print_result(f"goal {report.goal}: {report.verdict}  {report.reason}")
@@ -89,5 +84,5 @@ def _prepare(parent: int | None, about: str) -> None:
     """When asked, end with the parent; without one, say what begins."""
     if parent is None:
         print_note(about)
-    if parent is not None and not end_with(parent):
+    elif not end_with(parent):
         raise Exit(ExitCode.INTERRUPTED)

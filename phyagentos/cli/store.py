@@ -55,9 +55,7 @@ def check(workspace: ReadSpace, partition: Partition = None, as_json: AsJson = F
 def repair(
     workspace: Space,
     partition: Partition = None,
-    accept_loss: Annotated[
-        bool, typer.Option("--accept-loss", help="Go on although records that were acknowledged may be gone.")
-    ] = False,
+    accept_loss: Annotated[bool, typer.Option("--accept-loss", help="Acknowledged records may be gone.")] = False,
     as_json: AsJson = False,
 ) -> int:
     """Cut a torn end; mend damage where --accept-loss is given. Damaged files are kept beside. See docs/journal.md."""

@@ -23,23 +23,16 @@ from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
 
+_WITH_HELP = f"Judges, comma-separated: {', '.join(JudgeName)}, or installed ones; those of the settings if left out."
+_FRAMES_HELP = "Perceive the stored camera frames again, judge, compare; records nothing."
+
 
 def verify(
     session: Annotated[str, typer.Argument(help="Id of the session.")],
     workspace: Space,
-    with_: Annotated[
-        str | None,
-        typer.Option(
-            "--with",
-            help=f"Judges, comma-separated: {', '.join(JudgeName)}, or installed ones. "
-            "Those of the settings if left out.",
-        ),
-    ] = None,
+    with_: Annotated[str | None, typer.Option("--with", help=_WITH_HELP)] = None,
     mode: Annotated[VerificationMode, typer.Option(help="What the judgement is for.")] = VerificationMode.ENFORCE,
-    from_frames: Annotated[
-        bool,
-        typer.Option("--from-frames", help="Perceive the stored camera frames again, judge, compare; records nothing."),
-    ] = False,
+    from_frames: Annotated[bool, typer.Option("--from-frames", help=_FRAMES_HELP)] = False,
     as_json: AsJson = False,
 ) -> int:
     """Add a judgement to a session that has its verdict; erases none and changes no state."""
