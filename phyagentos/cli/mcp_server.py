@@ -125,8 +125,9 @@ def describe_tool(tool: Tool) -> "types.Tool":
     """A tool as the protocol declares it."""
     import mcp_types as types
 
-    reads = tool.level is Level.READ and not tool.is_stop
-    hints = types.ToolAnnotations(read_only_hint=reads, destructive_hint=tool.is_destructive, open_world_hint=False)
+    hints = types.ToolAnnotations(
+        read_only_hint=tool.is_read_only, destructive_hint=tool.is_destructive, open_world_hint=False
+    )
     schema = tool.arguments.model_json_schema()
     return types.Tool(name=tool.name, description=tool.description, input_schema=schema, annotations=hints)
 

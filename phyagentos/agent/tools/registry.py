@@ -79,6 +79,11 @@ class Tool:
         about = " ".join((handler.__doc__ or "").split())
         return cls(name=name, description=about, level=level, arguments=model, handler=handler, **facts)
 
+    @property
+    def is_read_only(self) -> bool:
+        """Whether it changes nothing."""
+        return self.level is Level.READ and not self.is_stop
+
 
 class ToolCall(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The record of one call: `code` is that of the refusal or failure, empty where it was answered."""
