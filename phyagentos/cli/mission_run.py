@@ -88,7 +88,7 @@ def run(**options: Any) -> int:
     return run_mission(Order(**options))
 
 
-run.__dict__["__signature__"] = inspect.signature(Order)
+run.__dict__["__signature__"] = inspect.signature(Order)  # whose fields are the options
 
 
 class Interrupts:
