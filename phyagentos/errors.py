@@ -6,6 +6,7 @@
 
 import difflib
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import msgspec
 
@@ -54,6 +55,11 @@ class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
             parts.append(f"asked for by {self.triggered_by}")
         line = ": ".join((parts[0], "; ".join(parts[1:]))) if len(parts) > 1 else parts[0]
         return f"{line}. {self.hint}" if self.hint else line
+
+
+def relocate(problems: Iterable[Problem], folder: Path) -> tuple[Problem, ...]:
+    """Problems of files in a folder that will be gone: addresses without it."""
+    return tuple(msgspec.structs.replace(each, address=each.address.replace(f"{folder}/", "")) for each in problems)
 
 
 class PhyAgentOSError(Exception):

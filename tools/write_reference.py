@@ -14,9 +14,8 @@ from pathlib import Path
 from msgspec.structs import astuple
 
 from phyagentos.cli.describing import KINDS
-from phyagentos.cli.error_codes import RETRIES
-from phyagentos.cli.field_tables import render_fields
-from phyagentos.cli.schemas import names_of_schemas, render_schema
+from phyagentos.cli.schemas import names_of_schemas, render_fields, render_schema
+from phyagentos.cli.showing import RETRIES
 from phyagentos.codes import CODES, Actor, Phase
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.documents.markdown import render_table

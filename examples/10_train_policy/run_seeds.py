@@ -8,7 +8,7 @@ from pathlib import Path
 
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Rate
-from phyagentos.bench.suite import open_bench, run_suite
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 
 HERE = Path(__file__).resolve().parent
@@ -29,11 +29,11 @@ def main() -> None:
         contract.write_text(f"{contract.read_text()}\n{RECORD}\n")
     met = 0
     with open_bench(workspace, SystemClock()) as agent:
-        for number, episode in enumerate(run_suite(agent, workspace, given.graph, seeds), 1):
-            verdict = episode.report.verdict
-            met += verdict == "success"
-            why = next((s.reason for s in reversed(episode.report.sessions) if s.reason), "")
-            print(f"seed {episode.seed}: {verdict}  ({met} of {number})  {why}", flush=True)
+        for number, seed in enumerate(seeds, 1):
+            report = agent.mission.run(given.graph, seed=seed)
+            met += report.verdict == "success"
+            why = next((s.reason for s in reversed(report.sessions) if s.reason), "")
+            print(f"seed {seed}: {report.verdict}  ({met} of {number})  {why}", flush=True)
     print(f"goals met: {Rate(met, len(seeds))}")
 
 

@@ -64,20 +64,12 @@ def open_agent(
 ) -> Iterator[Agent]:
     """The agent that the workspace's settings describe; the only place that builds one.
 
-    Args:
-        workspace: With its settings and its memory.
-        clock: For waiting.
-        by: Name of the writer in the journal.
-        verify: What judgements are for, instead of that of runtime_contract.yaml.
-        memory: Folder of a memory that outlives the workspace, instead of its own.
-        memory_use: Whether experience advises, and whether it grows.
-        policy: Chooses what follows a miss; graph repair by default.
-        is_runtime_alive: Checked while waiting for a goal; False ends the mission. By default a goal waits for a
-            watchdog that may come later, and only the end of a cancelled one needs a watchdog that is there.
+    The journal names it as `by`. `verify` replaces the mode of runtime_contract.yaml, `memory` the workspace's own by
+    the folder of one that outlives it; `policy` chooses what follows a miss, graph repair by default. While a goal is
+    waited for, `is_runtime_alive` is checked, and False ends the mission; by default a goal waits for a watchdog that
+    may come later, and only the end of a cancelled one needs a watchdog that is there.
 
-    Raises:
-        DefinitionError: With every problem of the settings.
-        ExecutionError: `JOURNAL_DAMAGED`.
+    Raises DefinitionError with every problem of the settings, and ExecutionError `JOURNAL_DAMAGED`.
     """
     verifier = build_verifier(workspace, clock, mode=verify)
     catalogue = Catalogue.of_workspace(workspace)

@@ -3,11 +3,9 @@
 import contextlib
 import signal
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
-import msgspec
 import yaml
 
 from phyagentos.agent.goals.catalogue import Catalogue
@@ -18,14 +16,16 @@ from phyagentos.assembly.agent_plane import run_agent
 from phyagentos.assembly.paths import serve_alone
 from phyagentos.assembly.planes import start_watch
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, relocate
+from phyagentos.protocol.documents.schema import iter_nested
 from phyagentos.protocol.workspace.process_lock import RUNTIME_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
 
 
 def compile_proposed(workspace: Workspace, proposed: Proposed) -> GoalGraph:
     """The goal graph of a proposal; raises `PROPOSAL_OPEN` when another file says what would run."""
-    if names := sorted(set(_find_includes(proposed.proposal.graph))):
+    found = {each.get("include") for each in iter_nested(proposed.proposal.graph) if isinstance(each, dict)}
+    if names := sorted(each for each in found if isinstance(each, str)):
         expected = "included graphs in their places"
         raise DefinitionError.of("PROPOSAL_OPEN", proposed.name, f"include: {', '.join(names)}", expected)
     with as_file(_render(proposed)) as file:
@@ -42,10 +42,8 @@ def carry_out(
     """Pursue an approved proposal to its verdict, with a runtime of its own where none serves the workspace.
 
     Nothing is read from its file again. A goal that has its verdict is only reported. `restrict` narrows what it may
-    use, repairs included. The Python of the workspace's skills is run: look at it before.
-
-    Raises:
-        DefinitionError: `NOT_APPROVED` without an approval of exactly these bytes.
+    use, repairs included. The Python of the workspace's skills is run: look at it before. Raises DefinitionError
+    `NOT_APPROVED` without an approval of exactly these bytes.
     """
     decision = Proposals(workspace.proposals).find_decision(proposed)
     if decision is None or decision.decision != "approved":
@@ -72,23 +70,8 @@ def as_file(text: str) -> Iterator[Path]:
         try:
             yield file
         except DefinitionError as error:
-            raise DefinitionError(shorten(error.problems, file)) from error
-
-
-def shorten(problems: Sequence[Problem], file: Path) -> tuple[Problem, ...]:
-    """The problems of a file, without its folder."""
-    short = (each.address.replace(f"{file.parent}/", "") for each in problems)
-    return tuple(msgspec.structs.replace(each, address=at) for each, at in zip(problems, short, strict=True))
+            raise DefinitionError(relocate(error.problems, file.parent)) from error
 
 
 def _render(proposed: Proposed) -> str:
     return yaml.safe_dump(proposed.proposal.graph, sort_keys=False, allow_unicode=True)
-
-
-def _find_includes(value: Any) -> Iterator[str]:
-    """Names of goal graphs that are included without being held, at any depth."""
-    if isinstance(value, dict) and isinstance(name := value.get("include"), str):
-        yield name
-    if isinstance(value, dict | list):
-        for each in value.values() if isinstance(value, dict) else value:
-            yield from _find_includes(each)

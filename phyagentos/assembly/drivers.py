@@ -130,11 +130,7 @@ def _open_gymnasium(site: DriverSite) -> "TargetDriver":
 
 
 def read_secret(path: Path) -> bytes:
-    """The key of a remote target, in hexadecimal digits, from a file that only this user can read.
-
-    Raises:
-        DefinitionError: `NO_TOKEN` when the file is missing, holds no key, or can be read by others.
-    """
+    """The key of a remote target, in hexadecimal digits, from a file that only its owner reads; raises `NO_TOKEN`."""
     try:
         is_private = not path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO)
         key = bytes.fromhex(path.read_text(encoding="ascii").strip()) if is_private else b""

@@ -15,6 +15,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.process_lock import RUNTIME_LOCK, WATCHDOG_LOCK, become_sole, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
 
+FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol")  # any makes a project
 FAULTS = Path(".world") / "faults.yaml"  # read by the world process only
 OUTCOMES = Path(".world") / "outcomes.jsonl"  # what environments say of success, for who measures; no agent reads it
 TOKENS = Path(".world") / "tokens"  # one file a remote target, which only its owner may read
@@ -29,11 +30,7 @@ def open_project(root: Path, *projects: Path) -> Workspace:
 
 @contextlib.contextmanager
 def serve_alone(workspace: Workspace, clock: Clock) -> Iterator[None]:
-    """While the block runs, no other `paos run` or `paos watch` serves this workspace.
-
-    Raises:
-        DefinitionError: `WATCHED_ALREADY`, at once.
-    """
+    """While the block runs, no other `paos run` or `paos watch` serves this workspace; raises `WATCHED_ALREADY`."""
     try:
         lock = become_sole(workspace.root / RUNTIME_LOCK, clock, "WATCHED_ALREADY", "another one", patience_s=0.0)
     except ExecutionError as error:
@@ -47,10 +44,11 @@ def serve_alone(workspace: Workspace, clock: Clock) -> Iterator[None]:
         os.close(lock)
 
 
-def find_project(graph: Path) -> Path:
-    """The project folder that a goal graph belongs to: the parent of its `goal_graphs/`, else its own folder."""
-    folder = graph.resolve().parent
-    return folder.parent if folder.name == "goal_graphs" else folder
+def find_project(path: Path) -> Path:
+    """The project folder of a file; its own folder when none is recognised."""
+    resolved = path.resolve()
+    own = resolved if resolved.is_dir() else resolved.parent
+    return next((parent.parent for parent in resolved.parents if parent.name in FOLDERS), own)
 
 
 def choose_folder(parent: Path, name: str) -> Path:

@@ -43,11 +43,11 @@ class Plane:
         """Whether it runs; a mission may ask it about any goal."""
         return self._process.poll() is None
 
-    def stop(self, clock: Clock, grace_s: float = STOP_S, is_urgent: Callable[[], bool] = lambda: False) -> None:
+    def stop(self, clock: Clock, is_urgent: Callable[[], bool] = lambda: False) -> None:
         """Ask it to end; kill it and what it started when it does not in time, or when it becomes urgent."""
         with contextlib.suppress(ProcessLookupError):
             self._process.terminate()
-        deadline_s = clock.now_s() + grace_s
+        deadline_s = clock.now_s() + STOP_S
         while self._process.poll() is None and clock.now_s() < deadline_s and not is_urgent():
             clock.sleep(0.02)
         self.kill()

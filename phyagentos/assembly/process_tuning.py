@@ -7,12 +7,10 @@ World and worker that keep real time ask for a larger share instead, which starv
 target stop.
 """
 
-import contextlib
 import ctypes
 import gc
 import os
 import signal
-import sys
 
 YOUNG = 50_000  # allocations; what a session makes is let go by reference counts
 PRECEDENCE = -10  # the nice value of what keeps real time: nine times the share of an ordinary process
@@ -22,7 +20,7 @@ PRIORITY = 1  # of 1..99: in front of ordinary processes, behind everything else
 
 def ask_for_prompt_wakeups() -> bool:
     """Let this thread run as soon as it is woken, in front of ordinary processes; whether that was granted."""
-    if not hasattr(os, "sched_setscheduler") or len(os.sched_getaffinity(0)) < 2:
+    if len(os.sched_getaffinity(0)) < 2:
         return False
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
@@ -33,8 +31,6 @@ def ask_for_prompt_wakeups() -> bool:
 
 def ask_for_precedence() -> bool:
     """Let this thread run before ordinary processes when both could; whether that was granted. Children do not."""
-    if not hasattr(os, "sched_setscheduler"):
-        return False
     try:
         os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
         os.setpriority(os.PRIO_PROCESS, 0, PRECEDENCE)
@@ -51,8 +47,6 @@ def collect_rarely() -> None:
 
 
 def end_with(parent: int) -> bool:
-    """Let the kernel end this process when its parent ends (Linux); False where that is another one by now."""
-    if sys.platform == "linux":
-        with contextlib.suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    """Let the kernel end this process when its parent ends; False where that is another one by now."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     return os.getppid() == parent

@@ -27,7 +27,6 @@ from phyagentos.runtime.targets.handshake import Tokens, greet
 
 if TYPE_CHECKING:
     from phyagentos.runtime.actions.handle import TargetSessionHandle
-    from phyagentos.runtime.perception.detection.detector import Detector
     from phyagentos.runtime.perception.look import FrameSource
     from phyagentos.runtime.perception.world_model import WorldModel
     from phyagentos.runtime.preflight.settings import Settings
@@ -192,10 +191,8 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         serve_refusals(orders, error.problems)
         return
     bounds = read_tool_bounds(settings.limits)
-    shared = [
-        name for name, each in targets.items() if profile.world and each.world == profile.world and name != target
-    ]
-    neighbours = {name: library.get_target(name) for name in sorted(shared)}
+    shared = {name for name, each in targets.items() if profile.world and each.world == profile.world}
+    neighbours = {name: library.get_target(name) for name in sorted(shared - {target})}
     planner: Planner = PlannerProcess(profile_path, bounds, neighbours) if profile.model else LocalPlanner(NoModel())
     connection: Channel = Loopback(local) if local is not None else connect_to_world(socket, token, clock)
     has_truth = not profile.model and profile.kind != "real_robot"
@@ -279,10 +276,12 @@ def open_world_model(
         return TrueWorld(target, handle, sensing="perceived", profile=profile)
     if settings.perception.sensing is Sensing.TRUTH or not profile.model:
         return TrueWorld(target, handle, profile=profile)
+    from phyagentos.runtime.perception.detection.detector_registry import open_detector
     from phyagentos.runtime.perception.perceived_world import PerceivedWorld
     from phyagentos.runtime.perception.robot_mask import RobotMask
 
-    library = workspace.library()
+    library, chosen = workspace.library(), settings.perception.detector
+    address = "perception.yaml: detector.name"
     cameras = settings.sensors.cameras.items()
     return PerceivedWorld(
         target,
@@ -291,7 +290,7 @@ def open_world_model(
         RobotMask(profile, library.get_target(target).parent),
         moving=[name for name, sensor in cameras if sensor.camera is not None and sensor.camera.mount != WORLD],
         max_age_s=settings.perception.embedded.max_age_s,
-        detector=open_detector(settings),
+        detector=open_detector(chosen.name, chosen.settings, address) if chosen is not None else None,
         noisy=settings.sensors.get_noise().varies,
         prior=settings.perception.prior,
         profile=profile,
@@ -304,16 +303,6 @@ def reads_truth(workspace: Workspace) -> bool:
         return read_perception(workspace.perception).sensing is Sensing.TRUTH
     except DefinitionError:
         return False
-
-
-def open_detector(settings: "Settings") -> "Detector | None":
-    """The detector that perception.yaml names; None where colours distinguish objects."""
-    from phyagentos.runtime.perception.detection import detector_registry
-
-    chosen = settings.perception.detector
-    if chosen is None:
-        return None
-    return detector_registry.open_detector(chosen.name, chosen.settings, "perception.yaml: detector.name")
 
 
 def open_handle(
@@ -356,9 +345,7 @@ def open_door(where: str, spin_s: float = SPIN_S, certificate: Path | None = Non
 def connect_to_world(socket: str, token: bytes, clock: Clock) -> Link:
     """The connection to a world process that may still be starting, opened with the token of this worker.
 
-    Raises:
-        ExecutionError: `TARGET_LOST` when the socket is not served within the start-up time; `BAD_TOKEN`,
-            `VERSION_MISMATCH`.
+    Raises ExecutionError `TARGET_LOST` when it is not served within the start-up time; `BAD_TOKEN`, `VERSION_MISMATCH`.
     """
     deadline_s = clock.now_s() + WORLD_START_S
     while True:

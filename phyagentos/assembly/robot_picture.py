@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from phyagentos.errors import DefinitionError
+from phyagentos.geometry import rotate
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.drivers.mujoco.rendering import render_png
 from phyagentos.runtime.models.hand import measure_hand
@@ -26,7 +27,7 @@ def draw_robot(profile: TargetProfile, folder: Path) -> bytes:
     spec = build_robot(profile, folder)
     tool = spec.site(profile.tcp)
     for axis, color in AXES.items():
-        end = np.array(tool.pos) + LENGTH_M * np.array(_turn(tool.quat, axis))
+        end = np.array(tool.pos) + LENGTH_M * np.array(rotate(tool.quat, axis))
         tool.parent.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[*tool.pos, *end], size=[RADIUS_M, 0, 0], rgba=color,
             contype=0, conaffinity=0, mass=0.0, group=2,
@@ -54,9 +55,3 @@ def _pose(model: mujoco.MjModel, profile: TargetProfile, folder: Path) -> mujoco
         data.qpos[model.joint(name).qposadr[0]] = position
     mujoco.mj_forward(model, data)
     return data
-
-
-def _turn(quaternion_wxyz: np.ndarray, vector: tuple[float, float, float]) -> np.ndarray:
-    turned = np.zeros(3)
-    mujoco.mju_rotVecQuat(turned, np.array(vector), np.array(quaternion_wxyz))
-    return turned

@@ -1,15 +1,17 @@
 """The runtime plane: what `paos watch` starts. Loads neither the agent nor a simulator: bodies are child processes."""
 
 import contextlib
+import os
 import shutil
 import signal
+import subprocess
+import sys
+import tempfile
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import FrameType
 
 from phyagentos.assembly.drivers import choose_driver
-from phyagentos.assembly.evidence_keeper import EvidenceKeeper
 from phyagentos.assembly.paths import FAULTS, make_socket_folder, open_project, remove_socket_folders, serve_alone
 from phyagentos.assembly.planes import STOP_S
 from phyagentos.assembly.process_tuning import ask_for_prompt_wakeups, collect_rarely
@@ -42,6 +44,45 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.turn_marks import TurnMarks
 from phyagentos.store.views.renderer import Views
 from phyagentos.store.views.runtime_signal import RuntimeSignal
+
+LOWEST = 19  # nice value
+EVERY = 1000  # sessions that ended between two clean-ups
+
+
+class EvidenceKeeper:
+    """Thins old evidence in a process that gives way to every other: `paos evidence prune` after so many sessions."""
+
+    def __init__(self, workspace: Workspace, every: int = EVERY) -> None:
+        self._workspace, self._every = workspace, every
+        self._ended = 0
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def take_in(self, record: Record) -> None:
+        """Count sessions that end."""
+        self._ended += record.to in FINAL_STATES
+
+    def refresh(self) -> None:
+        """Begin a clean-up when one is due and none runs; what it prints is in `logs/`."""
+        if self._ended >= self._every and (self._process is None or self._process.poll() is not None):
+            self._ended = 0
+            command = [
+                sys.executable,
+                "-m",
+                "phyagentos",
+                "evidence",
+                "prune",
+                "--workspace",
+                str(self._workspace.root),
+            ]
+            with contextlib.suppress(OSError), (self._workspace.logs / "prune.log").open("wb") as log:  # else the next
+                self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+                os.setpriority(os.PRIO_PROCESS, self._process.pid, LOWEST)
+
+    def close(self) -> None:
+        """End a clean-up that still runs; the next one goes on from there."""
+        if self._process is not None:
+            self._process.kill()  # manifests are replaced as a whole before anything is deleted
+            self._process.wait()
 
 
 def run_watch(
@@ -147,11 +188,8 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     views.share(watchdog.ledger, watchdog.follow)
     seal_rest(workspace, views.ledger)  # of a runtime that was killed
 
-    def on_signal(_number: int, _frame: FrameType | None) -> None:
-        watchdog.stop()
-
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, on_signal)
+        signal.signal(number, lambda *_: watchdog.stop())
     collect_rarely()
     if rules.world_mode is WorldMode.LOCKSTEP:
         ask_for_prompt_wakeups()
@@ -221,6 +259,20 @@ def start_world(workspace: Workspace, target: str, sockets: Path, *, outlives: b
     options = ["--socket", str(sockets / f"{world}.world"), *(["--outlives"] if outlives else [])]
     command = make_command("world", workspace.root, world, *options)
     return WorldProcess(command, get_lock(workspace.root, world), workspace.logs / f"world-{world}.log")
+
+
+@contextlib.contextmanager
+def open_worker(workspace: Workspace, target: str) -> Iterator[Worker]:
+    """The worker of one target that is ready for orders, with a world and sockets of its own, while the block runs."""
+    with tempfile.TemporaryDirectory(prefix="paos-") as folder:
+        sockets = Path(folder)
+        world = start_world(workspace, target, sockets)
+        worker = hire_worker(workspace, target, sockets, pictures=False, world=world)
+        try:
+            worker.receive()  # ready
+            yield worker
+        finally:
+            worker.stop()
 
 
 def hire_worker(

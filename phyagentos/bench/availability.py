@@ -1,24 +1,45 @@
 """The gate before a run: what this machine lacks for an episode. Such episodes are *missing*, and say why.
 
-Looked for: Python environments, modules, models of robots, drivers, and policy servers.
+Looked for: Python environments, modules, models of robots, drivers, and policy servers. The environments that suites
+declare are made here as well; nothing is installed unasked.
 """
 
 import importlib.util
+import json
 import shutil
 import socket
-from collections.abc import Mapping, Sequence
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
+from packaging.requirements import Requirement
+
 from phyagentos.assembly.drivers import choose_driver
-from phyagentos.bench.environments import find_lacks
 from phyagentos.bench.suite_file import Policy, Variant
-from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.capabilities.environments import EnvironmentSpec
+from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.protocol.capabilities.environments import EnvironmentSpec, find_python
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.sources import require_models
 
 CONNECT_S = 1.0
+STDERR = 2  # what pip says is no result
+_LOOK = """
+import importlib.metadata, importlib.util, json, sys
+packages, modules = json.loads(sys.argv[1])
+def version(name):
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+def there(name):
+    try:
+        return importlib.util.find_spec(name) is not None
+    except ImportError:
+        return False
+print(json.dumps([{n: version(n) for n in packages}, [m for m in modules if not there(m)]]))
+"""
 
 
 class Gate:
@@ -70,3 +91,43 @@ def _find_target_lacks(profile: TargetProfile, path: Path) -> list[Problem]:
     except DefinitionError as error:
         return list(error.problems)
     return []
+
+
+def find_lacks(name: str, spec: EnvironmentSpec) -> list[Problem]:
+    """What an environment lacks of its declaration; empty when it is whole."""
+    python, hint = find_python(name), f"Make it: paos bench setup {name}"
+    if not python.is_file():
+        return [Problem("ENVIRONMENT_MISSING", str(python), "no such file", f"environment {name!r}", hint)]
+    wanted = [Requirement(text) for text in (*spec.packages, *spec.without_dependencies)]
+    wanted = [each for each in wanted if each.marker is None or each.marker.evaluate()]
+    asked = json.dumps([[each.name for each in wanted], spec.imports])
+    done = subprocess.run([python, "-c", _LOOK, asked], capture_output=True, text=True, check=False)
+    if done.returncode:
+        found = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        return [Problem("ENVIRONMENT_MISSING", str(python), found, "a Python that starts", hint)]
+    versions, absent = json.loads(done.stdout)
+    had = [(each, versions[each.name]) for each in wanted]
+    unmet = [(each, has) for each, has in had if not (has and each.specifier.contains(has, prereleases=True))]
+    lacks = [(f"{each.name} {has or 'not installed'}", str(each)) for each, has in unmet]
+    lacks += [(f"no module {module}", f"module {module}") for module in absent]
+    return [Problem("ENVIRONMENT_MISSING", str(python), found, expected, hint) for found, expected in lacks]
+
+
+def plan_setup(name: str, spec: EnvironmentSpec, interpreter: str = sys.executable) -> list[list[str]]:
+    """The commands that make an environment, in order."""
+    python = find_python(name)
+    folder, pip = python.parent.parent, [str(python), "-m", "pip", "install"]
+    commands = [] if python.is_file() else [[interpreter, "-m", "venv", str(folder)]]
+    commands.append([*pip, *spec.packages])
+    return [*commands, *([[*pip, "--no-deps", *spec.without_dependencies]] if spec.without_dependencies else [])]
+
+
+def set_up(name: str, spec: EnvironmentSpec, say: Callable[[str], None], interpreter: str = sys.executable) -> Path:
+    """Make an environment, or complete it; its interpreter. Raises ExecutionError `SETUP_FAILED` with the command."""
+    for command in plan_setup(name, spec, interpreter):
+        say(" ".join(command))
+        if code := subprocess.run(command, check=False, stdout=STDERR).returncode:
+            raise ExecutionError("SETUP_FAILED", f"{' '.join(command)!r} ended with code {code}")
+    if lacks := find_lacks(name, spec):
+        raise ExecutionError("SETUP_FAILED", "; ".join(f"{each.found}, wanted {each.expected}" for each in lacks))
+    return find_python(name)

@@ -23,16 +23,16 @@ from typing import Any
 import msgspec
 import yaml
 
+from phyagentos.agent.memory.memory import Memory
 from phyagentos.assembly import agent_plane
 from phyagentos.assembly.paths import choose_folder, find_project, open_project
 from phyagentos.assembly.planes import STOP_S
 from phyagentos.assembly.process_tuning import end_with
 from phyagentos.bench.plug_ins import FAULTS, draw, load_repair
 from phyagentos.bench.records import Axes, EpisodeRecord, Order, SessionRecord
-from phyagentos.bench.scoring import record_sessions, score
+from phyagentos.bench.scoring import Taxon, record_sessions, score
 from phyagentos.bench.suite import open_bench
 from phyagentos.bench.suite_file import MemoryUse, Variant
-from phyagentos.bench.taxonomy import Taxon
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.markdown import publish
@@ -131,6 +131,10 @@ def run_episode(job: Job, folder: Path, clock: Clock) -> EpisodeRecord:
         statuses = [agent.mission.ledger.sessions[session.id] for session in report.sessions]
         before = agent.memory_version
         wall_s = clock.now_s() - begin_s
+    after = ""
+    if use is not MemoryUse.NONE:
+        with contextlib.closing(Memory(folder / workspace.memory.name, clock=clock, by="bench")) as left:
+            after = left.version
     scored = score(order, workspace, report, statuses)
     sessions = record_sessions(workspace, report, statuses, scored, Path(job.run))
     is_met = None if scored.parts is None else all(scored.parts.values())
@@ -148,8 +152,8 @@ def run_episode(job: Job, folder: Path, clock: Clock) -> EpisodeRecord:
         sessions=sessions,
         wall_s=round(wall_s, 3),
         sim_time_s=sum(each.sim_time_s for each in sessions),
-        memory_before="" if use is MemoryUse.NONE else before,
-        memory_after="" if use is MemoryUse.NONE else _read_memory_version(workspace, clock, folder),
+        memory_before=before,
+        memory_after=after,
         settings=settings,
         bits=_hash([path for each in report.sessions for path in workspace.evidence_of(each.id).glob("*.npz")]),
     )
@@ -196,14 +200,6 @@ def _hash(paths: Iterable[Path], before: bytes = b"") -> str:
     for path in paths:
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
-
-
-def _read_memory_version(workspace: Workspace, clock: Clock, folder: Path) -> str:
-    from phyagentos.agent.memory.memory import Memory
-
-    memory = Memory(folder / workspace.memory.name, clock=clock, by="bench")
-    memory.close()
-    return memory.version
 
 
 def _classify_episode(verdict: str, sessions: tuple[SessionRecord, ...], *, is_met: bool | None) -> str:

@@ -27,13 +27,7 @@ from phyagentos.protocol.documents.schema import Address
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A compiled suite.
-
-    Attributes:
-        orders: Every episode, in the order of passes, tasks, initial states, policies, settings, modes and seeds.
-        missing: Id of an episode -> why it cannot run here.
-        seeds_max: Of each pass; None for all.
-    """
+    """A compiled suite: every episode, in the order of its axes, and by id why some cannot run here."""
 
     suite: Suite
     orders: tuple[Order, ...]
@@ -79,8 +73,7 @@ def find_environments(name: str) -> dict[str, EnvironmentSpec]:
 def compile_suite(path: Path, seeds_max: int | None = None) -> Plan:
     """Every episode of a suite, or of so many seeds of each pass, and which of them cannot run here.
 
-    Raises:
-        DefinitionError: With every problem of the suite, and of the goal graphs, settings and faults that it names.
+    Raises DefinitionError with every problem of the suite, and of the goal graphs, settings and faults that it names.
     """
     suite, located = read_suite(path)
     checks, gate = SuiteChecks(suite, located), Gate(suite.environments)

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
-from phyagentos.bench.scorers.outcomes import OUTCOMES
-from phyagentos.bench.scorers.scorer import Scorer
+from phyagentos.bench.scorers.scorer import OUTCOMES, Scorer
 from phyagentos.bench.scorers.simulator import SIMULATOR
 from phyagentos.errors import DefinitionError
 

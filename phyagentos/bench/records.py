@@ -21,12 +21,7 @@ BY_NAME = {"pass" if axis == "phase" else axis: axis for axis in AXES}  # as a s
 
 
 class Axes(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Where an episode stands in its suite.
-
-    Attributes:
-        id: Of the episode, unique in its run; also the name of its folder, with the number of the attempt.
-        phase: The pass.
-    """
+    """Where an episode stands in its suite; `phase` is its pass, and `id` begins the name of its folder."""
 
     id: str
     task: str
@@ -42,12 +37,8 @@ class Order(Axes, frozen=True, kw_only=True, omit_defaults=True):
     """What one episode is: everything that its process needs, and nothing else decides it.
 
     Attributes:
-        graph: The goal graph.
-        goal: Id of the goal.
         variant: The merged `Variant`, as plain data.
         verification: Mode of verification; empty for that of runtime_contract.yaml.
-        memory: What it does with experience.
-        scorer: Name of the scorer.
         score: Part -> condition.
         scored: When each part is asked for: at the `end`, or after the last session of its `node`.
         lineage: Episodes that share experience have the same one.
@@ -75,8 +66,6 @@ class SessionRecord(SessionReport, frozen=True, kw_only=True, omit_defaults=True
         taxon: Kind of failure; empty where the objective was met.
         is_met: Whether the part of its node is there after it, as the scorer says; None where it was not asked.
         contacts: Of robots with each other, as the world noted them.
-        stages_ms: Where its time went, by stage [ms].
-        wall_s: Of its execution [s].
     """
 
     bundle: str
@@ -97,11 +86,9 @@ class EpisodeRecord(Axes, frozen=True, kw_only=True, omit_defaults=True):
         first_parts: The same after the first session of the part's node; one that look-ahead refused is none.
         is_met: Whether all parts are there; None where the scorer could not say.
         taxon: Kind of failure; empty where goal and verdict agree on success.
-        memory: What it did with experience.
         memory_before: Version of the memory that advised it; `memory_after` when it ended.
         settings: Hash of settings files, goal graph and library of its workspace.
         bits: Hash of every recorded state and trajectory.
-        host: Where it ran.
     """
 
     at: str
@@ -150,10 +137,7 @@ class EpisodeRecord(Axes, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class EpisodeLog:
-    """The records of a run, in the order in which the episodes ended.
-
-    Opening it cuts a line off that a kill left half written.
-    """
+    """The records of a run, as the episodes ended; opening it cuts a line off that a kill left half written."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / LOG
@@ -181,20 +165,15 @@ class EpisodeLog:
 
 
 def read_records(folder: Path) -> list[EpisodeRecord]:
-    """Every record of a run; a line that is not whole is none.
-
-    Raises:
-        DefinitionError: `RUN_DAMAGED` for a whole line that is no record.
-    """
+    """Every record of a run; a line that is not whole is none, a whole one that is none raises `RUN_DAMAGED`."""
     path, records = folder / LOG, []
     data = path.read_bytes() if path.is_file() else b""
     for number, line in enumerate(data.split(b"\n")[:-1], 1):
         try:
             records.append(msgspec.json.decode(line, type=EpisodeRecord))
         except msgspec.MsgspecError as error:
-            raise DefinitionError.of(
-                "RUN_DAMAGED", f"{path}:{number}", str(error), "the record of an episode"
-            ) from error
+            where, expected = f"{path}:{number}", "the record of an episode"
+            raise DefinitionError.of("RUN_DAMAGED", where, str(error), expected) from error
     return records
 
 

@@ -48,7 +48,9 @@ def render_json(summary: Summary) -> str:
 
 def render_markdown(summary: Summary) -> str:
     """The tables, every failure, and what is missing."""
-    lines = [f"# {summary.suite}", "", summary.objective, "", f"Begun {summary.at}; {_tell_counts(summary)}.", ""]
+    ended, missing, pending = map(len, (summary.episodes, summary.missing, summary.pending))
+    counts = f"{ended} episodes ended, {missing} are missing, {pending} are pending"
+    lines = [f"# {summary.suite}", "", summary.objective, "", f"Begun {summary.at}; {counts}.", ""]
     for title, columns, rows in _iter_tables(summary):
         lines += [f"## {title}", "", render_table(columns, rows)] if rows else []
     return "\n".join(lines)
@@ -111,11 +113,6 @@ def _iter_tables(summary: Summary) -> Iterator[Titled]:
     failed = ("episode", "verdict", "scorer", "kind", "session", "bundle", "why")
     notable = [_tell(record) for record in summary.episodes if _is_notable(record)]
     yield "Episodes that were not met, or misjudged", failed, notable
-
-
-def _tell_counts(summary: Summary) -> str:
-    ended, missing, pending = len(summary.episodes), len(summary.missing), len(summary.pending)
-    return f"{ended} episodes ended, {missing} are missing, {pending} are pending"
 
 
 def _is_notable(record: EpisodeRecord) -> bool:

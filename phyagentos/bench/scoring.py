@@ -1,4 +1,4 @@
-"""What came of an episode: what the scorer says, session by session and in the end, and what each session took.
+"""What came of an episode: what the scorer says, session by session and in the end, what each took, and why it failed.
 
 Upstream: `episode`, once the processes have ended. Downstream: its record.
 """
@@ -6,17 +6,21 @@ Upstream: `episode`, once the processes have ended. Downstream: its record.
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 
 import msgspec
 
+from phyagentos.agent.judging.causes import CLASSES, Cause, CauseClass
 from phyagentos.agent.mission.goal_facts import is_forecast_refusal
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.bench.plug_ins import load_scorer
 from phyagentos.bench.records import Order, SessionRecord
-from phyagentos.bench.taxonomy import classify
+from phyagentos.codes import CODES, Phase
+from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.registries import read_skill_registry
 from phyagentos.protocol.sessions.evidence import EVENTS
+from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.lookahead import read_lookahead
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -96,3 +100,66 @@ def measure(bundle: Path) -> tuple[dict[str, float], float, int]:
     if (forecast := read_lookahead(bundle)) is not None:
         stages["lookahead"] = forecast.cost_ms
     return {name: round(ms, 3) for name, ms in stages.items()}, round(spent_ms / 1e3, 3), contacts
+
+
+class Taxon(StrEnum):
+    """Kind of failure."""
+
+    PERCEPTION = "perception"
+    PLANNING = "planning"
+    POLICY = "policy"
+    ADAPTER = "adapter"
+    EXECUTION = "execution"
+    TIMEOUT = "timeout"
+    SAFETY = "safety"
+    VERIFIER = "verifier"
+
+
+_OF_CLASS = {each: Taxon(each) for each in CauseClass if each.name in Taxon.__members__}
+# of grasp, transport, placement, disturbance, machine and what is left: execution
+_OF_PHASE = {
+    Phase.PLANNING: Taxon.PLANNING,
+    Phase.SAFETY: Taxon.SAFETY,
+    Phase.VERIFICATION: Taxon.VERIFIER,
+    Phase.EXECUTION: Taxon.EXECUTION,
+    Phase.TARGET: Taxon.EXECUTION,
+}
+_OF_CODE = {  # of preflight, which otherwise finds that contract and target do not fit
+    Taxon.PERCEPTION: ("ENTITY_UNKNOWN", "NEVER_SEEN", "PRECONDITION_UNMET"),
+    Taxon.PLANNING: ("OUT_OF_REACH", "OUTSIDE_WORKSPACE", "HOLD_BROKEN"),
+    Taxon.TIMEOUT: ("PREFLIGHT_TIMED_OUT", "QUEUE_TIMED_OUT"),
+}
+_BY_CODE = {code: taxon for taxon, codes in _OF_CODE.items() for code in codes}
+
+
+def classify(status: SessionStatus, *, is_policy: bool) -> str:
+    """The kind of failure of a session that has ended; empty where its objective was met.
+
+    A motion without effect is the policy's failure only where a policy acted (`is_policy`).
+    """
+    if status.state == SessionState.SUCCEEDED:
+        return ""
+    if status.decision is None or not status.decision.cause:
+        return classify_problems(status.problems)
+    taxon = classify_cause(status.decision.cause)
+    return Taxon.EXECUTION if taxon is Taxon.POLICY and not is_policy else taxon
+
+
+def classify_cause(cause: str) -> Taxon:
+    """The kind of a cause, as a verdict names it."""
+    return _OF_CLASS.get(CLASSES.get(Cause(cause), CauseClass.OTHER), Taxon.EXECUTION)
+
+
+def classify_problems(problems: Sequence[Problem]) -> Taxon:
+    """The kind of a refusal before motion, by its first problem."""
+    if not problems:
+        return Taxon.EXECUTION
+    code = problems[0].code
+    if code in Cause.__members__:
+        return classify_cause(code)
+    if code in _BY_CODE:
+        return _BY_CODE[code]
+    if code.startswith("POLICY_"):
+        return Taxon.POLICY
+    known = CODES.get(code)
+    return Taxon.ADAPTER if known is None else _OF_PHASE.get(known.phase, Taxon.ADAPTER)

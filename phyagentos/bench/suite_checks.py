@@ -23,11 +23,7 @@ from phyagentos.protocol.world.faults import read_faults
 
 
 class SuiteChecks:
-    """Problems of one suite, found cell by cell.
-
-    Attributes:
-        problems: Found so far; what many cells share may stand there more than once.
-    """
+    """Problems of one suite, found cell by cell; what many cells share may stand there more than once."""
 
     def __init__(self, suite: Suite, located: Located) -> None:
         self.problems: list[Problem] = []

@@ -1,18 +1,28 @@
-"""The figures of a run, each with the episodes that it is made of."""
+"""The figures of a run, each with the episodes that it is made of; and of two sets of episodes, paired by seed.
+
+Pairs are compared by McNemar's exact test (McNemar 1947, doi:10.1007/BF02295996).
+"""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 import numpy as np
+from scipy.stats import binomtest, wilcoxon
 
-from phyagentos.bench.comparison import compare, read_values
-from phyagentos.bench.records import BY_NAME, EpisodeRecord, Order, select
+from phyagentos.bench.records import AXES, BY_NAME, EpisodeRecord, Order, select
 from phyagentos.bench.report import Ask, Rate, Spread
 from phyagentos.bench.suite_file import Asked, Figure, Suite
 from phyagentos.bench.sweep import Manifest
+from phyagentos.errors import DefinitionError
 
 GROUPED = ("pass", "policy", "setting", "verification")  # axes of a row, beside its task
+SIGNIFICANT = 0.05
+Key = tuple[str, ...]
+_SUMMED = (Figure.FALSE_SUCCESSES, Figure.FALSE_FAILURES, Figure.MEMORY_CHANGED, Figure.CONTACTS)  # others are means
+_SHARES = (Figure.FINAL, Figure.FIRST, Figure.PARTS, Figure.FIRST_PARTS)
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -24,10 +34,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
         false_successes: Ids of episodes with a verdict `success` that the scorer denies.
         false_failures: Ids of those whose success the verdict denies.
         ticks: Control periods (actions) of an episode.
-        wall_s: Of an episode, its processes started [s].
         action_ms: Wall time of a session for one of its actions [ms].
-        taxa: Kinds of failure of episodes.
-        missed_sessions: The same of sessions.
+        taxa: Kinds of failure of episodes; `missed_sessions` those of sessions.
     """
 
     axes: dict[str, str]
@@ -62,13 +70,7 @@ class Promise(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Summary(msgspec.Struct, frozen=True, kw_only=True):
-    """A whole run.
-
-    Attributes:
-        missing: Id of an episode -> why it cannot run here.
-        pending: Ids of episodes without a record.
-        versions: Of the framework, settings and memory that episodes ran with, and how many did.
-    """
+    """A whole run; `versions` are those of framework, settings and memory, and how many episodes ran with each."""
 
     report: int = 1
     suite: str
@@ -126,21 +128,13 @@ def compute_figure(asked: Asked, records: Sequence[EpisodeRecord]) -> float:
 
 
 def _compute(figure: Figure, part: str, records: Sequence[EpisodeRecord]) -> float:
-    sessions = [session for record in records for session in record.sessions]
-    match figure:
-        case Figure.FALSE_SUCCESSES:
-            return float(sum(record.is_false_success for record in records))
-        case Figure.FALSE_FAILURES:
-            return float(sum(record.is_false_failure for record in records))
-        case Figure.MEMORY_CHANGED:
-            return float(sum(record.memory_before != record.memory_after for record in records if record.is_frozen))
-        case Figure.CONTACTS:
-            return float(sum(session.contacts for session in sessions))
-        case Figure.STAGE_MS:
-            return Spread.of([session.stages_ms[part] for session in sessions if part in session.stages_ms]).median
-        case _:
-            values = _list_values(records, figure, part)
-            return float(np.mean(values)) if values else float("nan")
+    if figure is Figure.STAGE_MS:
+        sessions = (session for record in records for session in record.sessions)
+        return Spread.of([session.stages_ms[part] for session in sessions if part in session.stages_ms]).median
+    if figure in _SUMMED:
+        return float(sum(_list_values(records, figure)))
+    values = _list_values(records, figure, part)
+    return float(np.mean(values)) if values else float("nan")
 
 
 def _keep(asked: Asked, records: Sequence[EpisodeRecord]) -> Promise:
@@ -158,15 +152,11 @@ def _list_values(records: Sequence[EpisodeRecord], figure: Figure, part: str = "
     return [float(value) for name, value in each if part in {"", name}]
 
 
-def _make_rate(records: Sequence[EpisodeRecord], figure: Figure) -> Rate:
-    values = _list_values(records, figure)
-    return Rate(int(sum(values)), len(values))
-
-
 def _make_row(*key: str, orders: Sequence[Order], missing: dict[str, str], done: dict[str, EpisodeRecord]) -> Row:
     records = [done[order.id] for order in orders if order.id in done]
     sessions = [session for record in records for session in record.sessions]
     absent = sum(order.id in missing for order in orders)
+    shares = {each.value: _list_values(records, each) for each in _SHARES}
     stages = sorted({stage for session in sessions for stage in session.stages_ms})
     return Row(
         axes=dict(zip(GROUPED, key, strict=False)),
@@ -174,7 +164,7 @@ def _make_row(*key: str, orders: Sequence[Order], missing: dict[str, str], done:
         episodes=tuple(record.id for record in records),
         missing=absent,
         pending=len(orders) - len(records) - absent,
-        **{each.value: _make_rate(records, each) for each in _SHARES},
+        **{name: Rate(int(sum(values)), len(values)) for name, values in shares.items()},
         verdicts=dict(Counter(record.verdict or record.ended for record in records)),
         false_successes=tuple(record.id for record in records if record.is_false_success),
         false_failures=tuple(record.id for record in records if record.is_false_failure),
@@ -189,4 +179,90 @@ def _make_row(*key: str, orders: Sequence[Order], missing: dict[str, str], done:
     )
 
 
-_SHARES = (Figure.FINAL, Figure.FIRST, Figure.PARTS, Figure.FIRST_PARTS)
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What B is against A, on the pairs.
+
+    Attributes:
+        only_a: Episodes without a partner; `only_b` likewise.
+        gained: Pairs in which B has more; `lost`, in which A has.
+        p: Two-sided p value of the difference.
+    """
+
+    a: Rate
+    b: Rate
+    gained: tuple[Key, ...]
+    lost: tuple[Key, ...]
+    only_a: tuple[Key, ...]
+    only_b: tuple[Key, ...]
+    p: float
+
+    def is_regression(self, significant: float = SIGNIFICANT) -> bool:
+        """Whether B is significantly worse, or lacks episodes that A has: a gap may hide anything."""
+        return bool(self.only_a) or (len(self.lost) > len(self.gained) and self.p <= significant)
+
+
+def compare(a: Sequence[EpisodeRecord], b: Sequence[EpisodeRecord], of: Figure = Figure.FINAL) -> Comparison:
+    """Pair the episodes of two sets by seed and every axis but those on which each has one value of its own.
+
+    Raises DefinitionError `NOT_PAIRED` where no episode of one set belongs to one of the other.
+    """
+    values = {axis: [{getattr(record, axis) for record in each} for each in (a, b)] for axis in AXES}
+    free = [axis for axis, (ours, theirs) in values.items() if ours != theirs and len(ours) == len(theirs) == 1]
+    ours, theirs = _index(a, free, of), _index(b, free, of)
+    pairs = [key for key in ours if key in theirs]
+    if not pairs:
+        expected = "runs that share tasks and seeds"
+        raise DefinitionError.of("NOT_PAIRED", "paos bench compare", "no episode of both", expected)
+    gained = tuple(key for key in pairs if theirs[key] > ours[key])
+    lost = tuple(key for key in pairs if ours[key] > theirs[key])
+    p = 1.0
+    if (differing := len(gained) + len(lost)) and of is Figure.SESSIONS:
+        p = float(wilcoxon([ours[key] - theirs[key] for key in pairs]).pvalue)
+    elif differing:
+        p = float(binomtest(len(gained), differing).pvalue)
+    return Comparison(
+        a=Rate(sum(bool(ours[key]) for key in pairs), len(pairs)),
+        b=Rate(sum(bool(theirs[key]) for key in pairs), len(pairs)),
+        gained=gained,
+        lost=lost,
+        only_a=tuple(key for key in ours if key not in theirs),
+        only_b=tuple(key for key in theirs if key not in ours),
+        p=p,
+    )
+
+
+def read_values(record: EpisodeRecord, of: Figure) -> Mapping[str, Any]:
+    """What a figure is made of, in one episode: of each part of its goal, or of an empty name."""
+    match of:
+        case Figure.PARTS:
+            return record.parts
+        case Figure.FIRST_PARTS:
+            return record.first_parts
+        case Figure.VERIFIED:
+            return {"": bool(record.is_met) and record.verdict == "success"}
+        case Figure.FIRST:
+            return {"": record.is_first}
+        case Figure.SESSIONS:
+            return {"": len(record.sessions)}
+        case Figure.OTHER_BITS:
+            return {"": record.bits}
+        case Figure.FALSE_SUCCESSES:
+            return {"": record.is_false_success}
+        case Figure.FALSE_FAILURES:
+            return {"": record.is_false_failure}
+        case Figure.MEMORY_CHANGED:
+            return {"": record.is_frozen and record.memory_before != record.memory_after}
+        case Figure.CONTACTS:
+            return {"": sum(session.contacts for session in record.sessions)}
+        case _:
+            return {"": bool(record.is_met)}
+
+
+def _index(records: Sequence[EpisodeRecord], free: Sequence[str], of: Figure) -> dict[Key, Any]:
+    kept = [axis for axis in AXES if axis not in free]
+    return {
+        (*filter(None, (getattr(record, axis) for axis in kept)), str(record.seed), *filter(None, (part,))): value
+        for record in records
+        for part, value in read_values(record, of).items()
+    }

@@ -9,6 +9,7 @@ runs/<suite>-1/
 
 import contextlib
 import hashlib
+import itertools
 import os
 import signal
 import subprocess
@@ -29,7 +30,7 @@ from phyagentos.bench.records import EpisodeLog, EpisodeRecord, Order
 from phyagentos.bench.suite_file import MemoryUse, Policy
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
-from phyagentos.protocol.documents.durable_files import replace_durably
+from phyagentos.protocol.documents.durable_files import replace_durably, require_empty
 from phyagentos.protocol.workspace.process_lock import become_sole
 
 MANIFEST, SUITE, LOCK = "run.json", "suite.yaml", ".lock"
@@ -44,7 +45,6 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
         project: Working folder, in which names were looked up.
         missing: Id of an episode -> why it cannot run here.
         files: Path -> SHA-256 of the suite, its goal graphs and its faults.
-        seeds_max: Of each pass; None for all.
     """
 
     source: str
@@ -58,9 +58,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
 
 def begin_run(folder: Path, source: Path, plan: Plan, clock: Clock) -> Manifest:
     """Make the folder of a run; raises DefinitionError `WOULD_OVERWRITE`."""
-    if folder.exists() and any(folder.iterdir()):
-        hint = f"Continue it: paos bench resume {folder}. Or name another folder."
-        raise DefinitionError.of("WOULD_OVERWRITE", str(folder), "a folder that is not empty", "a new folder", hint)
+    require_empty(folder, f"Continue it: paos bench resume {folder}. Or name another folder.")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / SUITE).write_bytes(source.read_bytes())
     manifest = _describe(source, plan, clock.wall_iso(), Path.cwd())
@@ -74,16 +72,14 @@ def read_manifest(folder: Path) -> Manifest:
         return msgspec.json.decode((folder / MANIFEST).read_bytes(), type=Manifest)
     except (OSError, msgspec.MsgspecError) as error:
         hint = "Name a folder that `paos bench run` has made."
-        raise DefinitionError.of(
-            "NOT_A_RUN", str(folder / MANIFEST), str(error), "the folder of a run", hint
-        ) from error
+        where = str(folder / MANIFEST)
+        raise DefinitionError.of("NOT_A_RUN", where, str(error), "the folder of a run", hint) from error
 
 
 def continue_run(folder: Path, plan: Plan) -> Manifest:
     """The manifest of a run that goes on, with what is missing today.
 
-    Raises:
-        DefinitionError: `RUN_DIFFERS` where the suite, a goal graph or a file of faults is not what it was.
+    Raises DefinitionError `RUN_DIFFERS` where the suite, a goal graph or a file of faults is not what it was.
     """
     known = read_manifest(folder)
     today = _describe(Path(known.source), plan, known.at, Path(known.project))
@@ -92,12 +88,8 @@ def continue_run(folder: Path, plan: Plan) -> Manifest:
         changed = changed or [known.source]
     if changed:
         hint = "Begin a new run; what this one has measured stays."
-        raise DefinitionError(
-            [
-                Problem("RUN_DIFFERS", path, "another content than when the run began", "the same", hint)
-                for path in changed
-            ]
-        )
+        found = "another content than when the run began"
+        raise DefinitionError([Problem("RUN_DIFFERS", path, found, "the same", hint) for path in changed])
     replace_durably(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(today)))
     return today
 
@@ -107,18 +99,20 @@ def run_sweep(
 ) -> Iterator[EpisodeRecord]:
     """Carry out what has no record yet, pass after pass; yields each record once it is on the disk.
 
-    Raises:
-        ExecutionError: `RUN_BUSY` where another process works on the run.
+    Raises ExecutionError `RUN_BUSY` where another process works on the run.
     """
     lock = become_sole(folder / LOCK, clock, "RUN_BUSY", "another process works on this run")
     log = EpisodeLog(folder)
+    left = [order for order in manifest.orders if order.id not in log.records and order.id not in manifest.missing]
+    served = [policies[name] for name in dict.fromkeys(order.policy for order in left) if name]
     try:
-        with _serving(
-            [policies[name] for name in _list_policies(manifest, log.records)], Path(manifest.project), clock
-        ):
-            for phase in dict.fromkeys(order.phase for order in manifest.orders):
-                chains = _make_chains(manifest, phase, log.records)
-                yield from _run_chains(chains, folder, manifest, engine, log)
+        with _serving(served, Path(manifest.project), clock):
+            for phase in dict.fromkeys(order.phase for order in left):
+                chains: dict[str, deque[Order]] = {}
+                for order in left:
+                    if order.phase == phase:
+                        chains.setdefault(order.chain or order.id, deque()).append(order)
+                yield from _run_chains(deque(chains.values()), folder, manifest, engine, log)
     finally:
         engine.close()
         log.close()
@@ -144,40 +138,21 @@ def _run_chains(
                 yield record
 
 
-def _make_chains(manifest: Manifest, phase: str, done: Mapping[str, EpisodeRecord]) -> deque[deque[Order]]:
-    chains: dict[str, deque[Order]] = {}
-    for order in manifest.orders:
-        if order.phase == phase and order.id not in done and order.id not in manifest.missing:
-            chains.setdefault(order.chain or order.id, deque()).append(order)
-    return deque(chains.values())
-
-
 def _find_memory(order: Order, orders: Sequence[Order], done: Mapping[str, EpisodeRecord]) -> str:
     """Folder of the last adapting episode before this one, of the same policy, setting and mode; empty for none."""
     if order.memory not in {MemoryUse.FROZEN, MemoryUse.ADAPTING}:
         return ""
     found = ""
-    for other in orders:
-        if other.id == order.id:
-            break
+    for other in itertools.takewhile(lambda each: each.id != order.id, orders):
         record = done.get(other.id)
         if other.memory == MemoryUse.ADAPTING and other.lineage == order.lineage and record and record.ended == "over":
             found = record.folder
     return found
 
 
-def _list_policies(manifest: Manifest, done: Mapping[str, EpisodeRecord]) -> list[str]:
-    left = (order for order in manifest.orders if order.id not in done and order.id not in manifest.missing)
-    return [name for name in dict.fromkeys(order.policy for order in left) if name]
-
-
 @contextlib.contextmanager
 def _serving(policies: Sequence[Policy], project: Path, clock: Clock) -> Iterator[None]:
-    """The servers of policies while the block runs; they end with this process.
-
-    Raises:
-        ExecutionError: `POLICY_MISSING` for one that does not answer in time.
-    """
+    """The servers of policies while the block runs; raises `POLICY_MISSING` for one that does not answer in time."""
     end_with_us = partial(end_with, os.getpid())
     served = [policy for policy in policies if policy.serve]
     quiet: Any = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "start_new_session": True}
@@ -190,9 +165,8 @@ def _serving(policies: Sequence[Policy], project: Path, clock: Clock) -> Iterato
         for policy, server in zip(served, servers, strict=True):
             while policy.ready and not can_connect(policy.ready):
                 if clock.now_s() > until_s or server.poll() is not None:
-                    raise ExecutionError(
-                        "POLICY_MISSING", f"{' '.join(policy.command)} does not listen at {policy.ready}"
-                    )
+                    found = f"{' '.join(policy.command)} does not listen at {policy.ready}"
+                    raise ExecutionError("POLICY_MISSING", found)
                 clock.sleep(0.1)
         yield
     finally:

@@ -8,24 +8,21 @@ import hashlib
 from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from phyagentos.cli.arguments import TrustPython
+from phyagentos.agent.tools.proposals import ApprovalPolicy, Proposals, Proposed, iter_objections, restrict
+from phyagentos.assembly.approved_goals import carry_out, compile_proposed
+from phyagentos.cli.arguments import TrustPython, admit_python
 from phyagentos.cli.explaining import Space
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
-from phyagentos.cli.trusting import admit_python
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.watch import POLL_S, Watch
-
-if TYPE_CHECKING:
-    from phyagentos.agent.tools.approval_policy import ApprovalPolicy
-    from phyagentos.agent.tools.proposals import Proposals, Proposed
 
 Name = Annotated[str, typer.Argument(metavar="PROPOSAL", help="Its name; without one, what waits is listed.")]
 Reason = Annotated[str, typer.Option(help="Why; it is recorded.", callback=clean)]
@@ -42,14 +39,11 @@ def approve(
     trust_python: TrustPython = False,
 ) -> int:
     """Let a proposed goal run: shows it, asks, writes the approval, carries it out to its verdict."""
-    from phyagentos.agent.tools.proposals import Proposals
-    from phyagentos.assembly.approved_goals import carry_out, compile_proposed
-
     place, clock = Workspace.open(workspace), SystemClock()
     proposals = Proposals(place.proposals)
     if not name and policy is None:
         print_result("\n".join(_list(proposals)) or "no proposal waits")
-        return int(ExitCode.GOAL_MET)
+        return ExitCode.GOAL_MET
     admit_python(workspace, is_trusted=trust_python)
     if policy is not None:
         return _approve_by_policy(place, proposals, policy, once_idle=once_idle)
@@ -70,14 +64,12 @@ def approve(
 
 def deny(workspace: Space, name: Annotated[str, typer.Argument(metavar="PROPOSAL")], reason: Reason = "") -> None:
     """Refuse a proposed goal; that is recorded, and who proposed it is told why."""
-    from phyagentos.agent.tools.proposals import Proposals
-
     proposals = Proposals(Workspace.open(workspace).proposals)
     proposals.decide(proposals.read(name), "denied", by=getpass.getuser(), at=SystemClock().wall_iso(), reason=reason)
     print_result(f"denied: {name}")
 
 
-def _list(proposals: "Proposals") -> list[str]:
+def _list(proposals: Proposals) -> list[str]:
     lines = []
     for name in proposals.list_waiting():
         try:
@@ -89,9 +81,7 @@ def _list(proposals: "Proposals") -> list[str]:
     return lines
 
 
-def _approve_by_policy(place: Workspace, proposals: "Proposals", file: Path, *, once_idle: bool) -> int:
-    from phyagentos.agent.tools.approval_policy import ApprovalPolicy
-
+def _approve_by_policy(place: Workspace, proposals: Proposals, file: Path, *, once_idle: bool) -> int:
     policy, new = validate(ApprovalPolicy, read_yaml(file)), place.proposals / "new"
     by = f"{file.name} {hashlib.sha256(file.read_bytes()).hexdigest()}"
     new.mkdir(parents=True, exist_ok=True)
@@ -104,17 +94,12 @@ def _approve_by_policy(place: Workspace, proposals: "Proposals", file: Path, *, 
                     if code == ExitCode.INTERRUPTED:
                         return int(code)
             if once_idle:
-                return int(ExitCode.GOAL_MET)
+                return ExitCode.GOAL_MET
             watch.wait(POLL_S)
 
 
-def _decide(
-    place: Workspace, proposals: "Proposals", proposed: "Proposed", policy: "ApprovalPolicy", by: str
-) -> ExitCode:
+def _decide(place: Workspace, proposals: Proposals, proposed: Proposed, policy: ApprovalPolicy, by: str) -> ExitCode:
     """Approve and carry out, or deny with the reasons."""
-    from phyagentos.agent.tools.approval_policy import iter_objections, restrict
-    from phyagentos.assembly.approved_goals import carry_out, compile_proposed
-
     clock = SystemClock()
     at = clock.wall_iso()
     approved = proposals.count_approvals(by, (datetime.fromisoformat(at) - timedelta(days=1)).isoformat()[:19])

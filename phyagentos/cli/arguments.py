@@ -11,34 +11,22 @@ from typing import Annotated
 
 import typer
 
+from phyagentos.assembly.paths import find_project
 from phyagentos.cli.outcome import Exit, ExitCode, print_note
-from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.workspace.foreign_python import find_foreign_python
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
-from phyagentos.protocol.workspace.workspace import MARKER
+from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set", metavar="KEY=VALUE", help="A parameter, NAME=VALUE, or a role, targets.ROLE=NAME. Repeatable."
-    ),
-]
+_SET_HELP = "A parameter, NAME=VALUE, or a role, targets.ROLE=NAME. Repeatable."
+_RUN_HELP = "Execute the behaviours.py of skills, which is not done unasked."
+_TRUST_HELP = "Let skills of the workspace run Python that is not known from here."
+Overrides = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help=_SET_HELP)]
 AsJson = Annotated[bool, typer.Option("--json", help="As JSON on stdout.")]
-RunPython = Annotated[
-    bool, typer.Option("--run-python", help="Execute the behaviours.py of skills, which is not done unasked.")
-]
-TrustPython = Annotated[
-    bool, typer.Option("--trust-python", help="Let skills of the workspace run Python that is not known from here.")
-]
+RunPython = Annotated[bool, typer.Option("--run-python", help=_RUN_HELP)]
+TrustPython = Annotated[bool, typer.Option("--trust-python", help=_TRUST_HELP)]
 PREFIX = "targets."
-FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol")
-
-
-def find_project(path: Path) -> Path:
-    """The project folder of a file; its own folder when none is recognised."""
-    resolved = path.resolve()
-    own = resolved if resolved.is_dir() else resolved.parent
-    return next((parent.parent for parent in resolved.parents if parent.name in FOLDERS), own)
 
 
 def open_library(*paths: Path) -> Library:
@@ -47,11 +35,7 @@ def open_library(*paths: Path) -> Library:
 
 
 def get_file(argument: Path, folder: str) -> Path:
-    """The file that an argument means: a path, or a name or path inside the libraries' `folder` (`tidy_table`).
-
-    Raises:
-        DefinitionError: With the names that would have been found.
-    """
+    """The file that an argument means: a path, or a name or path inside the libraries' `folder` (`tidy_table`)."""
     if argument.is_file():
         return argument
     roots = open_library().roots
@@ -79,6 +63,21 @@ def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
     return {key if key.startswith(PREFIX) else f"parameters.{key}.default": value for key, _, value in pairs}
 
 
+def admit_python(root: Path, *sources: Path, is_trusted: bool) -> None:
+    """Name the Python of an existing workspace that neither the projects of `sources` nor the working folder hold.
+
+    Raises DefinitionError `UNTRUSTED_PYTHON` unless it `is_trusted`; `LEADS_OUT`.
+    """
+    found = find_foreign_python(Workspace.open(root), open_library(*sources)) if (root / MARKER).is_file() else ()
+    if found and not is_trusted:
+        expected = "a skill as in this project, in an installed package or as shipped"
+        hint = "Read it; --trust-python lets it run."
+        asked = [Problem("UNTRUSTED_PYTHON", str(path), "other Python", expected, hint) for path in found]
+        raise DefinitionError(asked)
+    for path in found:
+        print_note(f"trusted Python: {path}")
+
+
 def find_workspaces() -> list[Path]:
     """The working directory where it is a workspace, and those in `workspaces/`; what was written last comes first."""
     markers = [path for path in (Path(MARKER), *Path("workspaces").glob(f"*/{MARKER}")) if path.is_file()]
@@ -90,10 +89,11 @@ def choose_newest() -> Path:
     """The workspace that a reading command means that is given none; says which. Raises `NOT_A_WORKSPACE`."""
     found = find_workspaces()
     if not found:
-        wanted = "a workspace that `paos run` has made there"
-        raise DefinitionError.of(
-            "NOT_A_WORKSPACE", "workspaces", "none", wanted, "Name one: --workspace W; `paos store` takes W alone."
+        wanted, hint = (
+            "a workspace that `paos run` has made there",
+            "Name one: --workspace W; `paos store` takes W alone.",
         )
+        raise DefinitionError.of("NOT_A_WORKSPACE", "workspaces", "none", wanted, hint)
     print_note(f"workspace {found[0]} (the newest of {len(found)})")
     return found[0]
 

@@ -4,54 +4,49 @@ import sys
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from phyagentos.bench.engines import EngineName
-from phyagentos.bench.suite_file import Figure
+from phyagentos.assembly.paths import choose_folder
+from phyagentos.bench.availability import find_lacks, plan_setup, set_up
+from phyagentos.bench.engines import EngineName, open_engine
+from phyagentos.bench.matrix import compile_suite, find_environments, find_suite
+from phyagentos.bench.records import BY_NAME, EpisodeRecord, read_records, select
+from phyagentos.bench.rendering import render_json, render_markdown, write_reports
+from phyagentos.bench.suite_file import Figure, Policy, read_suite
+from phyagentos.bench.summary import compare as compare_records
+from phyagentos.bench.summary import summarise
+from phyagentos.bench.sweep import SUITE, Manifest, begin_run, continue_run, read_manifest, run_sweep
 from phyagentos.cli.arguments import AsJson
-from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
+from phyagentos.cli.outcome import Exit, ExitCode, print_found, print_note, print_result
+from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, Problem
-
-if TYPE_CHECKING:
-    from phyagentos.bench.records import EpisodeRecord
-    from phyagentos.bench.suite_file import Policy
-    from phyagentos.bench.summary import Summary
-    from phyagentos.bench.sweep import Manifest
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a run, as `paos bench run` made it.", file_okay=False)]
 SuiteFile = Annotated[Path, typer.Argument(help="A suite: a file, or a name in benchmarks/suites/.")]
-Jobs = Annotated[
-    int, typer.Option("--jobs", "-j", min=1, help="Episodes side by side, each with processes of its own.")
-]
+Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Episodes side by side, in processes of their own.")]
+NewRun = Annotated[Path | None, typer.Option("--run", "-r", help="Folder of the run; a new one under runs/.")]
 Where = Annotated[EngineName, typer.Option(help="Where episodes are carried out; `ray` needs the extra of this name.")]
 
 
 def run(
     suite: SuiteFile,
-    folder: Annotated[
-        Path | None, typer.Option("--run", "-r", help="Folder of the run; a new one under runs/.")
-    ] = None,
+    folder: NewRun = None,
     jobs: Jobs = 1,
     engine: Where = EngineName.LOCAL,
     seeds: Annotated[int | None, typer.Option(help="Only so many seeds of each pass.", min=1)] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check, name what is missing, and run nothing.")] = False,
 ) -> int:
     """Run a suite: check it, name what is missing here, carry every episode out, report."""
-    from phyagentos.assembly.paths import choose_folder
-    from phyagentos.bench.matrix import compile_suite, find_suite
-    from phyagentos.bench.sweep import begin_run
-    from phyagentos.clock import SystemClock
-
     path = find_suite(suite)
     plan = compile_suite(path, seeds)
     print_missing(plan.missing)
     if dry_run:
         print_result(f"{len(plan.orders)} episodes, {len(plan.missing)} missing")
-        return int(ExitCode.REJECTED if plan.missing else ExitCode.GOAL_MET)
+        return ExitCode.REJECTED if plan.missing else ExitCode.GOAL_MET
     root = folder or choose_folder(Path("runs"), plan.suite.suite)
     manifest = begin_run(root, path, plan, SystemClock())
     print_note(f"run {root}: {len(plan.orders)} episodes, {len(plan.missing)} missing")
@@ -60,9 +55,6 @@ def run(
 
 def resume(folder: Folder, jobs: Jobs = 1, engine: Where = EngineName.LOCAL) -> int:
     """Go on with a run that was ended or killed: nothing is repeated that has its record, and nothing is left out."""
-    from phyagentos.bench.matrix import compile_suite
-    from phyagentos.bench.sweep import continue_run, read_manifest
-
     known = read_manifest(folder)
     plan = compile_suite(Path(known.source), known.seeds_max)
     manifest = continue_run(folder, plan)
@@ -72,13 +64,11 @@ def resume(folder: Folder, jobs: Jobs = 1, engine: Where = EngineName.LOCAL) -> 
 
 def report(folder: Folder, as_json: AsJson = False) -> int:
     """Write report.md, report.json and report.html into the folder of a run, as far as it is, and print the first."""
-    from phyagentos.bench.rendering import render_json, render_markdown, write_reports
-
-    summary = _summarise(folder)
+    summary = summarise(read_suite(folder / SUITE)[0], read_manifest(folder), read_records(folder))
     for path in write_reports(folder, summary):
         print_note(f"wrote {path}")
     print_result(render_json(summary) if as_json else render_markdown(summary))
-    return int(ExitCode.GOAL_MET if summary.holds else ExitCode.GOAL_NOT_MET)
+    return ExitCode.GOAL_MET if summary.holds else ExitCode.GOAL_NOT_MET
 
 
 def compare(
@@ -89,24 +79,17 @@ def compare(
     as_json: AsJson = False,
 ) -> int:
     """Compare two runs, paired by seed: McNemar's exact test. Ends with 1 when B is worse, or lacks episodes of A."""
-    from phyagentos.bench.comparison import compare as compare_records
-
     found = compare_records(_read_chosen(a), _read_chosen(b), of)
     is_worse = found.is_regression(significant)
-    if as_json:
-        print_json({"comparison": found, "p": found.p, "regression": is_worse})
-        return int(ExitCode.GOAL_NOT_MET if is_worse else ExitCode.GOAL_MET)
-    print_result(f"A {found.a}\nB {found.b}\ngained {len(found.gained)}, lost {len(found.lost)}, p = {found.p:.4g}")
-    for name, keys in (
-        ("lost", found.lost),
-        ("gained", found.gained),
-        ("only in A", found.only_a),
-        ("only in B", found.only_b),
-    ):
-        for key in keys:
-            print_result(f"  {name}: {' '.join(filter(None, key))}")
-    print_result("B is worse" if is_worse else "B is not worse")
-    return int(ExitCode.GOAL_NOT_MET if is_worse else ExitCode.GOAL_MET)
+    lines = [f"A {found.a}", f"B {found.b}"]
+    lines += [f"gained {len(found.gained)}, lost {len(found.lost)}, p = {found.p:.4g}"]
+    listed = {"lost": found.lost, "gained": found.gained, "only in A": found.only_a, "only in B": found.only_b}
+    for title, keys in listed.items():
+        lines += [f"  {title}: {' '.join(filter(None, key))}" for key in keys]
+    lines += ["B is worse" if is_worse else "B is not worse"]
+    facts = {"comparison": found, "p": found.p, "regression": is_worse}
+    print_found(facts, "\n".join(lines), as_json=as_json)
+    return ExitCode.GOAL_NOT_MET if is_worse else ExitCode.GOAL_MET
 
 
 def setup(
@@ -115,9 +98,6 @@ def setup(
     python: Annotated[str, typer.Option(help="Interpreter that the environment is made with.")] = sys.executable,
 ) -> int:
     """Make the Python environment of another system that a suite declares; says first what it installs, and asks."""
-    from phyagentos.bench.environments import find_lacks, plan_setup, set_up
-    from phyagentos.bench.matrix import find_environments
-
     for each, spec in find_environments(name).items():
         if not (lacks := find_lacks(each, spec)):
             print_result(f"environment {each!r} is whole")
@@ -128,22 +108,17 @@ def setup(
         if not yes and not (sys.stdin.isatty() and typer.confirm("Install?", err=True)):
             raise Exit(ExitCode.INVALID_INPUT, "nothing was installed; --yes installs")
         print_result(f"environment {each!r}: {set_up(each, spec, print_note, python)}")
-    return int(ExitCode.GOAL_MET)
+    return ExitCode.GOAL_MET
 
 
-def print_missing(missing: "Mapping[str, tuple[Problem, ...]]") -> None:
+def print_missing(missing: Mapping[str, tuple[Problem, ...]]) -> None:
     """Why episodes cannot run here: each reason once, and how many episodes it keeps from running."""
     reasons = Counter(problem for problems in missing.values() for problem in problems)
     for problem, count in reasons.items():
         print_note(f"missing {count}: {problem}")
 
 
-def _sweep(folder: Path, manifest: "Manifest", policies: "Mapping[str, Policy]", jobs: int, engine: EngineName) -> int:
-    from phyagentos.bench.engines import open_engine
-    from phyagentos.bench.records import read_records
-    from phyagentos.bench.sweep import run_sweep
-    from phyagentos.clock import SystemClock
-
+def _sweep(folder: Path, manifest: Manifest, policies: Mapping[str, Policy], jobs: int, engine: EngineName) -> int:
     console = Console(stderr=True)
     done = {record.id for record in read_records(folder)}
     total = sum(order.id not in manifest.missing for order in manifest.orders)
@@ -158,21 +133,8 @@ def _sweep(folder: Path, manifest: "Manifest", policies: "Mapping[str, Policy]",
     return report(folder)
 
 
-def _summarise(folder: Path) -> "Summary":
-    from phyagentos.bench.records import read_records
-    from phyagentos.bench.suite_file import read_suite
-    from phyagentos.bench.summary import summarise
-    from phyagentos.bench.sweep import SUITE, read_manifest
-
-    manifest = read_manifest(folder)
-    return summarise(read_suite(folder / SUITE)[0], manifest, read_records(folder))
-
-
-def _read_chosen(text: str) -> "list[EpisodeRecord]":
+def _read_chosen(text: str) -> list[EpisodeRecord]:
     """Episodes of `RUN` or of `RUN:axis=value,…`."""
-    from phyagentos.bench.records import BY_NAME, read_records, select
-    from phyagentos.bench.sweep import read_manifest
-
     folder, _, chosen = text.partition(":")
     read_manifest(Path(folder))
     where = dict(pair.partition("=")[::2] for pair in chosen.split(",") if pair)

@@ -11,9 +11,8 @@ import msgspec
 import typer
 
 from phyagentos.cli.arguments import AsJson, open_library
-from phyagentos.cli.field_tables import iter_structures, list_fields
-from phyagentos.cli.outcome import print_json, print_result
-from phyagentos.cli.schemas import build_schema
+from phyagentos.cli.outcome import print_found
+from phyagentos.cli.schemas import build_schema, iter_structures, list_fields
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, read_skill
@@ -53,12 +52,8 @@ def describe(
     found = [each for each in every if name in {"", each.name, *(row.name for row in each.rows)}]
     if not found:
         raise DefinitionError.unknown("UNKNOWN_NAME", f"paos describe {kind}", name, [each.name for each in every])
-    if as_json:
-        print_json(found)
-    elif name:
-        print_result("\n\n".join(map(_render_text, found)))
-    else:
-        print_result("\n".join(f"{each.name:<20} {each.summary}" for each in found))
+    whole, lines = map(_render_text, found), (f"{each.name:<20} {each.summary}" for each in found)
+    print_found(found, "\n\n".join(whole) if name else "\n".join(lines), as_json=as_json)
 
 
 def _iter_leaves(library: Library) -> Iterator[Described]:

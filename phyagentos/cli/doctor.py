@@ -1,5 +1,6 @@
 """`paos doctor`: whether this machine can run what the project promises, and what to do where it cannot."""
 
+import contextlib
 import fcntl
 import importlib.metadata
 import os
@@ -9,7 +10,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -21,6 +22,7 @@ from packaging.requirements import Requirement
 from rich.table import Table
 from rich.text import Text
 
+from phyagentos.cli.arguments import AsJson
 from phyagentos.cli.console import CleanConsole
 from phyagentos.cli.outcome import ExitCode, print_json, print_note
 from phyagentos.clock import Clock, SystemClock
@@ -36,7 +38,6 @@ SKEW_MAX_S = 2.0
 EVENT_WAIT_S = 2.0
 LOCAL = frozenset({"ext2", "ext3", "ext4", "xfs", "btrfs", "zfs", "f2fs", "overlay", "tmpfs"})
 PRIORITY = 10
-PYTHON_MIN = (3, 11)
 RENDER_TIMEOUT_S = 60.0
 PACKAGES_OF_DEBIAN = "libegl1 libegl-mesa0 libgl1-mesa-dri"
 _RENDER = """
@@ -68,16 +69,19 @@ class Finding:
     found: str
     fix: str = ""
 
+    @classmethod
+    def weigh(cls, subject: str, found: str, fix: str, *, is_fine: bool, bad: Grade = Grade.WEAK) -> "Finding":
+        """Fine, or else `bad` with its fix."""
+        return cls(subject, Grade.FINE, found) if is_fine else cls(subject, bad, found, fix)
+
 
 STYLES = {Grade.FINE: "green", Grade.WEAK: "yellow", Grade.BROKEN: "bold red"}
 
 
 def examine_machine(
     folder: Annotated[Path, typer.Argument(help="Where workspaces will stand.")] = Path(),
-    warm: Annotated[
-        bool, typer.Option("--warm", help="Check nothing; compile every kernel that is not kept yet.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON list on stdout.")] = False,
+    warm: Annotated[bool, typer.Option("--warm", help="Only compile every kernel that is not kept yet.")] = False,
+    as_json: AsJson = False,
 ) -> ExitCode:
     """Check this machine: graphics, locks, file events, clock, versions, ports, disk; print each fix."""
     if not folder.is_dir():
@@ -86,7 +90,12 @@ def examine_machine(
     if as_json:
         print_json(findings)
     else:
-        CleanConsole(highlight=False).print(_build_table(findings))
+        table = Table(box=None, pad_edge=False, header_style="dim")
+        for column in ("subject", "grade", "found", "what to do"):
+            table.add_column(column, overflow="fold")
+        for each in findings:
+            table.add_row(each.subject, Text(each.grade, STYLES[each.grade]), Text(each.found), Text(each.fix))
+        CleanConsole(highlight=False).print(table)
     return ExitCode(any(each.grade is Grade.BROKEN for each in findings))  # GOAL_NOT_MET where any is
 
 
@@ -95,7 +104,8 @@ def iter_findings(folder: Path, clock: Clock) -> Iterator[Finding]:
     yield check_python()
     yield check_packages()
     yield check_graphics()
-    for check in CHECKS:
+    checks = (check_space, check_file_system, check_syncs, check_locks, check_exchange, check_events, check_clock)
+    for check in checks:
         try:
             yield check(folder, clock)
         except OSError as error:
@@ -103,15 +113,6 @@ def iter_findings(folder: Path, clock: Clock) -> Iterator[Finding]:
             yield Finding(subject, Grade.BROKEN, str(error), f"Make {folder} a folder that you may write to.")
     yield check_scheduling()
     yield check_ports()
-
-
-def _build_table(findings: list[Finding]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    for column in ("subject", "grade", "found", "what to do"):
-        table.add_column(column, overflow="fold")
-    for each in findings:
-        table.add_row(each.subject, Text(each.grade, STYLES[each.grade]), Text(each.found), Text(each.fix))
-    return table
 
 
 def warm_kernels(clock: Clock) -> Finding:
@@ -134,19 +135,15 @@ def warm_kernels(clock: Clock) -> Finding:
                 raise
             fix = "Set NUMBA_CACHE_DIR to a folder that you may write to: no process of a run starts without one."
             return Finding("kernels", Grade.BROKEN, str(error), fix)
-    found = f"{len(names)} compiled in {clock.now_s() - began_s:.1f} s, kept in {folder}"
-    return Finding("kernels", Grade.FINE, found)
+    return Finding("kernels", Grade.FINE, f"{len(names)} compiled in {clock.now_s() - began_s:.1f} s, kept in {folder}")
 
 
 def check_python() -> Finding:
     """Version and processors."""
     count = len(os.sched_getaffinity(0))
     found = f"Python {platform.python_version()}, {count} processors"
-    if sys.version_info < PYTHON_MIN:
-        return Finding("python", Grade.BROKEN, found, "Install Python 3.11 or newer.")
-    if count < 2:
-        return Finding("python", Grade.WEAK, found, "Two processors let the world and the planner work side by side.")
-    return Finding("python", Grade.FINE, found)
+    fix = "Two processors let the world and the planner work side by side."
+    return Finding.weigh("python", found, fix, is_fine=count > 1)
 
 
 def check_packages() -> Finding:
@@ -162,9 +159,11 @@ def check_packages() -> Finding:
             continue
         if not requirement.specifier.contains(version, prereleases=True):
             bad.append(f"{requirement.name} {version}, needs {requirement.specifier}")
-    if bad:
-        return Finding("packages", Grade.BROKEN, "; ".join(bad), "Install the project again: pip install phyagentos.")
-    return Finding("packages", Grade.FINE, f"{len(core)} packages as required")
+    found, fix = (
+        "; ".join(bad) or f"{len(core)} packages as required",
+        "Install the project again: pip install phyagentos.",
+    )
+    return Finding.weigh("packages", found, fix, is_fine=not bad, bad=Grade.BROKEN)
 
 
 def check_graphics() -> Finding:
@@ -193,28 +192,23 @@ def check_graphics() -> Finding:
 def check_space(folder: Path, clock: Clock) -> Finding:
     """Free bytes."""
     free = shutil.disk_usage(folder).free
-    found = f"{free / 1e9:.1f} GB free"
-    if free < FREE_MIN_BYTES:
-        return Finding("space", Grade.WEAK, found, "A goal leaves some megabytes of evidence: make room.")
-    return Finding("space", Grade.FINE, found)
+    fix = "A goal leaves some megabytes of evidence: make room."
+    return Finding.weigh("space", f"{free / 1e9:.1f} GB free", fix, is_fine=free >= FREE_MIN_BYTES)
 
 
 def check_file_system(folder: Path, clock: Clock) -> Finding:
     """Whether it is a local one, on which locks and appends are what they promise."""
     kind = find_file_system(folder)
-    if kind in LOCAL:
-        return Finding("file system", Grade.FINE, kind)
     fix = "Put workspaces on a local disk: on shared file systems two writers were measured to corrupt a log."
-    return Finding("file system", Grade.WEAK, kind or "unknown", fix)
+    return Finding.weigh("file system", kind or "unknown", fix, is_fine=kind in LOCAL)
 
 
 def check_syncs(folder: Path, clock: Clock) -> Finding:
     """How long a record needs to reach the disk."""
     times = measure_sync(folder, clock)
     found = f"append and fdatasync: median {times.p50_ms:.2f} ms, p99 {times.p99_ms:.2f} ms"
-    if times.p99_ms > SYNC_P99_MAX_MS:
-        return Finding("durability", Grade.WEAK, found, "Every transition waits for the disk: use a faster one.")
-    return Finding("durability", Grade.FINE, found)
+    fix = "Every transition waits for the disk: use a faster one."
+    return Finding.weigh("durability", found, fix, is_fine=times.p99_ms <= SYNC_P99_MAX_MS)
 
 
 def check_locks(folder: Path, clock: Clock) -> Finding:
@@ -246,10 +240,10 @@ def check_events(folder: Path, clock: Clock) -> Finding:
     """Whether a new file wakes a waiting process."""
     with tempfile.TemporaryDirectory(dir=folder) as scratch, Watch([Path(scratch)], clock=clock) as watch:
         (Path(scratch) / "new").touch()
-        if watch.is_event_driven and watch.wait(EVENT_WAIT_S):
-            return Finding("file events", Grade.FINE, "inotify wakes")
+        is_woken = bool(watch.is_event_driven and watch.wait(EVENT_WAIT_S))
     fix = "Sessions are noticed by polling. Raise fs.inotify.max_user_instances and max_user_watches (sysctl)."
-    return Finding("file events", Grade.WEAK, "inotify is not to be had here", fix)
+    found = "inotify wakes" if is_woken else "inotify is not to be had here"
+    return Finding.weigh("file events", found, fix, is_fine=is_woken)
 
 
 def check_clock(folder: Path, clock: Clock) -> Finding:
@@ -257,25 +251,19 @@ def check_clock(folder: Path, clock: Clock) -> Finding:
     with tempfile.NamedTemporaryFile(dir=folder) as file:
         written_s = os.fstat(file.fileno()).st_mtime
         skew_s = abs(datetime.fromisoformat(clock.wall_iso()).timestamp() - written_s)
-    if skew_s > SKEW_MAX_S:
-        fix = "The file server's clock differs from this machine's: synchronise both (chrony, systemd-timesyncd)."
-        return Finding("clock", Grade.WEAK, f"{skew_s:.1f} s between files and machine", fix)
-    return Finding("clock", Grade.FINE, "files are stamped with this machine's time")
+    fix = "The file server's clock differs from this machine's: synchronise both (chrony, systemd-timesyncd)."
+    return Finding.weigh("clock", f"{skew_s:.1f} s between files and machine", fix, is_fine=skew_s <= SKEW_MAX_S)
 
 
 def find_file_system(folder: Path) -> str:
     """Kind of the file system that holds `folder`, empty where unknown."""
-    best, kind = "", ""
-    try:
-        lines = Path("/proc/self/mounts").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return ""
-    for line in lines:
-        _, mount, found, *_ = line.split()
-        mount = mount.encode().decode("unicode_escape")
-        if folder.resolve().is_relative_to(mount) and len(mount) >= len(best):
-            best, kind = mount, found
-    return kind
+    mounts = [("", "")]
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/mounts").read_text(encoding="utf-8").splitlines():
+            _, mount, kind, *_ = line.split()
+            mount = mount.encode().decode("unicode_escape")
+            mounts += [(mount, kind)] if folder.resolve().is_relative_to(mount) else []
+    return max(reversed(mounts), key=lambda found: len(found[0]))[1]
 
 
 def check_scheduling() -> Finding:
@@ -297,14 +285,3 @@ def check_ports() -> Finding:
             return Finding("ports", Grade.FINE, "a local server can be reached")
     except OSError as error:
         return Finding("ports", Grade.WEAK, str(error), "Policy servers need the loopback: ip link set lo up.")
-
-
-CHECKS: tuple[Callable[[Path, Clock], Finding], ...] = (
-    check_space,
-    check_file_system,
-    check_syncs,
-    check_locks,
-    check_exchange,
-    check_events,
-    check_clock,
-)

@@ -6,49 +6,43 @@ import subprocess
 import tempfile
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from phyagentos.agent.judging.review import judge_goalless_sessions
+from phyagentos.assembly.verification import build_verifier
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.edits.edit_intake import EditIntake
+from phyagentos.store.edits.merge import Merge
+from phyagentos.store.edits.reading import decode
+from phyagentos.store.edits.rejections import format_refusal
 from phyagentos.store.journal import Journal, choose_partition
-
-if TYPE_CHECKING:
-    from phyagentos.store.edits.edit_intake import EditIntake
-    from phyagentos.store.edits.merge import Merge
-    from phyagentos.store.views.history import History
+from phyagentos.store.views.history import History
 
 DEFAULT_EDITOR = "vi"
 
 
 def edit(
     workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path(),
-    editor: Annotated[
-        str, typer.Option("--editor", help="Command that edits a file; $VISUAL, $EDITOR or vi by default.")
-    ] = "",
+    editor: Annotated[str, typer.Option(help="Command that edits a file; $VISUAL, $EDITOR or vi by default.")] = "",
 ) -> int:
     """Edit SESSIONS.md, with or without a runtime: limits and priority of pending sessions, ends, new sessions."""
-    from phyagentos.store.edits.edit_intake import EditIntake
-    from phyagentos.store.views.history import History
-
     place = Workspace.open(workspace)
     partition = place.sessions / choose_partition(place.sessions)
     partition.mkdir(parents=True, exist_ok=True)
     with closing(EditIntake(place, SystemClock(), adopts=False)) as edits, closing(History(partition)) as history:
         merged = _edit_copy(edits, history, place.sessions_document.name, _choose_editor(editor))
         _publish(edits, history)
-    return int(_report(merged, place.sessions_document.name, place.rejected_document))
+    return _report(merged, place.sessions_document.name, place.rejected_document)
 
 
 def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path()) -> int:
     """Judge the executed sessions without a goal, which no agent looks at."""
-    from phyagentos.agent.judging.review import judge_goalless_sessions
-    from phyagentos.assembly.verification import build_verifier
-
     place, clock = Workspace.open(workspace), SystemClock()
     verifier = build_verifier(place, clock)
     with closing(Journal(place.root, side=Side.AGENT, by="paos judge", clock=clock)) as journal:
@@ -57,14 +51,11 @@ def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] 
         print_result(f"{id}: {attempt.verdict}  {attempt.reason}")
     if not judged:
         print_note("no session by hand waits for a verdict")
-    is_met = all(attempt.verdict is Verdict.SUCCESS for _, attempt in judged)
-    return int(ExitCode.GOAL_MET if is_met else ExitCode.GOAL_NOT_MET)
+    return ExitCode(any(attempt.verdict is not Verdict.SUCCESS for _, attempt in judged))  # GOAL_NOT_MET where any is
 
 
-def _edit_copy(edits: "EditIntake", history: "History", name: str, command: list[str]) -> "Merge":
+def _edit_copy(edits: EditIntake, history: History, name: str, command: list[str]) -> Merge:
     """Let a person change a fresh rendering; the file is not replaced meanwhile."""
-    from phyagentos.store.edits.reading import decode
-
     with edits.file.hold(wait=False) as is_free:
         if not is_free:
             print_note(f"{name} is being edited or rendered elsewhere; waiting")
@@ -86,7 +77,7 @@ def _edit_copy(edits: "EditIntake", history: "History", name: str, command: list
         return edits.take_text(text, history)
 
 
-def _publish(edits: "EditIntake", history: "History") -> None:
+def _publish(edits: EditIntake, history: History) -> None:
     """Show the result, where no runtime does; what came out may be an edit that was saved without `paos edit`."""
     for _ in range(2):
         edits.put(history.render(history.build_page(edits.notes)))
@@ -94,9 +85,7 @@ def _publish(edits: "EditIntake", history: "History") -> None:
             return
 
 
-def _report(merged: "Merge", name: str, rejected: Path) -> ExitCode:
-    from phyagentos.store.edits.rejections import format_refusal
-
+def _report(merged: Merge, name: str, rejected: Path) -> ExitCode:
     for change in merged.accepted:
         print_result(f"{name}:{change.line}: {change.summary}")
     for refusal in merged.refused:

@@ -7,8 +7,9 @@ from typing import Annotated
 import typer
 from msgspec.structs import asdict
 
-from phyagentos.cli.arguments import AsJson, TrustPython, choose_newest
-from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
+from phyagentos.cli.arguments import AsJson, TrustPython, admit_python, choose_newest
+from phyagentos.cli.history import read_ledger
+from phyagentos.cli.outcome import Exit, ExitCode, print_found, print_note, print_result
 from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.sessions.session import GoalId, SessionId
 from phyagentos.protocol.sessions.tasks import GoalStatus, Relation, iter_edges, iter_steps
@@ -24,15 +25,11 @@ Subject = Annotated[str, typer.Argument(metavar="SESSION|NODE|GOAL", help=f"The 
 def why(workspace: Space, subject: Subject = "", as_json: AsJson = False) -> None:
     """Explain a verdict: the layer, the leaf and the number that decided it; of a goal or node, the first cause."""
     found, lines = explain(workspace, subject)
-    if as_json:
-        print_json({"found": found, "explanation": lines.splitlines()})
-    else:
-        print_result(lines)
+    print_found({"found": found, "explanation": lines.splitlines()}, lines, as_json=as_json)
 
 
 def explain(workspace: Path, subject: str) -> tuple[object, str]:
     """The goal, node or session that is called so, the latest goal without a name; and why it stands as it does."""
-    from phyagentos.cli.history import read_ledger
     from phyagentos.cli.why import explain_goal, explain_node, explain_session
 
     ledger, place = read_ledger(workspace, subject), Workspace.open(workspace)
@@ -60,30 +57,25 @@ def show_graph(
     workspace: Space,
     goal: Annotated[str, typer.Argument(metavar="GOAL", help="Its id; not needed where there is one goal.")] = "",
     mermaid: Annotated[bool, typer.Option("--mermaid", help="As a Mermaid flowchart.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Steps and edges as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show a goal's graph as it stands: every attempt at a node, and what comes before it."""
-    from phyagentos.cli.history import read_ledger
     from phyagentos.store.views.tasks import render_graph
 
     status = _get_goal(goal, workspace, read_ledger(workspace).goals)
     steps, edges = list(iter_steps(status)), list(iter_edges(status))
     if mermaid:
         print_result(render_graph(status))
-    elif as_json:
-        facts = {"goal": status.id, "graph": status.graph, "verdict": status.verdict, "steps": steps, "edges": edges}
-        print_json(facts)
-    else:
-        print_result(f"{status.id}: {status.objective or status.graph} ({status.verdict or 'no verdict yet'})")
-        before: dict[str, list[str]] = {step.name: [] for step in steps}
-        for edge in edges:
-            before[edge.step].append(
-                edge.before if edge.relation is Relation.AFTER else f"{edge.before} ({edge.relation})"
-            )
-        width = max((len(step.name) for step in steps), default=0)
-        for step in steps:
-            after = f"  after {', '.join(before[step.name])}" if before[step.name] else ""
-            print_result(f"  {step.name:<{width}}  {step.state:<11}{after}".rstrip())
+        return
+    lines = [f"{status.id}: {status.objective or status.graph} ({status.verdict or 'no verdict yet'})"]
+    width = max((len(step.name) for step in steps), default=0)
+    for step in steps:
+        relations = {each.before: each.relation for each in edges if each.step == step.name}
+        before = [name if how is Relation.AFTER else f"{name} ({how})" for name, how in relations.items()]
+        after = f"  after {', '.join(before)}" if before else ""
+        lines.append(f"  {step.name:<{width}}  {step.state:<11}{after}".rstrip())
+    facts = {"goal": status.id, "graph": status.graph, "verdict": status.verdict, "steps": steps, "edges": edges}
+    print_found(facts, "\n".join(lines), as_json=as_json)
 
 
 def _get_goal(text: str, workspace: Path, known: Mapping[GoalId, GoalStatus]) -> GoalStatus:
@@ -107,24 +99,20 @@ def show_context(
     """Print what a model would be shown: request, world, open nodes, verdicts, capabilities, lessons, limits."""
     from phyagentos.agent.context.context import build_context
     from phyagentos.agent.context.of_workspace import iter_sections
-    from phyagentos.cli.history import read_ledger
 
     ledger, place = read_ledger(workspace), Workspace.open(workspace)
     latest = dict(list(ledger.goals.items())[-1:])
     status = _get_goal(goal, workspace, ledger.goals if goal else latest) if goal or latest else None
     context = build_context(for_, iter_sections(place, ledger, status), budget)
-    if as_json:
-        print_json(asdict(context) | {"tokens": context.tokens, "sha256": context.sha256})
-    else:
-        print_result(context.text)
+    facts = asdict(context) | {"tokens": context.tokens, "sha256": context.sha256}
+    print_found(facts, context.text, as_json=as_json)
+    if not as_json:
         print_note(f"{context.tokens} of {budget} tokens, sha256 {context.sha256}")
 
 
 def rerun(session: Id, workspace: Space, trust_python: TrustPython = False) -> int:
     """Run a session once more from its own documents and compare the bits of the terminal state."""
     from phyagentos.assembly.rerun import rerun_session
-    from phyagentos.cli.history import read_ledger
-    from phyagentos.cli.trusting import admit_python
 
     id = get_session(session, read_ledger(workspace, session).sessions)
     admit_python(workspace, is_trusted=trust_python)
@@ -134,7 +122,7 @@ def rerun(session: Id, workspace: Space, trust_python: TrustPython = False) -> i
     else:
         print_result(f"{id}: identical, bit for bit ({repetition.execution.ticks} commands)")
     print_note(f"second bundle in {repetition.workspace}")
-    return int(ExitCode.GOAL_NOT_MET if repetition.differences else ExitCode.GOAL_MET)
+    return ExitCode.GOAL_NOT_MET if repetition.differences else ExitCode.GOAL_MET
 
 
 def get_session(text: str, known: Iterable[SessionId]) -> SessionId:

@@ -7,13 +7,15 @@ from typing import Annotated
 import typer
 
 from phyagentos.cli.arguments import AsJson
-from phyagentos.cli.outcome import print_json, print_note, print_result
+from phyagentos.cli.outcome import print_found, print_note
+from phyagentos.export.demonstrations import Choice, read_demonstrations
+from phyagentos.export.lerobot import write_dataset
 
 _SPACES = typer.Argument(metavar="WORKSPACE…", help="Workspaces whose sessions succeeded.")
 _LIST = "Names with commas between."
 
 
-def export_lerobot(
+def lerobot(
     workspaces: Annotated[list[Path], _SPACES],
     to: Annotated[Path, typer.Option("--to", metavar="DIR", help="A folder that is missing or empty.")],
     fps: Annotated[int, typer.Option(min=0, help="Frames a second; the control rate without.")] = 0,
@@ -24,19 +26,14 @@ def export_lerobot(
     as_json: AsJson = False,
 ) -> None:
     """Write sessions whose verdict is success as a LeRobotDataset, format v3.0."""
-    from phyagentos.export.demonstrations import Choice, read_demonstrations
-    from phyagentos.export.lerobot import write_dataset
-
     choice = Choice(skills=_split(skill), target=target, cameras=_split(cameras), entities=_split(entities), fps=fps)
     data = read_demonstrations(workspaces, choice)
     write_dataset(data, choice, to, version("phyagentos"))
     frames = sum(len(each.state) for each in data.episodes)
-    if as_json:
-        print_json({"episodes": len(data.episodes), "frames": frames, "fps": data.fps, "left_out": data.left_out})
-        return
-    for reason, count in data.left_out.items():
+    for reason, count in () if as_json else data.left_out.items():
         print_note(f"left out: {count} ({reason})")
-    print_result(f"{to}: {len(data.episodes)} episodes, {frames} frames at {data.fps} Hz")
+    facts = {"episodes": len(data.episodes), "frames": frames, "fps": data.fps, "left_out": data.left_out}
+    print_found(facts, f"{to}: {len(data.episodes)} episodes, {frames} frames at {data.fps} Hz", as_json=as_json)
 
 
 def _split(text: str) -> tuple[str, ...]:

@@ -9,14 +9,20 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from phyagentos.cli.arguments import FOLDERS, open_library
+from phyagentos.assembly.paths import FOLDERS
+from phyagentos.cli.arguments import open_library
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
 from phyagentos.protocol.capabilities.targets import TARGETS, find_unshared
-from phyagentos.protocol.documents.schema import read_text, read_yaml
+from phyagentos.protocol.capabilities.trees import Tree, load_tree, read_tree
+from phyagentos.protocol.documents.schema import Address, Located, read_text, read_yaml
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.store.document_registry import FORMATS, check_document
+
+TARGET_WORD = "target"  # `${target}` is the session's own target
 
 
 class FileKind(StrEnum):
@@ -94,7 +100,13 @@ def lint_file(path: Path, *, runs_python: bool = False, library: Library | None 
         read_text(path)  # what cannot be read has no kind, and its path may lead nowhere
         kind = find_kind(path)
         if kind is None:
-            return [_unknown_kind(path)]
+            read_yaml(path)  # a syntax error is the better message
+            keys = _read_keys(path)
+            known = ", ".join(f"{key!r} ({kind})" for key, kind in _KEYS.items())
+            found = f"top-level keys {', '.join(keys) or '(none)'}"
+            expected = f"one of the keys {known}, a SKILL.md, a protocol document or a settings file"
+            hint = next((hint for key in keys if (hint := format_hint(key, _KEYS))), "")
+            return [Problem("UNKNOWN_KIND", f"{path}:1:1", found, expected, hint)]
         _check(kind, path, library or open_library(path), runs_python=runs_python)
     except DefinitionError as error:
         return list(error.problems)
@@ -140,18 +152,10 @@ def _read_keys(path: Path) -> list[str]:
     return [str(key) for key in data] if isinstance(data, dict) else []
 
 
-def _unknown_kind(path: Path) -> Problem:
-    read_yaml(path)  # an unreadable file or a syntax error is the better message
-    keys = _read_keys(path)
-    known = ", ".join(f"{key!r} ({kind})" for key, kind in _KEYS.items())
-    found = f"top-level keys {', '.join(keys) or '(none)'}"
-    expected = f"one of the keys {known}, a SKILL.md, a protocol document or a settings file"
-    hint = next((hint for key in keys if (hint := format_hint(key, _KEYS))), "")
-    return Problem("UNKNOWN_KIND", f"{path}:1:1", found, expected, hint)
-
-
 def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -> None:
     """Check a file as its reader does; raises DefinitionError with every problem."""
+    from phyagentos.agent.goals.catalogue import Catalogue
+
     problems: Sequence[Problem] = ()
     match kind:
         case FileKind.DOCUMENT:
@@ -161,21 +165,16 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
         case FileKind.SETTINGS:
             check_settings(path)
         case FileKind.GOAL_GRAPH:
-            from phyagentos.agent.goals.catalogue import Catalogue
             from phyagentos.agent.goals.graph import check_goal_graph
 
             problems = check_goal_graph(path, Catalogue.read(library))
         case FileKind.WANTED:
-            from phyagentos.agent.goals.catalogue import Catalogue
             from phyagentos.agent.planning.wanted_file import read_wanted
 
             read_wanted(path, Catalogue.read(library))
         case FileKind.SKILL:
-            from phyagentos.cli.skill_checks import check_skill
-
-            check_skill(path, library)
+            problems = _check_skill(path, library)
         case FileKind.TREE:
-            from phyagentos.protocol.capabilities.trees import load_tree
             from phyagentos.runtime.execution.leaf_registry import build_registry, read_registry
             from phyagentos.runtime.execution.tree_check import check_loaded_tree
 
@@ -188,8 +187,6 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
 
             problems = find_start_problems(path)
         case FileKind.TARGET:
-            from phyagentos.agent.goals.catalogue import Catalogue
-
             known = {**Catalogue.read(library).targets, (own := read_target(path)).target: own}
             problems = [
                 each for each in find_unshared(list(known.values())) if each.address.startswith(f"{own.target}/")
@@ -204,3 +201,61 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             compile_suite(path)
     if problems:
         raise DefinitionError(problems)
+
+
+def _check_skill(path: Path, library: Library) -> list[Problem]:
+    """Problems of a SKILL.md beyond its form (predicates, parameters, the tree); preflight checks them again."""
+    skill, located = read_skill(path)
+    return [*_check_predicates(skill, located), *_check_tree(skill, located, library)]
+
+
+def _check_predicates(skill: SkillRuntime, located: Located) -> Iterator[Problem]:
+    known = [*skill.parameters, TARGET_WORD]
+    for key in ("requires", "hold", "guarantees"):
+        for index, text in enumerate(getattr(skill, key)):
+            address: Address = (key, index)
+            try:
+                predicate = parse_predicate(text, address=located.address_of(address), template=True)
+            except DefinitionError as error:
+                yield from error.problems
+                continue
+            for name in predicate.variables:
+                if name not in known:
+                    found = f"'${{{name}}}' in {text!r}"
+                    yield located.unknown("UNKNOWN_PARAMETER", address, name, known, found)
+
+
+def _check_tree(skill: SkillRuntime, located: Located, library: Library) -> Iterator[Problem]:
+    if skill.policy is not None:
+        how, at = skill.policy.execution, ("policy", "execution")
+        if how.begins_after and how.begins_after not in (known := library.names_of_skills()):
+            yield located.unknown("UNKNOWN_SKILL", (*at, "begins_after"), how.begins_after, known)
+        if how.aim and how.aim not in skill.parameters:
+            yield located.unknown("UNKNOWN_PARAMETER", (*at, "aim"), how.aim, skill.parameters)
+    for index, name in enumerate(skill.loop.tools if skill.loop is not None else ()):
+        if name not in (known := library.names_of_skills()):
+            yield located.unknown("UNKNOWN_SKILL", ("loop", "tools", index), name, known)
+    if skill.kind != "builtin":
+        return
+    names = library.names_of_trees()
+    if skill.tree not in names:
+        yield located.unknown("UNKNOWN_TREE", ("tree",), skill.tree, names)
+        return
+    try:
+        tree = read_tree(library.get_tree(skill.tree))
+    except DefinitionError as error:
+        yield from error.problems
+        return
+    yield from _check_ports(skill, located, tree)
+
+
+def _check_ports(skill: SkillRuntime, located: Located, tree: Tree) -> Iterator[Problem]:
+    """The skill must feed every input of its tree, and the tree must make every output of the skill."""
+    for name, port in tree.header.inputs.items():
+        if name not in skill.parameters and not port.optional and port.default is None:
+            hint = f"The tree {skill.tree!r} reads it."
+            yield located.problem("MISSING_PARAMETER", ("parameters",), "nothing", f"parameter {name!r}", hint)
+    for name in skill.outputs:
+        if name not in tree.header.outputs:
+            found = f"{name!r}, which the tree {skill.tree!r} does not make"
+            yield located.unknown("UNKNOWN_OUTPUT", ("outputs", name), name, tree.header.outputs, found)

@@ -5,8 +5,10 @@ A thin adapter: what is offered, checked and refused is decided by the registry,
 
 import base64
 import contextlib
+import hmac
 import secrets
 import socket
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -165,8 +167,6 @@ async def _serve_http(server: "Server[Any]", port: int) -> None:
     import uvicorn
     from mcp.server.transport_security import TransportSecuritySettings
 
-    from phyagentos.agent.tools.bearer import TokenGate
-
     with socket.create_server((HOST, port)) as listening:
         port, token = listening.getsockname()[1], secrets.token_urlsafe(32)
         allowed = TransportSecuritySettings(allowed_hosts=[f"{HOST}:{port}", f"localhost:{port}"], allowed_origins=[])
@@ -176,3 +176,23 @@ async def _serve_http(server: "Server[Any]", port: int) -> None:
         print_note(f"http://{HOST}:{port}{_PATH}\ntoken {token}")
         config = uvicorn.Config(TokenGate(application, token), log_level="warning", access_log=False)
         await uvicorn.Server(config).serve(sockets=[listening])
+
+
+class TokenGate:
+    """An ASGI application that answers 401 to every request without the token."""
+
+    def __init__(self, application: Callable[[Any, Any, Any], Awaitable[None]], token: str) -> None:
+        self._application, self._expected = application, f"Bearer {token}".encode("ascii")
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        """Pass on what belongs to the server itself, and requests with the token."""
+        given = [value for name, value in scope.get("headers", ()) if name.lower() == b"authorization"]
+        admits = scope["type"] == "http" and len(given) == 1 and hmac.compare_digest(given[0], self._expected)
+        if admits or scope["type"] == "lifespan":
+            await self._application(scope, receive, send)
+        elif scope["type"] == "http":
+            headers = [(b"www-authenticate", b"Bearer"), (b"content-length", b"0")]
+            await send({"type": "http.response.start", "status": 401, "headers": headers})
+            await send({"type": "http.response.body", "body": b""})
+        else:
+            await send({"type": "websocket.close", "code": 1008})

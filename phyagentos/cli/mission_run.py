@@ -5,6 +5,7 @@ file, as any tool could write.
 """
 
 import contextlib
+import inspect
 import math
 import os
 import select
@@ -14,6 +15,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any
+
+import typer
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
@@ -21,24 +25,30 @@ from phyagentos.agent.mission.mission import choose_goal
 from phyagentos.assembly.memory_choice import choose_memory
 from phyagentos.assembly.paths import choose_folder, serve_alone
 from phyagentos.assembly.planes import Plane, start_watch
-from phyagentos.cli.arguments import get_file, get_settings, open_library, parse_overrides
-from phyagentos.cli.console import CleanConsole, RunConsole
+from phyagentos.cli.arguments import (
+    Overrides,
+    TrustPython,
+    admit_python,
+    get_file,
+    get_settings,
+    open_library,
+    parse_overrides,
+)
+from phyagentos.cli.console import CleanConsole, RunConsole, RunFold
 from phyagentos.cli.lint import FileKind, find_other_kind, lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note
 from phyagentos.cli.planted_faults import iter_misses
-from phyagentos.cli.progress import RunFold
 from phyagentos.cli.report import build_report, compute_exit_code, print_report
+from phyagentos.cli.running import FaultFile, Graph, Known, Mode, Seed, Sense, Verify, WhichMemory
 from phyagentos.cli.stopping import cancel_unheld
-from phyagentos.cli.trusting import admit_python
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions.estop import read_latch
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
-from phyagentos.protocol.settings.perception import Prior, Sensing, declare_sensing
-from phyagentos.protocol.settings.runtime_contract import WorldMode, declare_world_mode
+from phyagentos.protocol.settings.perception import declare_sensing
+from phyagentos.protocol.settings.runtime_contract import declare_world_mode
 from phyagentos.protocol.settings.sensors import read_sensors
-from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.models.sources import require_models
@@ -50,26 +60,35 @@ VIEW_PERIOD_S = 0.1  # ten pictures a second are enough for people
 FULL_BYTES = 1 << 20  # with less room than that no plane can keep its records
 WARM_UP_S = 5.0  # a machine that has compiled its kernels moves before
 CANCEL_PATIENCE_S = 20.0  # then the planes are ended without waiting for their records
+_FOLDER_HELP = "Folder of the run; a new one under workspaces/ by default."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """What was asked for on the command line; see `paos run --help`."""
+    """What is asked for; each field is an option of `paos run`."""
 
-    graph: Path
-    seed: int = 0
-    workspace: Path | None = None
-    faults: Path | None = None
-    overrides: tuple[str, ...] = ()
-    as_json: bool = False
-    pictures: bool = True
-    quiet: bool = False
-    world_mode: WorldMode | None = None
-    verify: VerificationMode | None = None
-    sense: Sensing | None = None
-    prior: Prior | None = None
-    memory: str | None = None
-    trusts_python: bool = False
+    graph: Graph
+    seed: Seed = 0
+    workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help=_FOLDER_HELP)] = None
+    faults: FaultFile = None
+    overrides: Overrides = None
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON report on stdout, all else on stderr.")] = False
+    pictures: Annotated[bool, typer.Option(" /--no-pictures", help="Render nothing.", show_default=False)] = True
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the final table.")] = False
+    world_mode: Mode = None
+    verify: Verify = None
+    sense: Sense = None
+    prior: Known = None
+    memory: WhichMemory = None
+    trusts_python: TrustPython = False
+
+
+def run(**options: Any) -> int:
+    """Run a goal graph to its verdict: both planes, live progress, a final table."""
+    return run_mission(Order(**options))
+
+
+run.__dict__["__signature__"] = inspect.signature(Order)  # whose fields are the options
 
 
 class Interrupts:
@@ -110,18 +129,12 @@ def mute_if_gone(descriptor: int) -> None:
             os.dup2(nowhere.fileno(), descriptor)
 
 
-def run_mission(order: Order, clock: Clock | None = None) -> int:
-    """Run a goal graph to its verdict; returns the exit code.
-
-    Raises:
-        DefinitionError: Before anything is started.
-        Exit: When a plane failed.
-    """
-    clock = clock or SystemClock()
-    graph = get_file(order.graph, "goal_graphs")
+def run_mission(order: Order) -> int:
+    """Run a goal graph to its verdict; raises DefinitionError before anything is started, Exit when a plane failed."""
+    clock, graph = SystemClock(), get_file(order.graph, "goal_graphs")
     faults = get_file(order.faults, "faults") if order.faults is not None else None
     compiled = lint_order(graph, faults, parse_overrides(order.overrides), order.workspace)
-    root = order.workspace or choose_workspace(graph.stem, order.seed)
+    root = order.workspace or choose_folder(Path("workspaces"), f"{graph.stem}-{order.seed}")
     admit_python(root, graph, is_trusted=order.trusts_python)
     workspace = Workspace.create(root, open_library(graph))
     with serve_alone(workspace, clock), Interrupts().counted() as interrupts:
@@ -177,10 +190,8 @@ def lint_order(
 ) -> GoalGraph:
     """The graph, once it, the scene, skills and models that it names, and the faults are in order; loads no simulator.
 
-    Ports of trees against leaves, and how the scene begins, are left to preflight.
-
-    Raises:
-        DefinitionError: With every problem.
+    Ports of trees against leaves, and how the scene begins, are left to preflight. Raises DefinitionError with every
+    problem.
     """
     library = open_library(graph)
     if problems := find_other_kind(graph, FileKind.GOAL_GRAPH):
@@ -209,18 +220,13 @@ def lint_order(
     return compiled
 
 
-def choose_workspace(name: str, seed: int) -> Path:
-    """`workspaces/<graph>-<seed>-<n>` under the working directory, the first that does not exist."""
-    return choose_folder(Path("workspaces"), f"{name}-{seed}")
-
-
 def start_planes(order: Order, goal: GoalId, graph: Path, faults: Path | None, workspace: Workspace) -> list[Plane]:
     """Start the runtime first: it warms up while the agent compiles."""
     watch = start_watch(workspace, faults=faults, pictures=order.pictures)
     agent = [str(graph), "--workspace", str(workspace.root), "--seed", str(order.seed), "--goal", goal]
     agent += ["--verify", order.verify] if order.verify is not None else []
     agent += ["--memory", order.memory] if order.memory is not None else []
-    agent += [part for override in order.overrides for part in ("--set", override)]
+    agent += [part for override in order.overrides or () for part in ("--set", override)]
     return [watch, Plane("agent", agent, workspace.logs)]
 
 

@@ -11,7 +11,7 @@ import typer
 from phyagentos.cli.arguments import AsJson, find_running, find_workspaces
 from phyagentos.cli.explaining import Space
 from phyagentos.cli.history import read_ledger
-from phyagentos.cli.outcome import print_json, print_result
+from phyagentos.cli.outcome import print_found, print_result
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.sessions.estop import Latch, read_latch
@@ -54,15 +54,13 @@ class Standing(msgspec.Struct, frozen=True, kw_only=True):
 def status(workspace: Space, as_json: AsJson = False) -> None:
     """Show how a workspace stands: its runtime, emergency stop, goals, sessions, and what each worker does."""
     found = Standing.read(workspace)
-    if as_json:
-        print_json(found)
-        return
-    print_result(str(found))
+    lines = [str(found)]
     if found.latch is not None:
-        print_result(f"  emergency stop by {found.latch.by or '?'}: {found.latch.reason or 'no reason given'}")
+        lines.append(f"  emergency stop by {found.latch.by or '?'}: {found.latch.reason or 'no reason given'}")
     for beat in found.workers:
         doing = f"{beat.session} {beat.leaf}, {beat.sim_time_s:.1f} s simulated" if beat.session else ""
-        print_result(f"  {beat.target}: {beat.phase} {doing}".rstrip())
+        lines.append(f"  {beat.target}: {beat.phase} {doing}".rstrip())
+    print_found(found, "\n".join(lines), as_json=as_json)
 
 
 def runs(as_json: AsJson = False) -> None:
@@ -70,10 +68,8 @@ def runs(as_json: AsJson = False) -> None:
     here = find_workspaces()
     away = [root for root in find_running() if root not in {path.resolve() for path in here}]
     found = [Standing.read(root) for root in (*here, *away)]
-    if as_json:
-        print_json(found)
-    else:
-        print_result("\n".join(map(str, found)) or "no workspace in workspaces/; `paos run GRAPH` makes one")
+    none = "no workspace in workspaces/; `paos run GRAPH` makes one"
+    print_found(found, "\n".join(map(str, found)) or none, as_json=as_json)
 
 
 def logs(

@@ -38,11 +38,6 @@ class Exit(Exception):
         super().__init__(message)
 
 
-def is_debugging(arguments: Iterable[str]) -> bool:
-    """Whether tracebacks were asked for: `--debug` anywhere, or PAOS_DEBUG=1 (inherited by both planes)."""
-    return "--debug" in arguments or os.environ.get("PAOS_DEBUG") == "1"
-
-
 def print_note(text: str) -> None:
     """One line to stderr."""
     sys.stderr.write(f"{clean(text)}\n")
@@ -63,6 +58,14 @@ def print_json(value: object) -> None:
     print_result(msgspec.json.format(msgspec.json.encode(value), indent=2).decode())
 
 
+def print_found(value: object, text: str, *, as_json: bool) -> None:
+    """What a command found: the value as JSON, else the text."""
+    if as_json:
+        print_json(value)
+    else:
+        print_result(text)
+
+
 def print_problems(problems: Iterable[Problem]) -> int:
     """Every problem on its own line of stderr, duplicates once. Returns how many were printed."""
     unique = dict.fromkeys(problems)
@@ -71,8 +74,9 @@ def print_problems(problems: Iterable[Problem]) -> int:
     return len(unique)
 
 
-def report_exception(error: BaseException, *, debug: bool) -> ExitCode:
-    """Print what a person needs of an exception and choose the exit code."""
+def report_exception(error: BaseException) -> ExitCode:
+    """Print what a person needs of an exception and choose the exit code; tracebacks only where they were asked for."""
+    debug = "--debug" in sys.argv or os.environ.get("PAOS_DEBUG") == "1"  # which both planes inherit
     if isinstance(error, KeyboardInterrupt):
         return ExitCode.INTERRUPTED
     if isinstance(error, Exit):

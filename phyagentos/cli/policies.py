@@ -9,7 +9,8 @@ import typer
 
 from phyagentos.cli.arguments import AsJson, open_library
 from phyagentos.cli.explaining import Space, get_session
-from phyagentos.cli.outcome import ExitCode, print_json, print_result
+from phyagentos.cli.history import read_ledger
+from phyagentos.cli.outcome import ExitCode, print_found, print_result
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
@@ -50,18 +51,15 @@ def replay(
     as_json: AsJson = False,
 ) -> int:
     """Show a policy once more what one was shown in a session, and compare the answers. Exit 1 where they differ."""
-    from phyagentos.cli.history import read_ledger
     from phyagentos.runtime.policies.exchanges import replay_exchanges
 
     known = get_session(session, read_ledger(workspace, session).sessions)
     answers = replay_exchanges(workspace, known, endpoint, timeout_s)
     differing = sum(not each.is_same for each in answers)
-    if as_json:
-        print_json({"chunks": len(answers), "differing": differing, "answers": answers})
-    else:
-        lines = [f"chunk {each.sequence:>4}  at {each.time_s:8.3f} s  {each}" for each in answers]
-        print_result("\n".join([*lines, f"{len(answers)} chunks, {differing} answered differently"]))
-    return int(ExitCode.GOAL_NOT_MET if differing else ExitCode.GOAL_MET)
+    lines = [f"chunk {each.sequence:>4}  at {each.time_s:8.3f} s  {each}" for each in answers]
+    text = "\n".join([*lines, f"{len(answers)} chunks, {differing} answered differently"])
+    print_found({"chunks": len(answers), "differing": differing, "answers": answers}, text, as_json=as_json)
+    return ExitCode.GOAL_NOT_MET if differing else ExitCode.GOAL_MET
 
 
 def _load(model: str) -> "Policy":

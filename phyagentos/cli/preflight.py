@@ -12,10 +12,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 import typer
 
-from phyagentos.cli.arguments import Overrides, TrustPython, get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import (
+    AsJson,
+    Overrides,
+    TrustPython,
+    admit_python,
+    get_file,
+    open_library,
+    parse_overrides,
+)
 from phyagentos.cli.explaining import get_session
-from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
-from phyagentos.cli.trusting import admit_python
+from phyagentos.cli.forecasts import find_forecast, render_forecast
+from phyagentos.cli.history import read_ledger
+from phyagentos.cli.outcome import Exit, ExitCode, print_found, print_note
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import GoalId, Session
@@ -29,15 +38,15 @@ OF_THE_MOMENT = frozenset(  # may change
     {"PRECONDITION_UNMET", "HOLD_BROKEN", "NO_FREE_SITE", "OUT_OF_REACH", "OUTSIDE_WORKSPACE"}
 )
 
+_WHOSE = "Whose settings count; needed for a session."
+
 
 def preflight(
     subject: Annotated[str, typer.Argument(metavar="GRAPH|SESSION", help="A goal graph, or a session of a workspace.")],
-    workspace: Annotated[
-        Path | None, typer.Option("--workspace", "-w", help="Whose settings count; needed for a session.")
-    ] = None,
+    workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help=_WHOSE)] = None,
     seed: Annotated[int, typer.Option(help="Of the scene.", min=0, max=2**63 - 1)] = 0,
     set_: Overrides = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Everything as JSON.")] = False,
+    as_json: AsJson = False,
     trust_python: TrustPython = False,
 ) -> int:
     """Check every session against its live target, without moving anything: plan and tools, or every problem."""
@@ -45,22 +54,19 @@ def preflight(
     if workspace is not None:
         admit_python(workspace, is_trusted=trust_python)
     reports = check_sessions(order)
-    if as_json:
-        print_json({"subject": subject, "sessions": reports})
-    else:
-        print_result("\n".join(line for report in reports for line in _render(report)))
+    text = "\n".join(line for report in reports for line in _render(report))
+    print_found({"subject": subject, "sessions": reports}, text, as_json=as_json)
     refused = [report["session"] for report in reports if report["problems"]]
     if refused:
         print_note(f"{len(refused)} of {len(reports)} would be rejected: {', '.join(refused)}")
-    return int(ExitCode.REJECTED if refused else ExitCode.GOAL_MET)
+    return ExitCode.REJECTED if refused else ExitCode.GOAL_MET
 
 
 def check_sessions(order: "Order") -> list[dict[str, Any]]:
     """What each session would be granted, or why it would be refused, by real processes that move nothing."""
-    from phyagentos.assembly.examination import Examination
+    from phyagentos.assembly.examination import examine
 
-    with Examination.open(order.library, order.source) as examination:
-        found = examination.examine([_settle(each) for each in order.sessions])
+    found = examine(order.library, order.source, [_settle(each) for each in order.sessions])
     return [_report(session, found[session.id], order) for session in order.sessions]
 
 
@@ -71,14 +77,12 @@ class Order:
     Attributes:
         source: Workspace whose documents and settings count; None for those that ship.
         after: Session -> nodes that come before it.
-        forecasts: Session -> its forecast, for those that have one.
     """
 
     library: Library
-    source: "Workspace | None"
-    sessions: "tuple[Session, ...]"
+    source: Workspace | None
+    sessions: tuple[Session, ...]
     after: Mapping[str, tuple[str, ...]]
-    forecasts: Mapping[str, dict[str, Any]]
 
 
 def read_order(path: Path, root: Path | None, seed: int, overrides: Mapping[str, str]) -> Order:
@@ -95,14 +99,11 @@ def read_order(path: Path, root: Path | None, seed: int, overrides: Mapping[str,
     goal = GoalId(graph.name)
     sessions = SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=seed).preview()
     after = {str(session.id): graph.nodes[session.node].predecessors for session in sessions}
-    return Order(library=library, source=source, sessions=sessions, after=after, forecasts={})
+    return Order(library=library, source=source, sessions=sessions, after=after)
 
 
 def _find_session(subject: str, root: Path | None) -> Order | None:
     """The order for a session of a workspace; None when a goal graph is meant."""
-    from phyagentos.cli.forecasts import find_forecast
-    from phyagentos.cli.history import read_ledger
-
     if root is None:
         return None
     known = read_ledger(root, subject).sessions
@@ -114,9 +115,7 @@ def _find_session(subject: str, root: Path | None) -> Order | None:
             return None
         raise
     source, session = Workspace.open(root), known[id].contract
-    forecast = find_forecast(source.evidence_of(session.id))
-    forecasts = {str(id): forecast} if forecast is not None else {}
-    return Order(library=source.library(), source=source, sessions=(session,), after={str(id): ()}, forecasts=forecasts)
+    return Order(library=source.library(), source=source, sessions=(session,), after={str(id): ()})
 
 
 def _settle(session: Session) -> Session:
@@ -155,15 +154,13 @@ def _report(session: Session, checked: "Checked", order: Order) -> dict[str, Any
         "awaits": awaited,
         "after": list(after),
         "dry_run": msgspec.to_builtins(checked.trials),
-        "lookahead": order.forecasts.get(session.id),
+        "lookahead": find_forecast(order.source.evidence_of(session.id)) if order.source is not None else None,
         "ms": round(checked.ms, 3),
     }
 
 
 def _render(report: Mapping[str, Any]) -> Iterator[str]:
     """One session for people."""
-    from phyagentos.cli.forecasts import render_forecast
-
     yield f"{report['session']}: {'fits' if report['fits'] else 'would be REJECTED'}"
     for name, key in (("problem", "problems"), ("later", "decided_later")):
         for each in report[key]:

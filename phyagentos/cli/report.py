@@ -1,7 +1,6 @@
 """How a run ended: one report, as JSON for programs and as a table for people, from journal and evidence alone."""
 
 from pathlib import Path
-from typing import Any
 
 import msgspec
 from rich.console import Console
@@ -10,10 +9,9 @@ from rich.text import Text
 
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.mission.report import build_report as build_mission_report
-from phyagentos.cli.console import build_criterion_line, choose_style, summarise, tell_failure
+from phyagentos.cli.console import RunFold, build_criterion_line, choose_style, summarise, tell_failure
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.planted_faults import find_unstruck
-from phyagentos.cli.progress import Row, RunFold
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 
 PIPE_WIDTH = 160  # characters of a table that no terminal bounds
@@ -26,8 +24,6 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
         report: Version of this format.
         wall_s: Of the whole command, both planes started and ended [s].
         pictures: Session -> files.
-        goal: The agent's own report; None without a goal.
-        unstruck_faults: Faults of the fault file that never struck.
     """
 
     report: int = 1
@@ -73,7 +69,16 @@ def print_report(report: RunReport, fold: RunFold, console: Console) -> None:
     table.add_column("simulated", justify="right", no_wrap=True)
     table.add_column("wall", justify="right", no_wrap=True)
     for row in fold.rows():
-        table.add_row(*_build_cells(row))
+        failed = " (execution failed)" if tell_failure(row) else ""
+        table.add_row(
+            row.node,
+            row.session.contract.id if row.session is not None else "",
+            Text(row.state, choose_style(row, row.state)),
+            Text(row.verdict + failed, choose_style(row, row.verdict)),
+            summarise(row),
+            f"{row.sim_time_s:.1f} s" if row.sim_time_s else "",
+            f"{row.wall_s:.1f} s" if row.session is not None else "",
+        )
     console.print()
     console.print(table)
     console.print()
@@ -93,16 +98,3 @@ def print_report(report: RunReport, fold: RunFold, console: Console) -> None:
         for picture in pictures:
             console.print(f"picture {picture}", style="dim", soft_wrap=True)
     console.print(f"documents in {report.workspace}", style="dim", soft_wrap=True)
-
-
-def _build_cells(row: Row) -> list[Any]:
-    session = row.session
-    return [
-        row.node,
-        session.contract.id if session is not None else "",
-        Text(row.state, choose_style(row, row.state)),
-        Text(row.verdict + (" (execution failed)" if tell_failure(row) else ""), choose_style(row, row.verdict)),
-        summarise(row),
-        f"{row.sim_time_s:.1f} s" if row.sim_time_s else "",
-        f"{row.wall_s:.1f} s" if session is not None else "",
-    ]

@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 
 from phyagentos.cli.arguments import AsJson, open_library
-from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_result
+from phyagentos.cli.outcome import ExitCode, print_found, print_json, print_note, print_result
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import is_beside
 from phyagentos.protocol.documents.markdown import render_table
 from phyagentos.protocol.settings.safety import Safety, read_safety
@@ -18,7 +17,7 @@ from phyagentos.protocol.settings.safety import Safety, read_safety
 Name = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a target, as `paos robot list` prints it.")]
 
 
-def list_robots(as_json: AsJson = False) -> None:
+def list_(as_json: AsJson = False) -> None:
     """Print every profile that can be used here, with its model and whether that is here."""
     from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.models.sources import require_models
@@ -33,10 +32,9 @@ def list_robots(as_json: AsJson = False) -> None:
         except DefinitionError as error:
             missing = f"{error.problems[0].found}. {error.problems[0].hint}"
         rows.append((name, profile.kind, profile.embodiment, profile.model, missing or "here"))
-    if as_json:
-        print_json([dict(zip(("robot", "kind", "embodiment", "model", "state"), row, strict=True)) for row in rows])
-    else:
-        print_result(render_table(("robot", "kind", "embodiment", "model", "state"), rows))
+    columns = ("robot", "kind", "embodiment", "model", "state")
+    facts = [dict(zip(columns, row, strict=True)) for row in rows]
+    print_found(facts, render_table(columns, rows), as_json=as_json)
 
 
 def show(robot: Name, as_json: AsJson = False) -> None:
@@ -48,10 +46,7 @@ def show(robot: Name, as_json: AsJson = False) -> None:
     profile, folder = read_profile(open_library().get_target(robot))
     facts = {"robot": profile.target, "description": profile.description, "model": profile.model}
     facts |= describe_robot(build_robot_model(profile, folder)) if profile.model else {}
-    if as_json:
-        print_json(facts)
-    else:
-        print_result(render_table(("", ""), list(facts.items())))
+    print_found(facts, render_table(("", ""), list(facts.items())), as_json=as_json)
 
 
 def check(robot: Name, as_json: AsJson = False) -> int:
@@ -60,7 +55,10 @@ def check(robot: Name, as_json: AsJson = False) -> int:
 
     library = open_library()
     path = library.get_target(robot)
-    problems = check_profile(path, _read_limits(library, path))
+    files = [root / "protocol" / "safety.yaml" for root in library.roots] + [path.with_name("safety.yaml")]
+    found = [read_safety(each) for each in files if each.is_file()]
+    limits = {name: limits for each in found for name, limits in each.targets.items()}
+    problems = check_profile(path, Safety(targets=limits))
     if as_json:
         print_json([{"code": each.code, "address": each.address, "message": str(each)} for each in problems])
     else:
@@ -107,10 +105,3 @@ def new(
     if is_beside(model):
         print_note(f"its model is {hint}: set PHYAGENTOS_MODELS to {path.resolve().parent}")
     print_note(f"next: edit it, then paos robot check {target} && paos robot render {target}")
-
-
-def _read_limits(library: Library, profile: Path) -> Safety:
-    """Limits of the project's safety.yaml, and of that beside a profile."""
-    files = [root / "protocol" / "safety.yaml" for root in library.roots] + [profile.with_name("safety.yaml")]
-    found = [read_safety(path) for path in files if path.is_file()]
-    return Safety(targets={name: limits for each in found for name, limits in each.targets.items()})

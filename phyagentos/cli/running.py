@@ -1,4 +1,4 @@
-"""Commands that move things: `run` (both planes and a live view), `agent` and `watch` (one plane by hand)."""
+"""Commands that move things, one plane by hand: `agent` and `watch`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,13 +6,14 @@ from typing import Annotated
 import typer
 
 from phyagentos.assembly.process_tuning import end_with
-from phyagentos.cli.arguments import Overrides, TrustPython, get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import Overrides, TrustPython, admit_python, get_file, open_library, parse_overrides
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.settings.perception import Prior, Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 
+_GOAL_HELP = "Id of the goal. One that has its verdict is only reported, so a restart does nothing twice."
 _GRAPH = "A goal graph: a file, or a name of `paos list graphs`."
 Graph = Annotated[Path, typer.Argument(help=_GRAPH, autocompletion=lambda: open_library().names_of_goal_graphs())]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run; created when missing.")]
@@ -24,48 +25,8 @@ Mode = Annotated[WorldMode | None, typer.Option(help="How simulated time advance
 Sense = Annotated[Sensing | None, typer.Option(help="What agent and verifier see; kept in perception.yaml.")]
 Known = Annotated[Prior | None, typer.Option(help="What perception knows at first; kept in perception.yaml.")]
 Verify = Annotated[VerificationMode | None, typer.Option(help="What judgements are for, over runtime_contract.yaml.")]
-_FOLDER_HELP = "Folder of the run; a new one under workspaces/ by default."
 _MEMORY_HELP = "Whose memory: `project`, `workspace`, `none`, or a folder; over runtime_contract.yaml."
 WhichMemory = Annotated[str | None, typer.Option("--memory", help=_MEMORY_HELP, envvar="PHYAGENTOS_MEMORY")]
-
-
-def run(
-    graph: Graph,
-    seed: Seed = 0,
-    workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help=_FOLDER_HELP)] = None,
-    faults: FaultFile = None,
-    set_: Overrides = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON report on stdout, all else on stderr.")] = False,
-    no_pictures: NoPictures = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the final table.")] = False,
-    world_mode: Mode = None,
-    verify: Verify = None,
-    sense: Sense = None,
-    prior: Known = None,
-    memory: WhichMemory = None,
-    trust_python: TrustPython = False,
-) -> int:
-    """Run a goal graph to its verdict: both planes, live progress, a final table."""
-    from phyagentos.cli.mission_run import Order, run_mission
-
-    return run_mission(
-        Order(
-            graph=graph,
-            seed=seed,
-            workspace=workspace,
-            faults=faults,
-            overrides=tuple(set_ or ()),
-            as_json=as_json,
-            pictures=not no_pictures,
-            quiet=quiet,
-            world_mode=world_mode,
-            verify=verify,
-            sense=sense,
-            prior=prior,
-            memory=memory,
-            trusts_python=trust_python,
-        )
-    )
 
 
 def agent(
@@ -73,12 +34,7 @@ def agent(
     workspace: Space,
     seed: Seed = 0,
     set_: Overrides = None,
-    goal: Annotated[
-        str | None,
-        typer.Option(
-            help="Id of the goal. One that has its verdict is only reported, so a restart does nothing twice."
-        ),
-    ] = None,
+    goal: Annotated[str | None, typer.Option(help=_GOAL_HELP)] = None,
     with_parent: WithParent = None,
     verify: Verify = None,
     memory: WhichMemory = None,
@@ -86,9 +42,8 @@ def agent(
     """Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict."""
     from phyagentos.assembly.agent_plane import run_agent
 
-    _prepare(
-        with_parent, f"agent of {workspace}: submits, judges; `paos watch -w {workspace}` carries out; Ctrl-C ends"
-    )
+    about = f"agent of {workspace}: submits, judges; `paos watch -w {workspace}` carries out; Ctrl-C ends"
+    _prepare(with_parent, about)
     file, overrides = get_file(graph, "goal_graphs"), parse_overrides(set_)
     report = run_agent(workspace, file, seed, overrides=overrides, goal=goal, verify=verify, memory=memory)
     print_result(f"goal {report.goal}: {report.verdict}  {report.reason}")
@@ -108,7 +63,6 @@ def watch(
     """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
     from phyagentos.assembly.runtime_plane import run_watch
     from phyagentos.cli.lint import FileKind, find_other_kind, lint_file
-    from phyagentos.cli.trusting import admit_python
 
     file = get_file(faults, "faults") if faults is not None else None
     if file is not None and (problems := find_other_kind(file, FileKind.FAULTS) or lint_file(file)):
@@ -130,5 +84,5 @@ def _prepare(parent: int | None, about: str) -> None:
     """When asked, end with the parent; without one, say what begins."""
     if parent is None:
         print_note(about)
-    if parent is not None and not end_with(parent):
+    elif not end_with(parent):
         raise Exit(ExitCode.INTERRUPTED)

@@ -1,6 +1,5 @@
-"""Commands that show what there is: `list`, `schema`, `lifecycle`, `tree show`."""
+"""Commands that show what there is: `list`, `schema`, `lifecycle`, `codes`."""
 
-from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -8,10 +7,20 @@ from typing import Annotated
 import typer
 
 from phyagentos.cli.arguments import RunPython
-from phyagentos.cli.outcome import print_note, print_result
+from phyagentos.cli.outcome import print_result
+from phyagentos.codes import CODES, Retry
+from phyagentos.errors import DefinitionError, format_hint
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS, render_mermaid
 from phyagentos.protocol.world.predicates.library import get_predicate_library
+
+RETRIES = {
+    Retry.NEVER: "the same will happen",
+    Retry.EDITED: "once something was edited",
+    Retry.LATER: "once machine or target are well",
+    Retry.REPLANNED: "as a child session",
+    Retry.OBSERVED: "only after a fresh observation",
+}
 
 
 class Listing(StrEnum):
@@ -37,12 +46,12 @@ def show_schema(
     fields: Annotated[bool, typer.Option("--fields", help="As a Markdown table of its fields.")] = False,
 ) -> None:
     """Print the JSON Schema of an authored file or a document; without a kind, the kinds."""
-    from phyagentos.cli import field_tables, schemas
+    from phyagentos.cli import schemas
 
     if kind is None:
         print_result("\n".join(schemas.names_of_schemas()))
     elif fields:
-        print_result(field_tables.render_fields(kind))
+        print_result(schemas.render_fields(kind))
     else:
         print_result(schemas.render_schema(kind))
 
@@ -62,36 +71,28 @@ def show_lifecycle(
         print_result(f"{row.trigger:<15} {', '.join(row.sources)} -> {row.dest}   {condition}".rstrip())
 
 
-def show_tree(
-    tree: Annotated[str, typer.Argument(help="Name of a tree, or its YAML file.")],
-    mermaid: Annotated[bool, typer.Option("--mermaid", help="As a Mermaid flowchart.")] = False,
-    svg: Annotated[Path | None, typer.Option(help="Write a drawing to this file.")] = None,
+def show_codes(
+    name: Annotated[str | None, typer.Argument(help="One code; without it, all.")] = None,
 ) -> None:
-    """Draw a behaviour tree, subtrees included."""
-    from phyagentos.cli import tree_drawing
-
-    root = tree_drawing.read_drawing(tree)
-    if svg is not None:
-        svg.write_text(tree_drawing.render_svg(root), encoding="utf-8")
-        print_note(f"wrote {svg}")
-    elif mermaid:
-        print_result(tree_drawing.render_mermaid(root))
-    else:
-        tree_drawing.print_tree(root)
+    """Explain an error code: phase, meaning, who acts, whether trying again can help."""
+    if name is not None and name.upper() not in CODES:
+        expected, hint = "a code of `paos codes`", format_hint(name.upper(), CODES)
+        raise DefinitionError.of("UNKNOWN_CODE", "paos codes", repr(name), expected, hint)
+    for code in CODES.values() if name is None else (CODES[name.upper()],):
+        print_result(f"{code.name}: {code.meaning} ({code.phase}; {code.actor} acts; again: {RETRIES[code.retry]})")
 
 
 def _find_names(kind: Listing, *, runs_python: bool) -> list[str]:
     library = Library.open(Path.cwd())
-    if kind is Listing.LEAVES:
-        from phyagentos.runtime.execution.leaf_registry import build_registry, read_registry
+    match kind:
+        case Listing.LEAVES:
+            from phyagentos.runtime.execution.leaf_registry import build_registry, read_registry
 
-        return (build_registry(library) if runs_python else read_registry(library)).names()
-    listed: dict[Listing, Callable[[], list[str]]] = {
-        Listing.GRAPHS: library.names_of_goal_graphs,
-        Listing.PREDICATES: lambda: [definition.signature for definition in get_predicate_library()],
-        Listing.SCENES: library.names_of_scenes,
-        Listing.SKILLS: library.names_of_skills,
-        Listing.TARGETS: library.names_of_targets,
-        Listing.TREES: library.names_of_trees,
-    }
-    return listed[kind]()
+            return (build_registry(library) if runs_python else read_registry(library)).names()
+        case Listing.PREDICATES:
+            return [definition.signature for definition in get_predicate_library()]
+        case Listing.GRAPHS:
+            return library.names_of_goal_graphs()
+        case _:
+            names: list[str] = getattr(library, f"names_of_{kind}")()
+            return names

@@ -12,6 +12,7 @@ import typer
 
 from phyagentos.cli.arguments import find_running
 from phyagentos.cli.explaining import get_session
+from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import Exit, ExitCode, print_result
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError, format_names
@@ -31,8 +32,6 @@ TRIES = 5  # at records that a plane makes out of date
 
 Which = Annotated[str, typer.Argument(metavar="SESSION|all")]
 Reason = Annotated[str, typer.Option(help="Why; it is recorded.", callback=clean)]
-
-
 Space = Annotated[Path | None, typer.Option("--workspace", "-w", help="Its folder; every one that runs by default.")]
 
 
@@ -45,11 +44,8 @@ def cancel(
 
 def end(session: str, workspace: Path, reason: str, by: str = "paos cancel") -> str:
     """Ask for the end of a session, of a goal, or of all; what was done."""
-    from phyagentos.cli.history import read_ledger
-
-    ledger = (
-        Ledger() if session == "all" else read_ledger(workspace, parts=_READ)
-    )  # a damaged journal must not hold up a stop
+    # a damaged journal must not hold up a stop
+    ledger = Ledger() if session == "all" else read_ledger(workspace, parts=_READ)
     if (goal := ledger.goals.get(GoalId(session))) is not None:
         done = [_cancel_goal(goal, workspace, reason, by)]
         for status in ledger.live_sessions():
@@ -142,27 +138,19 @@ def cancel_unheld(goal: GoalId, ledger: Ledger, journal: Journal) -> None:
             journal.commit([Entry(id, "cancel", {"reason": "its goal is cancelled"}) for id in unheld])
 
 
-def _find(session: str, workspace: Path) -> str:
-    from phyagentos.cli.history import read_ledger
-
-    if session == "all":
-        return EVERY_SESSION
-    ledger = read_ledger(workspace, parts=_READ)
-    id = get_session(session, ledger.sessions)
-    state = ledger.sessions[id].state
-    if state in FINAL_STATES:
-        live = [status.contract.id for status in ledger.live_sessions()]
-        possible = f"live sessions are {format_names(live)}" if live else "no session is live"
-        raise Exit(ExitCode.INVALID_INPUT, f"{id}: its state {state!r} is final; {possible}")
-    return id
-
-
 def request(
     kind: Literal["cancel", "pause", "resume"], session: str, workspace: Path, reason: str = "", by: str = ""
 ) -> str:
     """Drop a request about a session, or all; what was done."""
-    signal = Signal(kind=kind, session=_find(session, workspace), by=by or f"paos {kind}", reason=reason)
-    return _drop(signal, workspace)
+    id = EVERY_SESSION
+    if session != "all":
+        ledger = read_ledger(workspace, parts=_READ)
+        id = get_session(session, ledger.sessions)
+        if (state := ledger.sessions[id].state) in FINAL_STATES:
+            live = [status.contract.id for status in ledger.live_sessions()]
+            possible = f"live sessions are {format_names(live)}" if live else "no session is live"
+            raise Exit(ExitCode.INVALID_INPUT, f"{id}: its state {state!r} is final; {possible}")
+    return _drop(Signal(kind=kind, session=id, by=by or f"paos {kind}", reason=reason), workspace)
 
 
 def _drop(signal: Signal, workspace: Path) -> str:

@@ -1,11 +1,18 @@
-"""A behaviour tree in the terminal, as Mermaid, as SVG, from its file and the declared ports alone."""
+"""`paos tree show`: a behaviour tree in the terminal, as Mermaid, as SVG, from its file and declared ports alone."""
 
-from collections.abc import Iterator
+import itertools
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from typing import Annotated
 
-from phyagentos.cli.arguments import find_project
+import rich.markup
+import typer
+from rich.tree import Tree as Printed
+
+from phyagentos.assembly.paths import find_project
+from phyagentos.cli.console import CleanConsole
+from phyagentos.cli.outcome import print_note, print_result
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, read_tree
@@ -29,6 +36,8 @@ SYMBOLS = {
 PIPE_WIDTH = 400  # characters: a pipe cuts nothing
 BOX_HEIGHT, LEVEL_HEIGHT, GAP, LETTER = 40, 74, 14, 7.2  # pixels
 COLORS = {"leaf": ("#e8f1fb", "#3b78b5"), "subtree": ("#f3ecfa", "#7d56a8"), "control": ("#f4f4f1", "#77756c")}
+STYLES = {"leaf": "cyan", "subtree": "magenta", "control": "bold"}
+SHAPES = {"leaf": ("[", "]"), "subtree": ("[[", "]]"), "control": ("([", "])")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +70,28 @@ class Drawing:
         return "control" if self.kind in SYMBOLS else "leaf"
 
 
+def show(
+    tree: Annotated[str, typer.Argument(help="Name of a tree, or its YAML file.")],
+    mermaid: Annotated[bool, typer.Option("--mermaid", help="As a Mermaid flowchart.")] = False,
+    svg: Annotated[Path | None, typer.Option(help="Write a drawing to this file.")] = None,
+) -> None:
+    """Draw a behaviour tree, subtrees included."""
+    root = read_drawing(tree)
+    if svg is not None:
+        svg.write_text(render_svg(root), encoding="utf-8")
+        print_note(f"wrote {svg}")
+    elif mermaid:
+        print_result(render_mermaid(root))
+    else:
+        console = CleanConsole(highlight=False)
+        console.width = console.width if console.is_terminal else PIPE_WIDTH
+        console.print(_grow(root))
+
+
 def read_drawing(argument: str) -> Drawing:
     """Read a tree (a YAML file, or a name in the library) and the subtrees it names.
 
-    Raises:
-        DefinitionError: With every problem of the first file that has any; `CYCLE` when a tree contains itself.
+    Raises DefinitionError with every problem of the first file that has any; `CYCLE` when a tree contains itself.
     """
     path = Path(argument)
     is_file = path.suffix in {".yaml", ".yml"}
@@ -114,68 +140,42 @@ def _show(value: object) -> str:
 
 def render_mermaid(root: Drawing) -> str:
     """A Mermaid flowchart, top down."""
-    lines = ["flowchart TD"]
-    for number, (node, parent) in enumerate(_iter_numbered(root)):
+    lines, numbers = ["flowchart TD"], itertools.count()
+
+    def add(node: Drawing, parent: int | None = None) -> None:
+        number, (left, right) = next(numbers), SHAPES[node.family]
         text = "<br/>".join(escape_label(part) for part in (node.label, *node.ports))
-        left, right = {"leaf": ("[", "]"), "subtree": ("[[", "]]"), "control": ("([", "])")}[node.family]
         lines.append(f'    n{number}{left}"{text}"{right}')
         if parent is not None:
             lines.append(f"    n{parent} --> n{number}")
+        for child in node.children:
+            add(child, number)
+
+    add(root)
     return "\n".join(lines) + "\n"
 
 
-def print_tree(root: Drawing) -> None:
-    """Print with rich, colours where the terminal has them."""
-    from rich.tree import Tree
-
-    from phyagentos.cli.console import CleanConsole
-
-    styles = {"leaf": "cyan", "subtree": "magenta", "control": "bold"}
-
-    def grow(branch: Tree, node: Drawing) -> None:
-        for child in node.children:
-            grow(branch.add(text(child)), child)
-
-    def text(node: Drawing) -> str:
-        from rich.markup import escape as escape_markup
-
-        style = styles[node.family]
-        ports = f"  [dim]{escape_markup(', '.join(node.ports))}[/]" if node.ports else ""
-        return f"[{style}]{escape_markup(node.label)}[/]{ports}"
-
-    tree = Tree(text(root))
-    grow(tree, root)
-    console = CleanConsole(highlight=False)
-    if not console.is_terminal:
-        console.width = PIPE_WIDTH
-    console.print(tree)
+def _grow(node: Drawing) -> Printed:
+    """For the terminal, in colours where it has them."""
+    ports = f"  [dim]{rich.markup.escape(', '.join(node.ports))}[/]" if node.ports else ""
+    printed = Printed(f"[{STYLES[node.family]}]{rich.markup.escape(node.label)}[/]{ports}")
+    printed.children += map(_grow, node.children)
+    return printed
 
 
 def render_svg(root: Drawing) -> str:
     """A stand-alone SVG: children centred under their parent, no program needed to look at it."""
     shapes: list[str] = []
     width = _draw(root, 0.0, 0, shapes)
-    depth = _depth_of(root)
-    height = depth * LEVEL_HEIGHT + 8
+    height = _depth_of(root) * LEVEL_HEIGHT + 8
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width + GAP:.0f}" height="{height:.0f}" '
         f'font-family="sans-serif" font-size="12">\n' + "\n".join(shapes) + "\n</svg>\n"
     )
 
 
-def _iter_numbered(root: Drawing) -> Iterator[tuple[Drawing, int | None]]:
-    """Nodes in the order drawn, each with the number of its parent."""
-    stack: list[tuple[Drawing, int | None]] = [(root, None)]
-    number = 0
-    while stack:
-        node, parent = stack.pop()
-        yield node, parent
-        stack += [(child, number) for child in reversed(node.children)]
-        number += 1
-
-
 def _depth_of(node: Drawing) -> int:
-    return 1 + max((_depth_of(child) for child in node.children), default=0)
+    return 1 + max(map(_depth_of, node.children), default=0)
 
 
 def _box_width(node: Drawing) -> float:
@@ -184,18 +184,16 @@ def _box_width(node: Drawing) -> float:
 
 
 def _width_of(node: Drawing) -> float:
-    below = sum(_width_of(child) for child in node.children)
-    return max(_box_width(node) + GAP, below)
+    return max(_box_width(node) + GAP, sum(map(_width_of, node.children)))
 
 
 def _draw(node: Drawing, left: float, level: int, shapes: list[str]) -> float:
     """Append the shapes of one subtree; returns its width."""
     width, box = _width_of(node), _box_width(node)
     middle, top = left + width / 2, level * LEVEL_HEIGHT + 4
-    at = left + (width - sum(_width_of(child) for child in node.children)) / 2
+    at = left + (width - sum(map(_width_of, node.children))) / 2
     for child in node.children:
-        child_width = _width_of(child)
-        end = f"L{at + child_width / 2:.0f} {top + LEVEL_HEIGHT}"
+        end = f"L{at + _width_of(child) / 2:.0f} {top + LEVEL_HEIGHT}"
         shapes.append(f'<path d="M{middle:.0f} {top + BOX_HEIGHT} {end}" stroke="#aaa"/>')
         at += _draw(child, at, level + 1, shapes)
     fill, line = COLORS[node.family]

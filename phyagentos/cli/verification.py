@@ -1,13 +1,19 @@
 """`paos verify`: another judgement of a session that has its verdict, by judges of one's choice."""
 
-from collections.abc import Iterable
 from contextlib import closing
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from phyagentos.agent.judging.from_frames import judge_again
+from phyagentos.agent.judging.goal_judgement import Evidence
+from phyagentos.agent.judging.review import review_session
+from phyagentos.agent.judging.verifier import SessionVerifier
+from phyagentos.assembly.verification import build_verifier
+from phyagentos.cli.arguments import AsJson
 from phyagentos.cli.explaining import Space, get_session
-from phyagentos.cli.outcome import ExitCode, print_json, print_result
+from phyagentos.cli.history import read_ledger
+from phyagentos.cli.outcome import ExitCode, print_found
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import SessionStatus
@@ -17,33 +23,19 @@ from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
 
-if TYPE_CHECKING:
-    from phyagentos.agent.judging.verifier import SessionVerifier
+_WITH_HELP = f"Judges, comma-separated: {', '.join(JudgeName)}, or installed ones; those of the settings if left out."
+_FRAMES_HELP = "Perceive the stored camera frames again, judge, compare; records nothing."
 
 
 def verify(
     session: Annotated[str, typer.Argument(help="Id of the session.")],
     workspace: Space,
-    with_: Annotated[
-        str | None,
-        typer.Option(
-            "--with",
-            help=f"Judges, comma-separated: {', '.join(JudgeName)}, or installed ones. "
-            "Those of the settings if left out.",
-        ),
-    ] = None,
+    with_: Annotated[str | None, typer.Option("--with", help=_WITH_HELP)] = None,
     mode: Annotated[VerificationMode, typer.Option(help="What the judgement is for.")] = VerificationMode.ENFORCE,
-    from_frames: Annotated[
-        bool,
-        typer.Option("--from-frames", help="Perceive the stored camera frames again, judge, compare; records nothing."),
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="The judgement as JSON on stdout.")] = False,
+    from_frames: Annotated[bool, typer.Option("--from-frames", help=_FRAMES_HELP)] = False,
+    as_json: AsJson = False,
 ) -> int:
     """Add a judgement to a session that has its verdict; erases none and changes no state."""
-    from phyagentos.agent.judging.review import review_session
-    from phyagentos.assembly.verification import build_verifier
-    from phyagentos.cli.history import read_ledger
-
     place, clock = Workspace.open(workspace), SystemClock()
     names = None if with_ is None else tuple(filter(None, map(str.strip, with_.split(",")))) or (with_,)
     verifier = build_verifier(place, clock, mode=mode, judges=names)
@@ -57,37 +49,27 @@ def verify(
             each for each in sessions.values() if (each.contract.goal, each.contract.node) == (own.goal, own.node)
         ]
         attempt = review_session(place, journal, status, verifier, lineage)
-    if as_json:
-        print_json(attempt)
-    else:
-        print_result(f"{status.contract.id}: {attempt.verdict}  {attempt.reason}")
-        _print_criteria(attempt.criteria)
-        decided = status.decision.verdict if status.decision is not None else "none"
-        print_result(f"  added as judgement {len(status.attempts) + 1}; the verdict stays {decided}")
-    return int(ExitCode.GOAL_MET if attempt.verdict is Verdict.SUCCESS else ExitCode.GOAL_NOT_MET)
+    decided = status.decision.verdict if status.decision is not None else "none"
+    lines = [f"{status.contract.id}: {attempt.verdict}  {attempt.reason}", *map(_render, attempt.criteria)]
+    lines.append(f"  added as judgement {len(status.attempts) + 1}; the verdict stays {decided}")
+    print_found(attempt, "\n".join(lines), as_json=as_json)
+    return ExitCode.GOAL_MET if attempt.verdict is Verdict.SUCCESS else ExitCode.GOAL_NOT_MET
 
 
 def _verify_from_frames(
-    workspace: Workspace, status: SessionStatus, verifier: "SessionVerifier", *, as_json: bool
+    workspace: Workspace, status: SessionStatus, verifier: SessionVerifier, *, as_json: bool
 ) -> int:
     """Exit code 0 where what is perceived and judged again is equal to what was recorded."""
-    from phyagentos.agent.judging.from_frames import judge_again
-    from phyagentos.agent.judging.goal_judgement import Evidence
-    from phyagentos.assembly.from_frames import perceive_again
+    from phyagentos.assembly.rerun import perceive_again
 
     seen = perceive_again(workspace, status)
     again = judge_again(Evidence(workspace.root).read(status), seen, verifier, status.decision)
-    if as_json:
-        print_json(again)
-    else:
-        equal = "equal to what was recorded" if not again.differences else "not what was recorded"
-        print_result(f"{again.session}: {len(again.criteria)} criteria from {again.looks} looks, {equal}")
-        _print_criteria(again.criteria)
-        for difference in again.differences:
-            print_result(f"  differs: {difference}")
-    return int(ExitCode.GOAL_NOT_MET if again.differences else ExitCode.GOAL_MET)
+    equal = "equal to what was recorded" if not again.differences else "not what was recorded"
+    lines = [f"{again.session}: {len(again.criteria)} criteria from {again.looks} looks, {equal}"]
+    lines += [*map(_render, again.criteria), *(f"  differs: {difference}" for difference in again.differences)]
+    print_found(again, "\n".join(lines), as_json=as_json)
+    return ExitCode.GOAL_NOT_MET if again.differences else ExitCode.GOAL_MET
 
 
-def _print_criteria(criteria: Iterable[Criterion]) -> None:
-    for criterion in criteria:
-        print_result(f"  {criterion.truth}: {criterion.kind} {criterion.text}: {criterion.because}")
+def _render(criterion: Criterion) -> str:
+    return f"  {criterion.truth}: {criterion.kind} {criterion.text}: {criterion.because}"

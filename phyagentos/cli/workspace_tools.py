@@ -19,8 +19,8 @@ from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.mission.report import build_report, report_session
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.agent.tools.registry import Answer, Level, Tool
-from phyagentos.assembly.approved_goals import as_file, shorten
-from phyagentos.cli.arguments import open_library, parse_overrides
+from phyagentos.assembly.approved_goals import as_file
+from phyagentos.cli.arguments import admit_python, open_library, parse_overrides
 from phyagentos.cli.authoring import describe_nodes
 from phyagentos.cli.explaining import explain, get_session
 from phyagentos.cli.history import read_ledger
@@ -31,9 +31,8 @@ from phyagentos.cli.outcome import Exit
 from phyagentos.cli.planning import plan_file
 from phyagentos.cli.preflight import check_sessions, read_order
 from phyagentos.cli.stopping import end, request, stop_all
-from phyagentos.cli.trusting import admit_python
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, relocate
 from phyagentos.protocol.capabilities.skill_runtimes import AgentCall
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.documents.schema import read_text, read_yaml
@@ -95,7 +94,7 @@ class WorkspaceTools:
         """Check an authored file (a goal graph, a tree, a scene, faults); every problem with line and column."""
         with as_file(text) as file:
             problems = lint_file(file, library=Workspace.open(self.root).library())
-        return Answer({"problems": shorten(problems, file)})
+        return Answer({"problems": relocate(problems, file.parent)})
 
     @_tool()
     def plan(self, goal: _Text, seed: _Seed = 0, from_now: bool = False) -> Answer:

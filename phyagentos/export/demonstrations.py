@@ -40,7 +40,6 @@ class Choice:
     """What of the verified sessions is wanted.
 
     Attributes:
-        skills: Only sessions of these skills; of any, without.
         target: Only sessions of this target; empty for the one that there is.
         cameras: Whose recorded pictures are wanted.
         entities: Whose pose, as believed before the first command, is wanted: things, or parameters that name one.
@@ -59,8 +58,6 @@ class Demonstration:
     """One session with verdict success.
 
     Attributes:
-        task: Its objective, in words.
-        verdict: The judgement that decided.
         state: (n, d) measured joint positions [rad] and, where the target has one, opening of its gripper [m].
         action: (n, d) set-points in force one step later, alike.
         world: (k,) poses of the wanted entities before the first command: position [m] and quaternion, world frame.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import DefinitionError
 from phyagentos.export.demonstrations import POSE, Choice, Demonstration, Demonstrations
+from phyagentos.protocol.documents.durable_files import require_empty
 from phyagentos.protocol.sessions.evidence import write_json
 
 STATE, ACTION, WORLD, IMAGES = "observation.state", "action", "observation.environment_state", "observation.images."
@@ -68,10 +69,7 @@ def _check(folder: Path) -> None:
     except ImportError as error:
         hint = "Install it: pip install 'phyagentos[export]'"
         raise DefinitionError.of("EXTRA_MISSING", "paos export", str(error), "the extra `export`", hint) from error
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        found = "a file" if folder.is_file() else "a folder that is not empty"
-        expected = "a folder that is missing or empty"
-        raise DefinitionError.of("WOULD_OVERWRITE", str(folder), found, expected, "Choose another name.")
+    require_empty(folder)
 
 
 def _tabulate(data: Demonstrations, tasks: list[str], starts: NDArray[np.int64]) -> Table:

@@ -8,16 +8,15 @@ import pytest
 import yaml
 
 from phyagentos.agent.judging.causes import Cause
-from phyagentos.bench.comparison import compare
+from phyagentos.bench.availability import find_lacks, plan_setup
 from phyagentos.bench.engines import EngineName, open_engine
-from phyagentos.bench.environments import find_lacks, plan_setup
 from phyagentos.bench.matrix import compile_suite
 from phyagentos.bench.records import EpisodeLog, EpisodeRecord, read_records
-from phyagentos.bench.scorers.outcomes import FILE, OUTCOMES
+from phyagentos.bench.scorers.scorer import FILE, OUTCOMES
+from phyagentos.bench.scoring import Taxon, classify_cause, classify_problems
 from phyagentos.bench.suite_file import Asked, Policy, Variant, merge
-from phyagentos.bench.summary import compute_figure
+from phyagentos.bench.summary import compare, compute_figure
 from phyagentos.bench.sweep import begin_run, run_sweep
-from phyagentos.bench.taxonomy import Taxon, classify_cause, classify_problems
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.environments import EnvironmentSpec

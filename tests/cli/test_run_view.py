@@ -14,22 +14,21 @@ import pytest
 from rich.console import Console
 from rich.text import Text
 
+from phyagentos.assembly.paths import choose_folder
 from phyagentos.cli import console as console_module
 from phyagentos.cli import mission_run
-from phyagentos.cli.console import CleanConsole, RunConsole, build_progress_table
+from phyagentos.cli.console import CleanConsole, RunConsole, RunFold, build_progress_table, compute_depth
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.mission_run import (
     Interrupts,
     Order,
     ask_for_end,
-    choose_workspace,
     follow_run,
     mute_if_gone,
     raise_for,
     run_planes,
 )
 from phyagentos.cli.outcome import Exit, ExitCode
-from phyagentos.cli.progress import RunFold, compute_depth
 from phyagentos.cli.report import build_report, compute_exit_code, print_report
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.estop import Latch, latch
@@ -343,10 +342,10 @@ def test_a_plane_that_ended_without_a_word_on_a_full_disk_says_so(tmp_path, monk
 
 def test_a_new_workspace_is_chosen_every_time(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    first = choose_workspace("tidy", 7)
+    first = choose_folder(Path("workspaces"), "tidy-7")
     assert first.as_posix() == "workspaces/tidy-7-1"
     first.mkdir(parents=True)
-    assert choose_workspace("tidy", 7).as_posix() == "workspaces/tidy-7-2"
+    assert choose_folder(Path("workspaces"), "tidy-7").as_posix() == "workspaces/tidy-7-2"
 
 
 def test_whoever_has_read_of_the_workspace_can_interrupt_at_once(tmp_path, monkeypatch):

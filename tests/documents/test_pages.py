@@ -8,8 +8,7 @@ import sys
 import pytest
 
 from phyagentos.cli.describing import KINDS
-from phyagentos.cli.field_tables import render_fields
-from phyagentos.cli.schemas import names_of_schemas
+from phyagentos.cli.schemas import names_of_schemas, render_fields
 from phyagentos.protocol.documents.document import iter_blocks
 from phyagentos.protocol.documents.log import read_log
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES

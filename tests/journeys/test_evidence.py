@@ -10,14 +10,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from phyagentos.assembly.rerun import rerun_session
+from phyagentos.assembly.rerun import find_differences, rerun_session
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import MANIFEST, check_bundle, read_manifest
 from phyagentos.protocol.sessions.looks import LOOKS, read_looks
 from phyagentos.protocol.settings.runtime_contract import EvidenceRetention
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.worker.rerun import find_differences
 from phyagentos.store.retention import apply_retention
 from tests.clocks import ManualClock
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from phyagentos.runtime.worker.rerun import find_differences
+from phyagentos.assembly.rerun import find_differences
 
 pytestmark = pytest.mark.journey
 

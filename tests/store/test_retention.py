@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 from filelock import FileLock
 
-from phyagentos.assembly.evidence_keeper import EvidenceKeeper
+from phyagentos.assembly.runtime_plane import EvidenceKeeper
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.sessions import evidence

@@ -2,7 +2,8 @@
 
 A proposal is named after the SHA-256 of its bytes, so a changed file no longer has its own name. That name is also the
 id of its goal: the journal takes a goal once, so no approval can be used twice. A decision is a file of the operator's
-side in `proposals/decisions/`; no tool writes there, and nothing starts a robot because a file appears there.
+side in `proposals/decisions/`; no tool writes there, and nothing starts a robot because a file appears there. Without a
+person, a policy file of the operator decides: it permits goals within bounds.
 """
 
 import contextlib
@@ -11,33 +12,31 @@ import os
 import re
 import unicodedata
 from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import chain
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import pydantic
 import yaml
 
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.spec import NODE_NAME
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.documents.durable_files import create_durably
 from phyagentos.protocol.documents.regular_files import read_regular
-from phyagentos.protocol.documents.schema import Authored, ModelT, parse_yaml, validate
+from phyagentos.protocol.documents.schema import Authored, ModelT, iter_nested, parse_yaml, validate
 from phyagentos.protocol.sessions.session import GoalId
 
 PROPOSAL_MAX = 1 << 18  # bytes
 WAITING_MAX = 100  # proposals without a decision; a person reads no more
+_TIME = r"^([01]\d|2[0-3]):[0-5]\d$"
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,79}-[0-9a-f]{16}")
 _HIDDEN = frozenset({"Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp"})  # Unicode categories: they show other than they are
 
 
 class Proposal(Authored):
-    """A goal that is asked for from outside, by whom, and who shall decide.
-
-    Attributes:
-        graph: The goal graph as it would run: overrides applied, included graphs in their places.
-    """
+    """A goal that is asked for from outside, by whom, and who decides; overrides are applied, graphs included."""
 
     proposal: Literal[1] = 1
     goal: str = pydantic.Field(pattern=NODE_NAME, max_length=80)
@@ -73,7 +72,7 @@ class Proposed:
 def encode_proposal(proposal: Proposal) -> Proposed:
     """The canonical bytes of a proposal, and the name that they give it; raises `TOO_LARGE` or `HIDDEN_TEXT`."""
     content = proposal.model_dump(mode="json")
-    letters = {each for text in _iter_texts(content) for each in text if each not in "\n\t"}
+    letters = {each for text in iter_nested(content) if isinstance(text, str) for each in text} - set("\n\t")
     if hidden := [f"U+{ord(each):04X}" for each in sorted(letters) if unicodedata.category(each) in _HIDDEN]:
         expected = "text that is seen as it is"
         raise DefinitionError.of("HIDDEN_TEXT", proposal.goal, ", ".join(hidden[:8]), expected)
@@ -115,8 +114,7 @@ class Proposals:
     def read(self, name: str) -> Proposed:
         """One proposal; its bytes are read once, and everything that follows is about these.
 
-        Raises:
-            DefinitionError: `UNKNOWN_PROPOSAL`; `PROPOSAL_CHANGED` unless they are those that its name stands for.
+        Raises DefinitionError `UNKNOWN_PROPOSAL`; `PROPOSAL_CHANGED` unless they are those that its name stands for.
         """
         if not self.has(name):
             raise DefinitionError.unknown("UNKNOWN_PROPOSAL", str(self._new), name[:100], self.list_waiting())
@@ -152,15 +150,6 @@ class Proposals:
         return sum(each.decision == "approved" and each.by == by and each.at >= since for each in found)
 
 
-def _iter_texts(value: Any) -> Iterator[str]:
-    """Every text in plain data, keys included."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict | list):
-        for each in chain(value, value.values()) if isinstance(value, dict) else value:
-            yield from _iter_texts(each)
-
-
 def _read(path: Path, model: type[ModelT]) -> tuple[ModelT, bytes]:
     try:
         data = read_regular(path, PROPOSAL_MAX, follow=False)
@@ -172,3 +161,64 @@ def _read(path: Path, model: type[ModelT]) -> tuple[ModelT, bytes]:
 def _dump(value: Authored) -> bytes:
     """YAML for people and for hashes: the same values give the same bytes."""
     return yaml.safe_dump(value.model_dump(mode="json"), sort_keys=False, allow_unicode=True, width=100).encode()
+
+
+class PolicyBudget(Authored):
+    """What permitted goals may cost.
+
+    Attributes:
+        goals_a_day: Approvals by this policy within 24 hours.
+        sessions: Most that the `budget` of a goal graph may name; one that names none is not permitted.
+        sim_time_s: The same for the simulated time of all executions of a goal [s].
+    """
+
+    goals_a_day: int = pydantic.Field(ge=1)
+    sessions: int = pydantic.Field(ge=1)
+    sim_time_s: float = pydantic.Field(gt=0)
+
+
+class ApprovalPolicy(Authored):
+    """What may run without a person, in any scene when none is named; a span of time may cross midnight."""
+
+    approve: Literal[1] = 1
+    skills: tuple[str, ...] = pydantic.Field(min_length=1)
+    targets: tuple[str, ...] = pydantic.Field(min_length=1)
+    scenes: tuple[str, ...] = ()
+    from_utc: str = pydantic.Field(default="00:00", pattern=_TIME)
+    until_utc: str = pydantic.Field(default="23:59", pattern=_TIME)
+    budget: PolicyBudget
+
+
+def iter_objections(policy: ApprovalPolicy, graph: GoalGraph, *, at: str, approved: int) -> Iterator[Problem]:
+    """Why a goal graph is not permitted, at a wall time of `Clock.wall_iso`; none when it is.
+
+    `approved` is the number of goals that this policy approved within the 24 hours before.
+    """
+    now, begin, end, budget = at[11:16], policy.from_utc, policy.until_utc, graph.spec.budget
+    is_time = begin <= now <= end if begin <= end else now >= begin or now <= end
+    most_of = policy.budget
+    asked: list[tuple[str, object, bool, str]] = [
+        ("scene", graph.spec.scene, graph.spec.scene in (policy.scenes or (graph.spec.scene,)), f"{policy.scenes}"),
+        ("time", f"{now} UTC", is_time, f"{begin} to {end} UTC"),
+        ("goals", f"{approved} within a day", approved < most_of.goals_a_day, f"at most {most_of.goals_a_day}"),
+    ]
+    for node, choice in graph.choices.items():
+        asked.append((f"{node}.skill", choice.skill, choice.skill in policy.skills, format_names(policy.skills)))
+        asked.append((f"{node}.target", choice.target, choice.target in policy.targets, format_names(policy.targets)))
+    for name in ("sessions", "sim_time_s"):
+        wanted, most = getattr(budget, name), getattr(most_of, name)
+        asked.append((f"budget.{name}", wanted, wanted is not None and wanted <= most, f"at most {most}"))
+    return (
+        Problem("NOT_PERMITTED", f"{graph.name}: {where}", str(found), expected)
+        for where, found, is_permitted, expected in asked
+        if not is_permitted
+    )
+
+
+def restrict(policy: ApprovalPolicy, catalogue: Catalogue) -> Catalogue:
+    """What the policy permits of a catalogue."""
+    return replace(
+        catalogue,
+        skills={name: each for name, each in catalogue.skills.items() if name in policy.skills},
+        targets={name: each for name, each in catalogue.targets.items() if name in policy.targets},
+    )

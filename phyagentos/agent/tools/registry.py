@@ -55,8 +55,6 @@ class Tool:
 
     Attributes:
         level: The least level at which it is offered.
-        arguments: Their model, which gives the JSON Schema.
-        handler: Called with checked arguments, by name.
         is_stop: Brings robots to rest; offered at every level, and never waits for other calls.
         is_destructive: Ends what cannot be taken up again.
     """
@@ -110,8 +108,7 @@ class ToolRegistry:
         highest = _ORDER.index(self.level)
         return [each for each in self._tools.values() if each.is_stop or _ORDER.index(each.level) <= highest]
 
-    def get(self, name: str) -> Tool:
-        """An offered tool; raises DefinitionError `UNKNOWN_TOOL`, or `TOOL_NOT_OFFERED` above the level."""
+    def _get(self, name: str) -> Tool:
         offered, tool = {each.name: each for each in self.list_offered()}, self._tools.get(name)
         if tool is None:
             raise DefinitionError.unknown("UNKNOWN_TOOL", "tools", name, offered)
@@ -121,14 +118,10 @@ class ToolRegistry:
         return tool
 
     def call(self, name: str, arguments: Any) -> Answer:
-        """Check the arguments, plain data as received, and run the tool.
-
-        Raises:
-            DefinitionError: Every problem of the call; what the tool refuses.
-        """
+        """Check the arguments, plain data as received, and run the tool; raises DefinitionError with every problem."""
         code, size = "", _measure(arguments)
         try:
-            tool = self.get(name)
+            tool = self._get(name)
             if not 0 < size <= ARGUMENTS_MAX:
                 found, expected = f"{size} bytes of JSON", f"UTF-8, at most {ARGUMENTS_MAX} bytes"
                 raise DefinitionError.of("TOO_LARGE" if size else "INVALID_PARAMETER", name, found, expected)

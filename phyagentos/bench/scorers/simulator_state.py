@@ -14,13 +14,7 @@ REST_SPEED_M_S = 0.05
 
 
 def is_in_tray(folder: Path, cube: str, tray: str) -> bool:
-    """Whether the centre of `cube` is between the walls of `tray`, under its rim, and at rest.
-
-    Args:
-        folder: An evidence bundle.
-        cube: Body name of a free body.
-        tray: Body name of a body made of boxes.
-    """
+    """Whether the centre of a free body is between the walls of a `tray` of boxes, under its rim, and at rest."""
     model, data = read_end(folder)
     cube_id, tray_id = model.body(cube).id, model.body(tray).id
     lower, upper = _compute_box(model, tray_id)

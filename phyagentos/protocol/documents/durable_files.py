@@ -4,6 +4,8 @@ import os
 import secrets
 from pathlib import Path
 
+from phyagentos.errors import DefinitionError
+
 
 def replace_durably(path: Path, data: bytes) -> None:
     """Replace a file as a whole; content and name are on the disk when this returns. Raises OSError."""
@@ -33,6 +35,13 @@ def create_durably(path: Path, data: bytes) -> bool:
         temporary.unlink()
     sync_folder(path.parent)
     return True
+
+
+def require_empty(folder: Path, hint: str = "Choose another name.") -> None:
+    """Raise DefinitionError `WOULD_OVERWRITE` unless a folder is missing or empty."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        found = "a file" if folder.is_file() else "a folder that is not empty"
+        raise DefinitionError.of("WOULD_OVERWRITE", str(folder), found, "a folder that is missing or empty", hint)
 
 
 def sync_folder(folder: Path) -> None:

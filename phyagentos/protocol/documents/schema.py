@@ -33,6 +33,14 @@ class Authored(pydantic.BaseModel):
     model_config = pydantic.ConfigDict(frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
 
 
+def iter_nested(value: Any) -> Iterator[Any]:
+    """A value of plain data, then all that is in it: keys and values of mappings, and elements of lists."""
+    yield value
+    if isinstance(value, dict | list):
+        for each in (*value, *value.values()) if isinstance(value, dict) else value:
+            yield from iter_nested(each)
+
+
 @dataclass(frozen=True, slots=True)
 class Located:
     """A YAML value; `marks` gives (line, column) of each path in it, counted from 1, of the key for mapping values.

@@ -1,10 +1,10 @@
 """The loop of one session: decide, guard, apply, until it ends; and the meaning of its exceptions."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
@@ -46,16 +46,6 @@ class Outcome:
     message: str = ""
 
 
-class SessionObserver(Protocol):
-    """Observes the loop, for instance recorder and heartbeat."""
-
-    def on_turn(self, result: TickResult, ticks: int, time_s: float) -> None:
-        """The skill was ticked, after `ticks` commands, at the target's time `time_s` [s]."""
-
-    def on_step(self, points: SetPoints, step: Step) -> None:
-        """A command was carried out."""
-
-
 @dataclass(frozen=True, slots=True)
 class _Unreported:
     """A control period that was sent: which leaf commanded it, and the frames requested behind it."""
@@ -74,7 +64,8 @@ class SessionLoop:
     Attributes:
         cancel: Polled every turn; a request ends the execution.
         clock: Bounds planning by the wall.
-        observers: Called at every turn and every step.
+        on_turn: Called when the skill was ticked, with the commands so far and the target's time [s].
+        on_step: Called when a command was carried out.
         cameras: Keeps pictures on the way, where that is asked for.
         ticks: Control periods commanded.
         ms: Wall time so far by part [ms].
@@ -86,7 +77,8 @@ class SessionLoop:
     holds: HoldMonitor
     cancel: Cancel
     clock: Clock
-    observers: Sequence[SessionObserver] = ()
+    on_turn: Callable[[TickResult, int, float], None] = lambda _result, _ticks, _time_s: None
+    on_step: Callable[[SetPoints, Step], None] = lambda _points, _step: None
     cameras: CameraRecorder | None = None
     ticks: int = field(default=0, init=False)
     _unreported: deque[_Unreported] = field(default_factory=deque, init=False)
@@ -106,8 +98,7 @@ class SessionLoop:
                 began_s = now_s()
                 result = self.skill.tick()
                 self.ms["tree"] += 1e3 * (now_s() - began_s)
-                for observer in self.observers:
-                    observer.on_turn(result, self.ticks, self.context.time_s)
+                self.on_turn(result, self.ticks, self.context.time_s)
                 if result.status is not SkillStatus.RUNNING:
                     return _judge_end(self.skill.find_failure())
                 if result.set_points is not None:
@@ -189,8 +180,7 @@ class SessionLoop:
         applied_s = now_s()
         context.lag.note(step)
         context.world.advance(step, stands=not self._unreported)
-        for observer in self.observers:
-            observer.on_step(sent.points, step)
+        self.on_step(sent.points, step)
         violated = self.holds.feel(step, context.world.observe)
         seen = context.world.read_glance(sent.glance, frames) if sent.glance is not None else None
         if violated is None and (self._owes_sample or self.holds.is_due(sent.number)):

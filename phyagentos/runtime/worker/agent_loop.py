@@ -12,12 +12,11 @@ import msgspec
 from py_trees.common import Status
 
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.skill_runtimes import AgentCall, AgentLoop
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime as Skill
 from phyagentos.protocol.documents.schema import Located, validate
 from phyagentos.protocol.sessions.agent_calls import CallFiles, Turn
-from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.protocol.world.predicates.predicate import Evaluation, parse_predicate, substitute
 from phyagentos.protocol.world.truth import Truth
@@ -169,14 +168,13 @@ class AgentLoopRuntime:
         session = msgspec.structs.replace(
             session, skill=skill.skill, parameters=values, requires=requires, hold=(), accept=()
         )
-        if problems := list(iter_parameter_problems(session, skill)) or list(self._iter_world_problems(session, skill)):
+        if not (problems := list(iter_parameter_problems(session, skill))):
+            now = self.context.world.observe(WORLD)
+            names = iter_name_problems(session, skill, now, is_fresh=False)
+            problems = [*names, *iter_precondition_problems(session, now)]
+        if problems:
             raise DefinitionError(problems)
         self._tool, self._begun = self.open_tree(skill.tree, replace(self.context, session=session)), self._commands
-
-    def _iter_world_problems(self, session: Session, skill: Skill) -> Iterator[Problem]:
-        now = self.context.world.observe(WORLD)
-        yield from iter_name_problems(session, skill, now, is_fresh=False)
-        yield from iter_precondition_problems(session, now)
 
     def _end_tool(self, tool: SkillRuntime) -> None:
         failure, outputs, self._tool = tool.find_failure(), tool.read_outputs(), None

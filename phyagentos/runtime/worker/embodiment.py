@@ -29,12 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Embodiment:
-    """One target: commanded through its handle, perceived by its world model.
-
-    Attributes:
-        handle: The door to the target; the session's scene is loaded already.
-        limits: Of the target, from safety.yaml.
-    """
+    """One target, whose scene is loaded: commanded through its handle, perceived by its world model."""
 
     handle: TargetSessionHandle
     world: WorldModel
@@ -47,11 +42,9 @@ class SkillLoader:
     """Opens the skill of a session.
 
     Attributes:
-        planner: Answers motion requests; stays warm between sessions.
         policies: Opens skills that a policy server carries out; None without one.
         skills: SKILLRUNTIME.md, by name, for those that an agent directs.
-        loops: Folder of the files between their sessions and outside agents.
-        clock: For waiting for these.
+        loops: Folder of the files between their sessions and outside agents; `clock` is for waiting for these.
     """
 
     planner: "Planner"
@@ -79,11 +72,7 @@ class SkillLoader:
         )
 
     def open(self, session: Session, plan: Mapping[str, Any], context: SkillContext) -> SkillRuntime:
-        """A policy where the adapter plan names one, an agent's loop where it names tools, otherwise a behaviour tree.
-
-        Raises:
-            DefinitionError: The tree is unsound.
-        """
+        """A policy where the adapter plan names one, an agent's loop where it names tools, else a behaviour tree."""
         if plan.get("policy_adapter") and self.policies is not None:
             return self.policies.open(session, context)
         if (loop := self.skills[session.skill].loop if plan.get("agent_tools") else None) is not None:

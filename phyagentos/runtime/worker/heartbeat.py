@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -20,31 +21,20 @@ class HeartbeatWriter:
         self._beat = Heartbeat(target=target, pid=os.getpid())
         self._written_at_s = -PERIOD_S
 
-    def beat(
-        self,
-        *,
-        phase: str,
-        session: str = "",
-        epoch: int = 0,
-        tick: int = 0,
-        sim_time_s: float = 0.0,
-        leaf: str = "",
-        at_once: bool = False,
-    ) -> None:
+    def beat(self, *, phase: str, at_once: bool = False, **doing: Any) -> None:
         """Publish the fields of a `Heartbeat`; cheap enough for every control period.
 
         With `at_once` even within a tenth of a second, since a long silence follows.
         """
-        doing = {"session": session, "epoch": epoch, "tick": tick, "sim_time_s": sim_time_s, "leaf": leaf}
-        self._publish(at_once=at_once, phase=phase, **doing)
+        self._publish(Heartbeat(target=self._beat.target, pid=self._beat.pid, phase=phase, **doing), at_once=at_once)
 
     def beat_paused(self) -> None:
         """Repeat the last beat in the phase `paused`."""
-        self._publish(phase="paused")
+        self._publish(msgspec.structs.replace(self._beat, phase="paused"))
 
-    def _publish(self, *, at_once: bool = False, **changed: object) -> None:
+    def _publish(self, beat: Heartbeat, *, at_once: bool = False) -> None:
         now_s = self._clock.now_s()
         if at_once or now_s - self._written_at_s >= PERIOD_S:
             self._written_at_s = now_s
-            self._beat = msgspec.structs.replace(self._beat, sequence=self._beat.sequence + 1, **changed)
+            self._beat = msgspec.structs.replace(beat, sequence=self._beat.sequence + 1)
             write_heartbeat(self._folder, self._beat)

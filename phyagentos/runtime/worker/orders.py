@@ -34,8 +34,7 @@ class Check(msgspec.Struct, frozen=True, tag=True):
 class Run(msgspec.Struct, frozen=True, tag=True):
     """Open the bundle of the session that was checked last; carry it out from its first `Renew` on. Answer: `Finished`.
 
-    Attributes:
-        token: Of the epoch, for the target (`handshake.mint`).
+    `token` is that of the epoch, for the target (`handshake.mint`).
     """
 
     session: Session
@@ -47,8 +46,7 @@ class Run(msgspec.Struct, frozen=True, tag=True):
 class Renew(msgspec.Struct, frozen=True, tag=True):
     """Grant the running session a lease, or renew it; without one the worker brings its target to rest.
 
-    Attributes:
-        until_s: Its end, by the monotonic clock of this machine [s]; a wall clock that jumps changes nothing.
+    It ends at `until_s` of this machine's monotonic clock [s]; a wall clock that jumps changes nothing.
     """
 
     until_s: float
@@ -83,7 +81,6 @@ class Reconcile(msgspec.Struct, frozen=True, tag=True):
     """Observe the world for a session whose runner was lost. Answer: `Finished`.
 
     Attributes:
-        ended: What was lost.
         code: Under which the session ends; that of `ended` when empty.
         tokens: Of this epoch and of those after it: an earlier observer may have been lost too.
     """
@@ -113,11 +110,7 @@ class Checked(Finding, frozen=True, kw_only=True, tag=True):
 
 
 class Finished(msgspec.Struct, frozen=True, tag=True):
-    """The session left `running`; the target is at rest and observed, unless it was lost.
-
-    Attributes:
-        is_target_lost: The world could not be observed; it must be replaced first.
-    """
+    """The session left `running`; the target is at rest and observed, unless it was lost and must be replaced first."""
 
     session: str
     execution: Execution

@@ -43,11 +43,7 @@ _NONE: Mapping[str, float] = {}
 
 
 class Recorder:
-    """One bundle.
-
-    Args:
-        folder: `evidence/<session id>/`; made if it is missing.
-        before: Files of the bundle before, which equal ones of this bundle share.
+    """One bundle, whose folder is made if it is missing; files that equal those of the bundle before share their bytes.
 
     Attributes:
         look_ms: Wall time spent on the files of looks [ms].
@@ -86,15 +82,13 @@ class Recorder:
             return False
         return True
 
-    def write_initial(self, observation: Observation, environment: Environment) -> None:
-        """The world before the first command."""
-        self._write_snapshot(evidence.INITIAL, observation)
-        self.files.write(evidence.BEFORE, encode_json(environment))
-
-    def write_terminal(self, observation: Observation, environment: Environment) -> None:
-        """The world at rest after the last command."""
-        self._write_snapshot(evidence.TERMINAL, observation)
-        self.files.write(evidence.AFTER, encode_json(environment))
+    def write_world(self, role: LookRole, observation: Observation, environment: Environment) -> None:
+        """The world before the first command (`START`) or at rest after the last one; a snapshot stays what it is."""
+        is_start = role is LookRole.START
+        if (snapshot := observation.snapshot) is not None:
+            name = evidence.INITIAL if is_start else evidence.TERMINAL
+            self.files.write(name if snapshot.media_type == NPZ else name.replace(".npz", ".snapshot"), snapshot.data)
+        self.files.write(evidence.BEFORE if is_start else evidence.AFTER, encode_json(environment))
 
     def write_looks(self, looks: Iterable[tuple[LookRole, Look]], samples: Mapping[SampleKey, HoldSample]) -> None:
         """The file of each look with its role, and `looks.json`, which names them all."""
@@ -120,9 +114,6 @@ class Recorder:
         """A picture, or a part of the scene model; none where the target could not make it."""
         if data:
             self.files.write(name, data)
-
-    def on_turn(self, result: object, ticks: int, time_s: float) -> None:
-        """Turns leave no sample; the tree keeps its own trace."""
 
     def on_step(self, points: SetPoints, step: Step) -> None:
         """Keep one sample: the end of a commanded period and what was measured there."""
@@ -186,18 +177,11 @@ class Recorder:
         self.files.write(evidence.EXECUTION, encode_json(execution))
         return execution
 
-    def _write_snapshot(self, name: str, observation: Observation) -> None:
-        """The driver's snapshot as it is; under `name` if it is an NPZ, else with the suffix `.snapshot`."""
-        if (snapshot := observation.snapshot) is not None:
-            name = name if snapshot.media_type == NPZ else name.replace(".npz", ".snapshot")
-            self.files.write(name, snapshot.data)
-
 
 class Bundles:
     """The bundles of one worker.
 
     Args:
-        root: The workspace; evidence folders are relative to it.
         settings: Settings files in force; their hashes are those of the start.
         pictures: Whether to take pictures before and after.
     """

@@ -4,11 +4,10 @@ The outcome of a session is read from the world at rest, not from its skill.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
-
-import msgspec
+from typing import Any
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
@@ -19,9 +18,7 @@ from phyagentos.protocol.sessions.session import ALREADY_MET, Ended, Execution, 
 from phyagentos.protocol.settings.runtime_contract import CameraRecording
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.execution.camera_recorder import CameraRecorder
-from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.criteria import (
     find_moving,
     find_open_criteria,
@@ -32,9 +29,9 @@ from phyagentos.runtime.execution.criteria import (
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import FailureCode, LeafError
 from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
-from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
+from phyagentos.runtime.execution.skill_runtime import TickResult
 from phyagentos.runtime.perception.world_model import WORLD
-from phyagentos.runtime.targets.wire import RecordedFault, Step
+from phyagentos.runtime.targets.wire import Observation, RecordedFault
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.orders import Reconcile
 from phyagentos.runtime.worker.recorder import Bundles, Recorder
@@ -42,49 +39,14 @@ from phyagentos.runtime.worker.recorder import Bundles, Recorder
 LOOK_ON_S = 2.0  # of simulated time: the most that is waited for things to rest and for marginal criteria to be decided
 _UNSEEN = frozenset({FailureCode.OBJECT_GONE, FailureCode.NOT_VISIBLE})  # the reason comes with the pictures
 SETTLE_S = 0.3  # of simulated time, within which released things come to rest
-
-
-class Beat(Protocol):
-    """Called in every turn of the loop; see `heartbeat.HeartbeatWriter.beat`."""
-
-    def __call__(self, *, phase: str, session: str, epoch: int, tick: int, sim_time_s: float, leaf: str) -> None:
-        """Publish the state of the session."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _HeartbeatObserver:
-    """Heartbeat of one session, as an observer of its loop."""
-
-    session: Session
-    epoch: int
-    beat: Beat
-
-    def on_turn(self, result: TickResult, ticks: int, time_s: float) -> None:
-        self.publish("thinking" if result.thinking else "executing", ticks, time_s, result.active)
-
-    def on_step(self, points: SetPoints, step: Step) -> None:
-        pass
-
-    def publish(self, phase: str, ticks: int, time_s: float, leaf: str = "") -> None:
-        self.beat(phase=phase, session=self.session.id, epoch=self.epoch, tick=ticks, sim_time_s=time_s, leaf=leaf)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Run:
-    context: SkillContext
-    skill: SkillRuntime
-    holds: HoldMonitor
-    loop: SessionLoop
-    recorder: Recorder
-    heartbeat: _HeartbeatObserver
-    cameras: CameraRecorder | None
+Beat = Callable[..., None]
+"""Publishes what a session does, as `HeartbeatWriter.beat`."""
 
 
 class SessionRunner:
     """Runs sessions on one target, one at a time.
 
     Args:
-        clock: Bounds thinking.
         sampling_hz: Sampling of conditions that must hold all through, in simulated time [Hz].
         record: Cameras whose pictures are kept on the way.
     """
@@ -117,7 +79,7 @@ class SessionRunner:
         beat: Beat,
         await_lease: Callable[[], None] = lambda: None,
     ) -> Execution:
-        """Carry out one session and leave its bundle.
+        """Carry out one session and leave its bundle; never raises for what the world, a leaf or a tree did.
 
         Args:
             session: The contract, after preflight.
@@ -127,54 +89,54 @@ class SessionRunner:
             cancel: Called in every turn; a reason (`cancelled`, `timed_out`, `stalled`) ends the execution.
             beat: Called in every turn.
             await_lease: Called when the bundle is open, before anything is asked of the target.
-
-        Returns:
-            How the execution ended. Never raises for what the world, a leaf or a tree did.
         """
         self._open_criteria = ()
         recorder = self.bundles.open(evidence)
         recorder.write_contract(session, epoch, plan, self.bundles.settings_sha256)
         await_lease()
-        began_s = self._clock.now_s()
+        began_s, beat = self._clock.now_s(), partial(beat, session=session.id, epoch=epoch)
         try:
-            run = self._open(session, epoch, plan, recorder, cancel, beat)
+            loop = self._open(session, epoch, plan, recorder, cancel, beat)
         except (DefinitionError, ExecutionError) as error:
             return self._give_up(session, error, recorder, evidence)
-        run.loop.ms["open"] = 1e3 * (self._clock.now_s() - began_s)
-        began_sim_s = run.context.time_s
+        loop.ms["open"] = 1e3 * (self._clock.now_s() - began_s)
+        began_sim_s = loop.context.time_s
         try:
-            outcome = self._look_whether_met(run, plan) or run.loop.run()
+            outcome = self._look_whether_met(loop, plan, recorder) or loop.run()
         finally:
-            lost = self._halt(run)
+            beat(phase="halting", tick=loop.ticks, sim_time_s=loop.context.time_s)
+            lost = self._halt(loop, recorder)
         outcome = lost or outcome
         faults: tuple[RecordedFault, ...] = ()
         if outcome.ended is not Ended.TARGET_LOST:
-            run.heartbeat.publish("observing", run.loop.ticks, run.context.time_s)
+            beat(phase="observing", tick=loop.ticks, sim_time_s=loop.context.time_s)
             try:
-                faults = self._write_end(session, recorder, run.holds, run.context.initial)
+                faults = self._write_end(session, recorder, loop.holds, loop.context.initial)
                 if outcome.code in _UNSEEN:
                     shown = self.bundles.show(self._world.latest_look, evidence)
                     outcome = replace(outcome, message=outcome.message + shown)
             except ExecutionError as error:
                 outcome = Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
-        self._write_course(run, faults)
-        outputs = run.skill.read_outputs()
-        run.skill.close()
-        report = _report(outcome, evidence, run, outputs, began_sim_s)
-        live = self._handle.describe()
-        return recorder.write_execution(
-            msgspec.structs.replace(
-                report, open_criteria=self._open_criteria, driver=live.driver, idealisations=live.idealisations
-            )
+        self._write_course(loop, recorder, faults)
+        outputs, live = loop.skill.read_outputs(), self._handle.describe()
+        loop.skill.close()
+        execution = Execution(
+            **asdict(outcome),
+            evidence=evidence,
+            outputs=outputs,
+            sim_time_s=loop.context.time_s - began_sim_s,
+            interventions=sum(event.kind == "intervention" for event in loop.context.events),
+            ticks=loop.ticks,
+            open_criteria=self._open_criteria,
+            driver=live.driver,
+            idealisations=live.idealisations,
         )
+        return recorder.write_execution(execution)
 
     def observe_only(self, order: Reconcile, epoch: int) -> Execution:
         """Bring the target to rest and observe the world that a lost runner left behind, under a fresh epoch.
 
-        The files of the bundle stay.
-
-        Raises:
-            ExecutionError: `TARGET_LOST` when the world cannot be observed either.
+        The files of the bundle stay. Raises ExecutionError `TARGET_LOST` when the world cannot be observed either.
         """
         recorder = self.bundles.open(order.evidence)
         self._handle.begin(order.session.id, epoch)
@@ -186,8 +148,13 @@ class SessionRunner:
 
     def _open(
         self, session: Session, epoch: int, plan: Mapping[str, Any], recorder: Recorder, cancel: Cancel, beat: Beat
-    ) -> _Run:
+    ) -> SessionLoop:
         """Take authority, observe, record, build the skill."""
+
+        def on_turn(result: TickResult, ticks: int, time_s: float) -> None:
+            phase = "thinking" if result.thinking else "executing"
+            beat(phase=phase, tick=ticks, sim_time_s=time_s, leaf=result.active)
+
         handle = self._handle
         observation = handle.begin(session.id, epoch)
         self._world.enter(session.scene)
@@ -197,32 +164,19 @@ class SessionRunner:
             observation = handle.observe(snapshot=True)
         handle.guard_against(initial)
         self._provide_model(session, recorder)
-        recorder.write_initial(observation, initial)
-        self._write_looks(recorder, LookRole.START, initial)
+        self._write_world(recorder, LookRole.START, observation, initial)
         self._take_picture(recorder, files.PICTURE_BEFORE)
         context = self._skills.open_context(session, self._target, initial, recorder.folder)
-        skill = self._skills.open(session, plan, context)
-        holds = HoldMonitor(session.hold, initial, session.target, self._sample_every, session.interchangeable)
-        heartbeat = _HeartbeatObserver(session=session, epoch=epoch, beat=beat)
-        cameras = self._open_cameras()
-        loop = SessionLoop(
+        return SessionLoop(
             handle=handle,
             context=context,
-            skill=skill,
-            holds=holds,
+            skill=self._skills.open(session, plan, context),
+            holds=HoldMonitor(session.hold, initial, session.target, self._sample_every, session.interchangeable),
             cancel=cancel,
             clock=self._clock,
-            observers=(recorder, heartbeat),
-            cameras=cameras,
-        )
-        return _Run(
-            context=context,
-            skill=skill,
-            holds=holds,
-            loop=loop,
-            recorder=recorder,
-            heartbeat=heartbeat,
-            cameras=cameras,
+            on_turn=on_turn,
+            on_step=recorder.on_step,
+            cameras=self._open_cameras(),
         )
 
     def _open_cameras(self) -> CameraRecorder | None:
@@ -232,23 +186,22 @@ class SessionRunner:
         names = tuple(name for name in self._record.cameras if name in self._handle.describe().depth_cameras)
         return CameraRecorder(names, self._record.rate_hz, self._target.profile.control_period_s) if names else None
 
-    def _look_whether_met(self, run: _Run, plan: Mapping[str, Any]) -> Outcome | None:
+    def _look_whether_met(self, loop: SessionLoop, plan: Mapping[str, Any], recorder: Recorder) -> Outcome | None:
         """An outcome where nothing is to be done, or where preflight granted no more than this look."""
-        session, now = run.context.session, run.context.initial
+        session, now = loop.context.session, loop.context.initial
         truth = weigh_before(session, now)
         try:
             if truth is Truth.UNKNOWN:
-                rested = self._look_on(now, run.recorder, lambda seen: bool(find_moving(session, seen)))
+                rested = self._look_on(now, recorder, lambda seen: bool(find_moving(session, seen)))
                 truth = weigh_before(session, rested)
         except ExecutionError as error:
             return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
         if truth is Truth.TRUE:
             message = "the acceptance was true before, nothing was commanded"
             return Outcome(ended=Ended.COMPLETED, code=ALREADY_MET, message=message)
-        refused = plan.get("refused")
-        return (
-            Outcome(ended=Ended.SKILL_FAILED, code=refused[0]["code"], message=refused[0]["found"]) if refused else None
-        )
+        if refused := plan.get("refused"):
+            return Outcome(ended=Ended.SKILL_FAILED, code=refused[0]["code"], message=refused[0]["found"])
+        return None
 
     def _look_on(self, now: Environment, recorder: Recorder, is_open: Callable[[Environment], bool]) -> Environment:
         """The world as last seen: looked at again while `is_open` holds of it, for `LOOK_ON_S` at most."""
@@ -260,19 +213,18 @@ class SessionRunner:
             now = self._world.observe(WORLD)
         return now
 
-    def _halt(self, run: _Run) -> Outcome | None:
+    def _halt(self, loop: SessionLoop, recorder: Recorder) -> Outcome | None:
         """Bring skill and target to rest; an outcome only when the target is lost."""
-        run.heartbeat.publish("halting", run.loop.ticks, run.context.time_s)
         try:
-            run.skill.halt()
+            loop.skill.halt()
         except LeafError as error:
-            run.context.note("leaf_error", "LEAF_ERROR", leaf=error.path, message=str(error))
+            loop.context.note("leaf_error", "LEAF_ERROR", leaf=error.path, message=str(error))
         try:
-            run.recorder.on_rest(self._handle.step)  # which no command answered where the target stopped by itself
-            run.recorder.on_rest(self._handle.halt())
+            recorder.on_rest(self._handle.step)  # which no command answered where the target stopped by itself
+            recorder.on_rest(self._handle.halt())
             settled = self._handle.settle(SETTLE_S)
-            run.recorder.on_rest(settled)
-            run.context.world.advance(settled)
+            recorder.on_rest(settled)
+            loop.context.world.advance(settled)
         except ExecutionError as error:
             return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
         return None
@@ -288,12 +240,12 @@ class SessionRunner:
             except ExecutionError as lost:
                 error = lost
         outcome = Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
-        return recorder.write_execution(_report(outcome, evidence))
+        return recorder.write_execution(Execution(**asdict(outcome), evidence=evidence))
 
     def _close_unmoved(self, session: Session, outcome: Outcome, recorder: Recorder, evidence: str) -> Execution:
         """Observe and give authority back after a session that commanded nothing."""
         self._write_end(session, recorder)
-        return recorder.write_execution(_report(outcome, evidence))
+        return recorder.write_execution(Execution(**asdict(outcome), evidence=evidence))
 
     def _write_end(
         self, session: Session, recorder: Recorder, holds: HoldMonitor | None = None, initial: Environment | None = None
@@ -306,34 +258,33 @@ class SessionRunner:
         )
         if after is not seen:
             observation = self._handle.observe(snapshot=True)
-        recorder.write_terminal(observation, after)
-        self._write_looks(recorder, LookRole.END, after)
+        self._write_world(recorder, LookRole.END, observation, after)
         if holds is not None:
             holds.sample(after, self._world.latest_look, is_last=True)
         self._open_criteria = find_open_criteria(session, after)
         self._take_picture(recorder, files.PICTURE_AFTER)
         return self._handle.end().faults
 
-    def _write_looks(self, recorder: Recorder, role: LookRole, seen: Environment) -> None:
-        """The look behind a snapshot, and the looks that its entities point at."""
+    def _write_world(self, recorder: Recorder, role: LookRole, observation: Observation, seen: Environment) -> None:
+        """A snapshot, the look behind it, and the looks that its entities point at."""
+        recorder.write_world(role, observation, seen)
         if (look := self._world.latest_look) is not None:
             pointed = ((LookRole.POINTED, each) for each in self._world.find_looks(seen) if each is not look)
             recorder.write_looks([(role, look), *pointed], {})
 
-    def _write_course(self, run: _Run, faults: Sequence[RecordedFault]) -> None:
+    def _write_course(self, loop: SessionLoop, recorder: Recorder, faults: Sequence[RecordedFault]) -> None:
         rest = ((LookRole.LOOK, look) for look in self._world.looks if not look.file)
-        run.recorder.write_looks(rest, run.holds.samples)
-        ms = run.loop.ms | {"looks": run.recorder.look_ms}
-        spent = {name: round(each, 3) for name, each in ms.items()}
-        run.context.note("timing", "", **spent, look_bytes=run.recorder.look_bytes)
-        run.recorder.write_course(
-            trace=run.skill.trace(),
-            events=run.context.events,
-            holds=run.holds.read_worst(),
+        recorder.write_looks(rest, loop.holds.samples)
+        spent = {name: round(each, 3) for name, each in (loop.ms | {"looks": recorder.look_ms}).items()}
+        loop.context.note("timing", "", **spent, look_bytes=recorder.look_bytes)
+        recorder.write_course(
+            trace=loop.skill.trace(),
+            events=loop.context.events,
+            holds=loop.holds.read_worst(),
             faults=faults,
             n_joints=len(self._target.profile.arm.joints),
         )
-        run.recorder.write_file(RECORDING, run.cameras.encode() if run.cameras is not None else b"")
+        recorder.write_file(RECORDING, loop.cameras.encode() if loop.cameras is not None else b"")
 
     def _provide_model(self, session: Session, recorder: Recorder) -> None:
         """The scene model, where the target has one: written once an episode, shared by its later sessions."""
@@ -348,24 +299,3 @@ class SessionRunner:
         cameras = self._handle.describe().cameras
         if self.bundles.pictures and cameras and self._handle.permits("render"):
             recorder.write_file(name, self._handle.render(cameras[0]))
-
-
-def _report(
-    outcome: Outcome,
-    evidence: str,
-    run: _Run | None = None,
-    outputs: Mapping[str, Any] | None = None,
-    began_sim_s: float = 0.0,
-) -> Execution:
-    """The execution of a session; without a run, nothing was commanded."""
-    return Execution(
-        ended=outcome.ended,
-        evidence=evidence,
-        outputs=dict(outputs or {}),
-        leaf=outcome.leaf,
-        code=outcome.code,
-        message=outcome.message,
-        sim_time_s=run.context.time_s - began_sim_s if run else 0.0,
-        interventions=sum(event.kind == "intervention" for event in run.context.events) if run else 0,
-        ticks=run.loop.ticks if run else 0,
-    )

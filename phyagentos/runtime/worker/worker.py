@@ -6,7 +6,6 @@ Everything that is slow to start (planner, target, leaves) is started once and k
 import contextlib
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.sessions.evidence import BEFORE
 from phyagentos.protocol.sessions.evidence_manifest import Sealer
 from phyagentos.protocol.sessions.looks import LookRole, read_looks
-from phyagentos.protocol.sessions.session import Ended, Execution, Scene, Session
+from phyagentos.protocol.sessions.session import Ended, Execution, Scene
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.handle import CommandRefused
@@ -39,23 +38,8 @@ REST_S = 0.05  # without an order for so long, there is time for housekeeping
 PUBLISH_PERIOD_S = 0.2  # a person reads no faster
 
 
-@dataclass(frozen=True, slots=True)
-class _Checked:
-    """A session that passed its check, and its granted plan as plain data."""
-
-    session: Session
-    epoch: int
-    plan: dict[str, Any]
-
-
 class WorkerLoop:
-    """Answers the watchdog until the connection ends.
-
-    Args:
-        workspace: For ENVIRONMENT.md and the evidence.
-        clock: For leases and the rate of publishing.
-        gate: Looks ahead where a session demands it; None where that is not possible.
-    """
+    """Answers the watchdog until the connection ends; a `gate` looks ahead where a session demands it."""
 
     def __init__(
         self,
@@ -80,7 +64,7 @@ class WorkerLoop:
         self._unpublished: Scene | None = None  # scene of the latest session, while ENVIRONMENT.md does not show it
         self._published, self._published_at_s = "", -PUBLISH_PERIOD_S
         self._episode = ""
-        self._checked: _Checked | None = None  # what passed its check last, until it runs
+        self._granted: dict[tuple[str, int], dict[str, Any]] = {}  # plan of what passed its check last, until it runs
         self._stop: EndRequest | None = None
         self._is_paused = False
         self._lease_until_s = float("inf")
@@ -99,13 +83,14 @@ class WorkerLoop:
             if isinstance(order, orders.Check):
                 self._control.send_bytes(orders.encode(self._check(order)))
             elif isinstance(order, orders.Run):
-                checked, self._checked, self._lease_until_s = self._checked, None, 0.0
+                plan = self._granted.pop((order.session.id, order.epoch), None)
+                self._granted, self._lease_until_s = {}, 0.0
                 self._handle.token = order.token
-                if checked is not None and (checked.session.id, checked.epoch) == (order.session.id, order.epoch):
+                if plan is not None:
                     done = self._runner.run(
                         order.session,
                         order.epoch,
-                        checked.plan,
+                        plan,
                         evidence=order.evidence,
                         cancel=self._find_stop,
                         beat=self._heartbeat.beat,
@@ -153,7 +138,7 @@ class WorkerLoop:
 
     def _check(self, order: orders.Check) -> orders.Checked:
         session = order.session
-        self._checked, self._stop, self._is_paused = None, None, False
+        self._granted, self._stop, self._is_paused = {}, None, False
         is_new = session.scene.episode != self._episode
         self._episode = session.scene.episode
         self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch, at_once=is_new)
@@ -171,7 +156,7 @@ class WorkerLoop:
         if found.problems and self._workspace.evidence_of(session.id).exists():  # a forecast, or the pictures of a look
             self._unsealed.append(f"evidence/{session.id}")
         if found.plan is not None:
-            self._checked = _Checked(session, order.epoch, msgspec.to_builtins(found.plan))
+            self._granted[session.id, order.epoch] = msgspec.to_builtins(found.plan)
         if found.problems and self._published != session.scene.episode:  # a repair needs the world that refused it
             self._unpublished = session.scene
             self._publish_environment(0.0)

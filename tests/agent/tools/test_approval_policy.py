@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from phyagentos.agent.goals.graph import read_goal_graph
-from phyagentos.agent.tools.approval_policy import ApprovalPolicy, iter_objections, restrict
+from phyagentos.agent.tools.proposals import ApprovalPolicy, iter_objections, restrict
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.schema import read_yaml, validate
 

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from phyagentos.agent.tools.bearer import TokenGate
+from phyagentos.cli.mcp_server import TokenGate
 
 TOKEN = "t" * 43
 

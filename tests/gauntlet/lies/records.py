@@ -119,8 +119,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.worker.recorder",
-                "self.files.write(evidence.AFTER, encode_json(environment))",
-                "self.files.write(evidence.AFTER, (self.folder / evidence.BEFORE).read_bytes())",
+                "encode_json(environment))\n",
+                "encode_json(environment) if is_start else (self.folder / evidence.BEFORE).read_bytes())\n",
             ),
         ),
         tests=("tests/runtime/test_recorded_evidence.py::test_the_end_of_a_bundle_is_the_world_as_it_was_left",),
