@@ -9,11 +9,8 @@ from pathlib import Path
 class CacheFile:
     """One such file, opened at first use; its owner takes care that one thread uses it at a time.
 
-    Args:
-        path: Of the file.
-        schema: Statements that open it.
-        wait_s: Longest wait for another process that writes [s].
-        check: Raises `sqlite3.Error` for contents that are not as they were written.
+    `schema` are the statements that open it, `wait_s` the longest wait for another process that writes [s]; `check`
+    raises `sqlite3.Error` for contents that are not as they were written.
     """
 
     def __init__(

@@ -163,8 +163,7 @@ def start_reading(folder: Path, *, forgets: bool = True) -> tuple[Ledger, Follow
 def read_ledger(folder: Path) -> tuple[Ledger, Position | None]:
     """The fold of all records, from the checkpoint where there is one, and where the last one ends.
 
-    Raises:
-        ExecutionError: `JOURNAL_DAMAGED`.
+    Raises ExecutionError `JOURNAL_DAMAGED`.
     """
     ledger, follower = start_reading(folder)
     with contextlib.closing(follower):

@@ -21,12 +21,9 @@ from phyagentos.store.segments import Front, SystemIO, choose_next_name, create_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Compaction:
-    """What was done.
+    """Which record the checkpoint stands at, which segment was sealed, and which were moved to the archive.
 
-    Attributes:
-        seq: Number of the record at which the checkpoint stands.
-        sealed: Segment that was sealed, None when the last one is still needed or empty.
-        archived: Segments that were moved to the archive.
+    None is sealed when the last one is still needed or empty.
     """
 
     seq: int

@@ -52,18 +52,13 @@ class Position(msgspec.Struct, frozen=True, gc=False):
 
 
 class Follower:
-    """A cursor over the records of one partition.
+    """A cursor over the records of one partition; begins at a trusted position, by default before the first record.
 
     Attributes:
         seq: Sequence number of the last record that was read.
-        segment: Name of the segment it stands in, None before the first.
-        first_seq: Sequence number of that segment's first record.
+        segment: Name of the segment it stands in, None before the first; `first_seq` is the number of its first record.
         offset: Where the next record begins.
         tail: What followed `offset` at the last read.
-
-    Args:
-        folder: Of the partition.
-        position: Where to begin; trusted. By default before the first record.
     """
 
     def __init__(self, folder: Path, position: Position | None = None) -> None:
@@ -107,8 +102,7 @@ class Follower:
     def read_new(self) -> list[Record]:
         """Every whole batch since the last call; takes no lock unless something looks damaged.
 
-        Raises:
-            ExecutionError: `JOURNAL_DAMAGED`, with segment and offset; `JOURNAL_MOVED`.
+        Raises ExecutionError: `JOURNAL_DAMAGED`, with segment and offset; `JOURNAL_MOVED`.
         """
         self._looks += 1
         records = self.advance(trusts_lock=self._looks % _DISTRUST_EVERY != 0)
@@ -123,12 +117,8 @@ class Follower:
     def advance(self, *, trusts_lock: bool = False) -> list[Record]:
         """Read as far as possible; what stopped it is in `tail`.
 
-        Args:
-            trusts_lock: Believe a lock file that names no later segment.
-
-        Raises:
-            ExecutionError: `JOURNAL_DAMAGED` at the very beginning of the partition, `JOURNAL_MOVED`,
-                `JOURNAL_UNREADABLE`.
+        `trusts_lock` believes a lock file that names no later segment. Raises ExecutionError: `JOURNAL_DAMAGED` at the
+        very beginning of the partition, `JOURNAL_MOVED`, `JOURNAL_UNREADABLE`.
         """
         records: list[Record] = []
         try:

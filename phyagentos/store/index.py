@@ -55,11 +55,8 @@ class _Segment(NamedTuple):
 class HistoryIndex(CacheFile):
     """The index of one partition `sessions/<partition>`; each process opens its own.
 
+    Records up to `last_seq` are in it, as far as this process has read; they end with `last_segment`, empty for none.
     Methods raise ExecutionError: `INDEX_UNAVAILABLE`, `JOURNAL_DAMAGED`.
-
-    Attributes:
-        last_seq: Records up to this one are in it, as far as this process has read.
-        last_segment: The segment that holds it, empty when nothing is in it.
     """
 
     def __init__(self, folder: Path) -> None:

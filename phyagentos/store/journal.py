@@ -55,8 +55,7 @@ class Journal:
         segment_bytes: Size at which a new segment begins.
         file_io: The calls that change the disk.
 
-    Raises:
-        ExecutionError: `JOURNAL_DAMAGED`, `JOURNAL_LOCKED` or `LANE_UNCLEAR`.
+    Raises ExecutionError: `JOURNAL_DAMAGED`, `JOURNAL_LOCKED` or `LANE_UNCLEAR`.
     """
 
     def __init__(
@@ -112,11 +111,9 @@ class Journal:
         return self._ledger
 
     def commit(self, entries: Sequence[Entry], *, durable: bool = True) -> list[Record]:
-        """Record all of these, in order, or none; returns the records.
+        """Record all of these as one batch, in order, or none; returns the records.
 
-        Args:
-            entries: One batch; each is checked as if those before it were recorded.
-            durable: Whether to wait for the disk now; if not, the next durable commit or `sync` covers it.
+        If not `durable`, the next durable commit or `sync` covers them.
 
         Raises:
             IllegalTransition: The lifecycle does not allow it, or not to this side.
@@ -173,14 +170,9 @@ class Journal:
     def read_new(self, *, looks: bool = True) -> list[Record]:
         """Every record since the last call, those of this object's own commits among them, each once and in order.
 
-        Takes no lock. A record may be read before it is durable: act on the world only after a commit of your own.
-
-        Args:
-            looks: Whether to read the partition, and to keep it short. If not, only what the last commit found and
-                added is returned: enough for a caller that acts on what it has just recorded.
-
-        Raises:
-            ExecutionError: `JOURNAL_DAMAGED`.
+        Takes no lock. A record may be read before it is durable: act on the world only after a commit of your own. If
+        it does not look, only what the last commit found and added is returned: enough for a caller that acts on what
+        it has just recorded. Raises ExecutionError `JOURNAL_DAMAGED`.
         """
         if looks:
             self._tidy_if_due()

@@ -87,17 +87,10 @@ _OF_COURSE = ("state", "sessions", "replans", "reason")  # of a node; the rest i
 
 
 class Ledger:
-    """The state of everything that still matters, as of the last record applied.
+    """The state of everything that still matters, as of record `seq`, the last one applied.
 
-    Attributes:
-        seq: Sequence number of that record.
-        sessions: By id, in the order of submission.
-        goals: By id, in the order of submission.
-        session_count: Sessions ever submitted.
-        goal_count: Goals ever submitted.
-
-    Args:
-        forgets: Whether it drops what is long over.
+    Sessions and goals stand by id, in the order of submission; the counts are of all that were ever submitted.
+    `forgets`: it drops what is long over.
     """
 
     def __init__(self, *, forgets: bool = True) -> None:

@@ -64,8 +64,7 @@ class Maintenance:
     def tidy(self, ledger: Ledger, position: Position) -> None:
         """Write a checkpoint of all records up to `position` and archive what it makes needless, unless just done.
 
-        Raises:
-            SyncFailedError: The disk did not confirm; what fails otherwise is left for the next time.
+        Raises SyncFailedError where the disk did not confirm; what fails otherwise is left for the next time.
         """
         begin_s = self._clock.now_s()
         with _leave_for_next_time(), self._alone():
@@ -123,12 +122,7 @@ def archive_segments(
 ) -> list[str]:
     """Move every segment whose records all come before `horizon_seq`; the names moved, oldest first.
 
-    Args:
-        folder: Of the partition.
-        horizon_seq: First record of anything that is live or not over (`Ledger.find_horizon`).
-        known_seq: Last record that the horizon takes into account.
-        file_io: The calls that change the disk.
-        durable: Whether to wait for the disk.
+    That is the first record of anything live or not over (`Ledger.find_horizon`), of those up to `known_seq`.
     """
     moved: list[str] = []
     names = segments.list_segments(folder)

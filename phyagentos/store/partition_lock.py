@@ -30,13 +30,9 @@ class PartitionLock:
         self._inode = (status.st_dev, status.st_ino)
 
     def acquire(self, meanwhile: Callable[[], object] = lambda: None) -> None:
-        """Wait for the lock.
+        """Wait for the lock; `meanwhile` is called between two tries, to save time with the lock.
 
-        Args:
-            meanwhile: Called between two tries, in place of work that would prolong the time with the lock.
-
-        Raises:
-            ExecutionError: `JOURNAL_LOCKED` after about ten seconds; `JOURNAL_MOVED` when another file stands there.
+        Raises ExecutionError: `JOURNAL_LOCKED` after about ten seconds; `JOURNAL_MOVED` when another file stands there.
         """
         if self._pid != os.getpid():  # a forked child shares the parent's lock, so it needs one of its own
             self._fd, self._pid = self._open(), os.getpid()

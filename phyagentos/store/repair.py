@@ -59,9 +59,6 @@ class Changed:
     """A segment that is written again.
 
     Attributes:
-        staged: The file that takes its place.
-        before: Hash of the file as it was found.
-        after: Hash of the file as it will be.
         is_relinked: Whether nothing was wrong with it: only the hash of the segment before changes.
         is_linked: Whether its front matter was as it should be.
     """
@@ -80,10 +77,7 @@ class Repair:
     """What is wrong with a partition and what was, or would be, done about it.
 
     Attributes:
-        cuts: Every place, in the order of the journal.
         sessions: Sessions, goals and nodes that the lost records were about, as far as known.
-        changed: Segments that are written again.
-        is_done: Whether anything was changed.
         aside: Copies of the files as they were found.
     """
 
@@ -112,11 +106,8 @@ class Repair:
 def repair_partition(folder: Path, *, accept_loss: bool, by: str, clock: Clock, file_io: SystemIO) -> Repair:
     """Repair a partition `sessions/<partition>`; `accept_loss` permits more than cutting a torn end.
 
-    With a torn end alone `is_done` is False: opening a `Journal` cuts it.
-
-    Raises:
-        ExecutionError: `JOURNAL_LOCKED`.
-        OSError: The disk refused; what was done so far does no harm, and the repair can be tried again.
+    With a torn end alone `is_done` is False: opening a `Journal` cuts it. Raises ExecutionError `JOURNAL_LOCKED`;
+    OSError where the disk refused: what was done so far does no harm, and the repair can be tried again.
     """
     with keep_still(folder) as lock:
         plan = _Plan(folder, by=by, clock=clock, file_io=file_io)

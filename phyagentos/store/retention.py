@@ -53,9 +53,7 @@ class RetentionReport:
     """What a clean-up did, or would do.
 
     Attributes:
-        thinned: Bundles, oldest first.
         sealed_late: Sessions whose bundles had no manifest and got one.
-        whole: How many bundles stay whole.
         bytes_before: What all evidence took, shared files counted once.
         bytes_over: How much remains above `max_bytes` and must not be removed.
         damaged: Sessions whose bundles do not match their manifests; nothing is removed from them.
@@ -80,9 +78,8 @@ def apply_retention(
 ) -> RetentionReport:
     """Thin what the policy allows, finish an interrupted clean-up, and drop large files that no bundle needs.
 
-    Raises:
-        ExecutionError: `EVIDENCE_BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
-            still names its files and the next clean-up goes on.
+    Raises ExecutionError: `EVIDENCE_BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
+    still names its files and the next clean-up goes on.
     """
     if dry_run:
         return _Cleaning(workspace, policy, clock).run(dry_run=True)

@@ -56,9 +56,7 @@ class Front:
     """The front matter of a segment.
 
     Attributes:
-        lane: The name of the folder.
         name: `2026-11-21.001`, without suffix.
-        first_seq: Sequence number of its first record.
         prev: Name of the segment before, `none` for the first.
         prev_sha256: Hash of that file as sealed, `none` for the first.
     """
@@ -190,9 +188,7 @@ def choose_next_name(current: str | None, today: str) -> str:
 def create_segment(folder: Path, front: Front, file_io: SystemIO, *, durable: bool) -> None:
     """Publish a whole segment: temporary file, fsync, rename. The writer syncs the folder first.
 
-    Raises:
-        SyncFailedError: The disk did not confirm.
-        OSError: Nothing appeared.
+    Raises SyncFailedError where the disk did not confirm, OSError where nothing appeared.
     """
     temporary = folder / f".{front.name}.tmp"
     write_file(temporary, front.encode(), file_io, durable=durable)

@@ -27,15 +27,10 @@ _Stamp = tuple[tuple[str, int, int], ...]
 
 
 class Watch:
-    """Watches folders (not what is below them) while the `with` block runs.
+    """Watches folders (not what is below them), which must exist, while the `with` block runs.
 
     It fits `multiprocessing.connection.wait`: `fileno` becomes readable with the first change, `drain` resets it.
-
-    Args:
-        folders: They must exist.
-        poll_s: How often names, sizes and times are compared as well [s].
-        clock: For the poll.
-        use_inotify: Off: only the poll works.
+    Names, sizes and times are compared every `poll_s` as well; without inotify only that.
     """
 
     def __init__(

@@ -19,8 +19,6 @@ class Advice:
     """Changes of a contract that experience or look-ahead proposes.
 
     Attributes:
-        reasons: One sentence for each change, naming what it rests on.
-        sources: Ids of the entries of memory that it rests on.
         threshold: Of the child's look-ahead; None for that of its node.
         means: Other means, where they can be had in the present world.
         otherwise: The advice where they cannot.
@@ -38,23 +36,13 @@ class Advisor(Protocol):
     """The port: asked once for the first attempt of every node, before it is submitted."""
 
     def begin(self, graph: str, snapshot: str) -> str:
-        """Advise a goal from one snapshot to its end.
+        """Advise a goal from one snapshot to its end; the name of that snapshot, empty without a memory.
 
-        Args:
-            graph: Name of its goal graph.
-            snapshot: That it has begun with; empty for a new goal, and the present one.
-
-        Returns:
-            Name of the snapshot; empty without a memory.
+        `snapshot` is that which it has begun with; empty for a new goal, and the present one.
         """
 
     def advise(self, session: Session, world: Environment | None) -> Advice:
-        """Advice of experience about this contract.
-
-        Args:
-            session: As compiled; where others have prepared it, with a parent.
-            world: The latest snapshot that was judged, None before the first.
-        """
+        """Advice of experience about a contract; `world` is the latest judged snapshot, None before the first."""
 
 
 class NoAdvice:

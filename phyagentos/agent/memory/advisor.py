@@ -28,13 +28,7 @@ REMEMBERED = 4096  # answers that are kept until memory changes
 
 
 class MemoryAdvisor:
-    """Advises from memory; see `Advisor`.
-
-    Args:
-        memory: The records.
-        surroundings: Kinds of things and bodies of targets.
-        copies: Folder for what is recalled, `<session>.json`; None keeps no copy.
-    """
+    """Advises from memory; copies of what is recalled go to `<session>.json` in the folder `copies`, if any."""
 
     def __init__(self, memory: Memory, surroundings: Surroundings, copies: Path | None = None) -> None:
         self._memory, self._surroundings, self._copies = memory, surroundings, copies

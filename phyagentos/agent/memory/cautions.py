@@ -22,8 +22,6 @@ class Caution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         code: What happened (`ESTOPPED`, `HOLD_VIOLATED`, a broken limit).
         events: Sessions in the scope that it happened in, of all since the first.
-        sessions: The latest of them.
-        last_seq: Record of memory in which it happened last.
     """
 
     id: str

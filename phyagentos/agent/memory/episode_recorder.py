@@ -41,13 +41,8 @@ UNSAID = "retracted by hand, without a reason"
 class EpisodeRecorder:
     """Records what the verdicts of a mission show; see `MissionObserver`.
 
-    Args:
-        memory: The records.
-        surroundings: Kinds of things and bodies of targets.
-        workspace: Holds the documents.
-        clock: For the exchange with editors.
-        report: Called with what could not be recorded; the mission goes on.
-        is_shared: Whether the memory stands outside the workspace.
+    `report` is called with what could not be recorded, and the mission goes on; a shared memory stands outside the
+    workspace.
     """
 
     def __init__(
@@ -187,8 +182,7 @@ def _compare(theirs: MemoryEntry, ours: MemoryEntry) -> list[Edit]:
 def renew_promoted(path: Path, patterns: Iterable[Pattern]) -> bool:
     """Write what is promoted now into the entries of SKILLRUNTIME.md; whether anything changed.
 
-    Raises:
-        DefinitionError: With every problem of the document; it stays as it is.
+    Raises DefinitionError with every problem of the document, which stays as it is.
     """
     ways: dict[str, list[PromotedWay]] = {}
     for each in sorted(patterns, key=lambda pattern: pattern.id):

@@ -27,23 +27,13 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One session, ended and judged.
 
     Attributes:
-        parent: The session that it revises, None for the first of a node.
         seed: Of the scene: sessions of one seed begin from the same start.
-        features: What it was about.
-        strategy: What was done differently from the skill's own way.
-        advised_by: Entries of memory that asked for that.
         verdict: By the evidence, also where the mode of verification let something else decide.
-        purpose: As the contract has it: `inspect` or `clear` when it prepared another attempt, empty for an attempt.
-        sensing: What the judgement rests on, `truth` or `perceived`.
         evidence: Bundle, relative to the workspace; its whole path where the memory is outside.
         judged_at: Wall time of the verdict, UTC; distinguishes sessions of one name in two workspaces.
-        graph: Name of its goal graph.
         begun: Wall time at which its goal was submitted, UTC: sessions of one run have the same.
-        parameters: Arguments of its skill.
         prepared: Whether sessions before it prepared it, and none was an attempt.
-        resumes: Whether its skill begins with the thing in the hand.
         risk: What was at stake; None in records of before.
-        safety: Codes of what stopped it or changed its commands for safety.
     """
 
     session: str

@@ -40,11 +40,8 @@ class Experience(msgspec.Struct, kw_only=True):
     """What memory knows after its records up to `seq`.
 
     Attributes:
-        seq: The latest record.
-        facts: Added by people, by id.
         known: Key of an episode -> its record, for those that were taken in last.
         baselines: Id of a scope -> first attempts in it, the skill's own way.
-        cautions: Safety events, by id.
     """
 
     seq: int = 0

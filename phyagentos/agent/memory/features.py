@@ -21,12 +21,7 @@ SMALL_M, LARGE_M = 0.03, 0.07  # longest half side of what a hand calls small an
 
 
 class Features(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What a session is about; empty where the inventory does not know it.
-
-    Attributes:
-        object_size: `small`, `medium` or `large`.
-        destination_kind: `region` for a named region.
-    """
+    """What a session is about; empty where the inventory does not know it."""
 
     object: str = ""
     object_kind: str = ""

@@ -64,8 +64,7 @@ class LessonIndex(CacheFile):
     def find(self, skill: str, words: Iterable[str], limit: int) -> list[str] | None:
         """Ids of lessons about a skill (empty for any) and any of the words, the best match first.
 
-        Returns:
-            None where the index cannot answer.
+        None where the index cannot answer.
         """
         wanted = " OR ".join(_quote(word) for word in dict.fromkeys(words) if word.strip())
         parts = [f"skill: ({_quote(skill)} OR {_quote(_ANY)})"] if skill else []

@@ -13,17 +13,9 @@ from phyagentos.protocol.sessions.lifecycle import Side
 
 
 class Memory(Retrieval):
-    """One memory; several workspaces may share it, also at the same time.
+    """One memory, with its records in `folder`; several workspaces may share it, also at the same time.
 
-    Args:
-        folder: Of its records, `memory/` of a workspace as a rule.
-        clock: For the time of records.
-        by: Name of the writer.
-        side: Of the writer.
-        durable: Whether to wait for the disk.
-
-    Raises:
-        ExecutionError: `JOURNAL_DAMAGED`.
+    Raises ExecutionError `JOURNAL_DAMAGED`.
     """
 
     def __init__(self, folder: Path, *, clock: Clock, by: str, side: Side = Side.AGENT, durable: bool = True) -> None:
@@ -51,11 +43,7 @@ class Memory(Retrieval):
         return changed
 
     def record(self, events: Sequence[Event]) -> set[str]:
-        """Record; ids of the entries that changed.
-
-        Raises:
-            ExecutionError: The disk refuses; nothing is recorded.
-        """
+        """Record all or, with an ExecutionError of the disk, nothing; ids of the entries that changed."""
         self._experience_log.append(events)
         return self.refresh()
 

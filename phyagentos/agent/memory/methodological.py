@@ -28,14 +28,7 @@ DOUBTED_BELOW, DOUBTED_FROM = 0.4, 3  # share of outcomes that speak for it, onc
 class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A session that was not a success, and how it began: what a child may correct.
 
-    Attributes:
-        root: The first session of the same node, and its cause.
-        cause: Coded cause of the first failure.
-        objective: Of the first session.
-        begun: As of its episode: a child is of the same run.
-        scope: Of the first session.
-        parameters: Of the first session.
-        prepared: What was done for the node since.
+    All but `session` and `strategy` is of the first session of the node, `root`; `prepared` is what was done since.
     """
 
     session: str
@@ -62,18 +55,12 @@ class Correction(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A lesson while it is learned.
 
     Attributes:
-        id: Of its entry in LESSONS.md.
         values: Parts of the strategy that were the same every time.
         means: What was done by other means; parameters as in the latest success.
-        goals: Names of the goal graphs that it was verified in, the latest.
-        accidents: Sessions with it that a safety event met.
-        trial: First attempts that it advised, as the test of promotion sees them.
         labels: Lists of the strategy: key -> label -> in how many verified corrections it stood.
         tried: Children that followed a failure with it; a success verifies it.
-        applied: First attempts that it advised.
         cases: What is left open by the scope, as far as it was verified.
         last_seq: Record of memory that confirmed it last, or at which it was born.
-        amended: Scope that a person gave it instead.
     """
 
     id: str

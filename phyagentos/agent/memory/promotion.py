@@ -40,7 +40,6 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         ratio: Logarithm of the likelihood ratio, good over bad; after promotion the cumulative sum against it.
-        starts: Seeds of the scenes that it has been tried on.
     """
 
     rank: Rank = Rank.TRIAL

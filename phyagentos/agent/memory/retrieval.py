@@ -31,11 +31,7 @@ class Found:
 
 
 class Retrieval:
-    """Answers from one experience.
-
-    Attributes:
-        experience: What is known.
-    """
+    """Answers from one experience."""
 
     def __init__(self, experience: Experience) -> None:
         self.experience = experience

@@ -20,11 +20,7 @@ class Pattern(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One way of doing something in one scope.
 
     Attributes:
-        id: Of its entry in KNOWLEDGE.md.
         strategy: Empty for the skill's own way.
-        count: First attempts.
-        causes: Coded cause of a failure -> how often.
-        last_seq: Record of memory that touched it last.
     """
 
     id: str

@@ -12,12 +12,7 @@ BUDGET = "BUDGET"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Left:
-    """Remainder of a budget.
-
-    Attributes:
-        sim_time_s: Of all executions together [s].
-        needed: Sessions for nodes without one.
-    """
+    """Remainder of a budget: sessions, simulated time of all together [s]; `needed` are those of nodes without one."""
 
     sessions: float = math.inf
     sim_time_s: float = math.inf

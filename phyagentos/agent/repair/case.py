@@ -23,10 +23,7 @@ class Miss:
     """An objective that a session did not meet.
 
     Attributes:
-        reason: The cause as a sentence.
-        world: The latest snapshot, None when there is none.
         bundle: Evidence of the execution; None when preflight refused the session.
-        criteria: As judged; empty when nothing was judged.
         missing_evidence: Entities that must be seen again.
         codes: Coded findings of the execution, or of the preflight that refused the session.
     """
@@ -103,10 +100,8 @@ class Case:
     """One miss of one node.
 
     Attributes:
-        choice: Skill, target and parameters of its node.
         lineage: All sessions of the node, the oldest first; the last one has just ended.
         replans_left: Children with the same objective that the node may still have.
-        left: Remaining budget of the goal.
         protected: Entities that finished nodes have put where they belong.
         time_of: Skill -> mean simulated time of its sessions in this goal [s].
         recall: Evidence of an earlier session of the lineage; None where nothing was executed.

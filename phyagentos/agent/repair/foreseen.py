@@ -23,14 +23,10 @@ NEAR_M = 0.16  # a thing that is farther from all that the session names is not 
 
 
 def foresee(case: Case, means: Means) -> Revision | None:
-    """The next step of a first attempt: a look, a preparation, or the attempt by other means.
+    """The next step of a first attempt by the means of a verified lesson: a look, a preparation, or the attempt.
 
-    Args:
-        case: Of the node, with the session as compiled, and those that have prepared it.
-        means: Of a verified lesson.
-
-    Returns:
-        None where the present world, the targets or the budget have no room for these means.
+    None where the present world, the targets or the budget have no room for them. `case` is that of the node, with the
+    session as compiled, and those that have prepared it.
     """
     done = [status.contract for status in case.lineage]
     cleared = [each for each in done if each.purpose == clearing.PURPOSE]

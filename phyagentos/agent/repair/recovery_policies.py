@@ -29,7 +29,6 @@ class RepairPolicy(Protocol):
     """Decides how a node continues.
 
     Attributes:
-        name: Recorded with the goal.
         restores: Whether finished nodes whose achievement is lost are opened again.
     """
 

@@ -85,13 +85,7 @@ def _center(span: tuple[float, float]) -> tuple[float, float]:
 def settle_estimate(physics: Physics, environment: Environment, profile: TargetProfile) -> Array:
     """Put everything at its believed pose, without penetrations, and let it come to rest.
 
-    Args:
-        physics: Of the believed scene; its state is written.
-        environment: The estimate; it holds the robot's own state too.
-        profile: The robot.
-
-    Returns:
-        The mjSTATE_INTEGRATION vector of the world at rest.
+    Returns the mjSTATE_INTEGRATION vector of the world at rest; the state of `physics` is written.
     """
     model, data, target = physics.model, physics.data, environment.targets[profile.target]
     mujoco.mj_resetData(model, data)

@@ -39,11 +39,7 @@ _ANSWERS = Codec[Foreseen | Unforeseen](Foreseen | Unforeseen, "forecast")
 
 
 class RehearsalProcess:
-    """Answers questions about sessions from a process of its own.
-
-    Args:
-        command: Starts the process; `--descriptor N`, its end of the connection, is added.
-    """
+    """Answers from a process of its own, started by `command` and `--descriptor N`, its end of the connection."""
 
     def __init__(self, command: Sequence[str]) -> None:
         self._command = command
@@ -52,8 +48,7 @@ class RehearsalProcess:
     def ask(self, question: Case, should_stop: Callable[[], bool]) -> LookaheadResult | None:
         """The forecast; None once `should_stop` is true, which is called several times a second.
 
-        Raises:
-            ExecutionError: `LOOKAHEAD_FAILED`.
+        Raises ExecutionError `LOOKAHEAD_FAILED`.
         """
         child = self._child = self._child or Child(self._command)
         try:

@@ -79,7 +79,6 @@ class Rehearsal:
     """Result of a rehearsal.
 
     Attributes:
-        session: With the strategy that was rehearsed.
         start: mjSTATE_INTEGRATION at its beginning.
         controls: (n, n_servos) servo inputs, one row per physics step, the last ones at rest.
         states: (m, n_state) mjSTATE_FULLPHYSICS before every `STATE_STEPS`-th of these steps.
@@ -126,13 +125,7 @@ class Stage:
 
 @dataclass(slots=True, kw_only=True)
 class Rehearser:
-    """Rehearses sessions of one target.
-
-    Attributes:
-        folder: Of the robot's model.
-        planner: Its own, apart from the worker's.
-        clock: Bounds thinking.
-    """
+    """Rehearses sessions of one target; `folder` is that of the robot's model, the planner its own."""
 
     profile: TargetProfile
     folder: Path

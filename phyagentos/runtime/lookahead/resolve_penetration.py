@@ -19,15 +19,9 @@ HALVINGS = 12  # of that: a fortieth of a millimetre
 
 
 def stand_up_sunk(model: mujoco.MjModel, data: mujoco.MjData, names: list[str]) -> list[str]:
-    """Move the free bodies that are sunk into others onto their support, the lowest first.
+    """Move the named free bodies that are sunk into others onto their support, the lowest first; names of the moved.
 
-    Args:
-        model: Of the world.
-        data: Its state; `qpos` is written.
-        names: Of bodies with a free joint that no gripper holds.
-
-    Returns:
-        Names of the moved ones.
+    No gripper may hold them; `data.qpos` is written.
     """
     moved = []
     above = sorted(names, key=lambda each: float(data.qpos[_find_start(model, each) + 2]))

@@ -46,8 +46,7 @@ class RolloutForecaster:
     def forecast(self, case: Case) -> Forecast:
         """How often the session meets its contract from the estimate on, carried out by the tree of its skill.
 
-        Raises:
-            ExecutionError: `LOOKAHEAD_FAILED` without a tree.
+        Raises ExecutionError `LOOKAHEAD_FAILED` without a tree.
         """
         session, request, environment = case.session, case.request, case.environment
         if not case.tree:

@@ -30,13 +30,9 @@ _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rollout:
-    """Samples of one imagined world.
+    """Samples of one imagined world: what was held, and the world after its things had come to rest and at the end.
 
-    Attributes:
-        held: Names of what was held, at each sample.
-        initial: After the things had come to rest.
-        terminal: At the end.
-        violated: The first condition that did not hold all through; empty when all did.
+    `violated` is the first condition that did not hold all through; empty when all did.
     """
 
     held: tuple[tuple[str, ...], ...]
@@ -46,13 +42,9 @@ class Rollout:
 
 
 class Playback:
-    """One recording, for any number of worlds.
+    """One recording, for any number of worlds; the number of threads changes no bit of the result.
 
-    Args:
-        threads: Of `mujoco.rollout`; they change no bit of the result.
-
-    Attributes:
-        nominal: The rehearsal itself, sampled as every world is.
+    `nominal` is the rehearsal itself, sampled as every world is.
     """
 
     def __init__(self, rehearsal: Rehearsal, threads: int = 1) -> None:

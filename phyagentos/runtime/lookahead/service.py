@@ -16,12 +16,7 @@ from phyagentos.store.forecast_record import read_forecasting
 
 
 class ForecastService:
-    """Answers cases.
-
-    Args:
-        open: Makes the forecaster of a name, when it is first asked; raises DefinitionError.
-        clock: For what forecasts cost.
-    """
+    """Answers cases; `open` makes the forecaster of a name, when it is first asked, and raises DefinitionError."""
 
     def __init__(self, open: Callable[[str], Forecaster], clock: Clock) -> None:
         self._open, self._clock = lru_cache(maxsize=None)(open), clock

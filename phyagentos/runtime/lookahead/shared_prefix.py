@@ -17,14 +17,10 @@ _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
 class SharedPrefix:
-    """The beginning that all worlds of a recording share.
+    """The beginning that all worlds of a recording share: `steps` physics steps that need not be played.
 
-    Args:
-        rehearsal: With the recording; with conditions that must hold all through, nothing of it is left out.
-        settle_steps: Physics steps that drawn things take to come to rest, before anything is near them.
-
-    Attributes:
-        steps: Physics steps of the recording that need not be played.
+    Drawn things take `settle_steps` to come to rest, before anything is near them. With conditions that must hold all
+    through, nothing is left out.
     """
 
     def __init__(self, rehearsal: Rehearsal, settle_steps: int) -> None:

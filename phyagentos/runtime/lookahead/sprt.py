@@ -13,13 +13,9 @@ TINY = 1e-6  # keeps logarithms finite
 
 
 def is_decided(successes: int, trials: int, threshold: float, most: int) -> bool:
-    """Whether more rollouts would hardly change on which side of the threshold a chance is.
+    """Whether more rollouts would hardly change on which side of the threshold (0..1) a chance is.
 
-    Args:
-        successes: So far.
-        trials: So far, at least one.
-        threshold: Least share of successes, 0..1.
-        most: Rollouts after which it is decided in any case.
+    There was at least one trial; after `most` of them it is decided in any case.
     """
     is_enough = successes >= threshold * trials
     left = most - trials

@@ -17,9 +17,6 @@ class Tried(NamedTuple):
 
     Attributes:
         share: Of its rollouts, that met the contract, 0..1.
-        cause: Coded, most frequent of its failures; empty when there was none.
-        grasp: Label of the planned grasp, empty for none.
-        site: Label of the planned site, empty for none.
     """
 
     strategy: Strategy

@@ -33,12 +33,7 @@ STIFFNESS_SHARE = 0.05  # of the arm's servos
 
 @dataclass(frozen=True, slots=True)
 class ImaginedStart:
-    """One of the worlds that agree with the estimate.
-
-    Attributes:
-        model: With its own weights, frictions and gains.
-        state: mjSTATE_FULLPHYSICS at the beginning.
-    """
+    """A world that agrees with the estimate: a model with its own weights, and its mjSTATE_FULLPHYSICS."""
 
     model: mujoco.MjModel
     state: Array
@@ -55,17 +50,9 @@ def draw_starts(
     seed: int,
     first: int = 0,
 ) -> list[ImaginedStart]:
-    """Draw worlds; the same seed gives the same worlds, each by its number alone.
+    """Draw worlds around an estimate at rest (mjSTATE_INTEGRATION), from the number `first` on.
 
-    Args:
-        physics: Of the believed world; its model is copied.
-        start: mjSTATE_INTEGRATION of the estimate, at rest.
-        spec: The inventory, with its spans.
-        environment: The estimate.
-        profile: The robot.
-        samples: How many.
-        seed: Root of every draw.
-        first: Number of the first of them.
+    The same seed gives the same worlds, each by its number alone; the model of `physics` is copied.
     """
     scratch = mujoco.MjData(physics.model)
     mujoco.mj_setState(physics.model, scratch, start, mujoco.mjtState.mjSTATE_INTEGRATION)

@@ -26,14 +26,7 @@ _REFUSALS = (IllegalTransition, Fenced, IllegalEvent, DefinitionError, ValueErro
 
 
 class EditIntake:
-    """Takes edits of one workspace in.
-
-    Args:
-        workspace: Whose.
-        clock: For waiting editors and for wall times.
-        adopts: Whether it also finishes what ended processes left half done.
-        durable: See `Journal`.
-    """
+    """Takes edits of one workspace in; `adopts`: it also finishes what ended processes left half done."""
 
     def __init__(self, workspace: Workspace, clock: Clock, *, adopts: bool = True, durable: bool = True) -> None:
         self.file = SharedFile(workspace.sessions_document, workspace.edits, clock, on_unfit=self._refuse_unfit)
@@ -86,15 +79,9 @@ class EditIntake:
         return results
 
     def take_text(self, text: str, history: History, *, is_whole: bool = True) -> Merge:
-        """Merge one edited document and record what it asks for.
+        """Merge one edited document and record what it asks for; `is_whole`: its editor finished it.
 
-        Args:
-            text: All of it.
-            history: The fold, and what was rendered before.
-            is_whole: Whether its editor finished it.
-
-        Returns:
-            What was recorded, and what was refused (only what no earlier save of the same text was refused for).
+        Of what was refused, only that which no earlier save of the same text was refused for is returned.
         """
         try:
             return self._merge_text(text, history, self._source, is_whole=is_whole)

@@ -46,14 +46,9 @@ class _Kept:
 
 
 class SharedFile:
-    """One such file; belongs to one thread.
+    """One such file; belongs to one thread. `aside` is a folder on the same file system, for versions that came out.
 
-    Args:
-        path: The file.
-        aside: Folder on the same file system, for versions that came out.
-        clock: For the times above.
-        swap: How two files are exchanged.
-        on_unfit: Called with what stood there and is no regular file, or a huge one, and the reason; it is kept aside.
+    `on_unfit` is called with what stood there and is no regular file, or a huge one, and the reason; it is kept aside.
     """
 
     def __init__(
@@ -134,10 +129,9 @@ class SharedFile:
     def take(self, handle: Callable[[bytes, bool], None], *, at_once: bool = False) -> None:
         """Hand over every finished version of another writer, each once.
 
-        Args:
-            handle: Called with the contents and whether they have their end mark; what it raises leaves the version
-                where it is.
-            at_once: Wait for no editor (at the end of a run); unfinished versions stay aside for the next process.
+        `handle` is called with the contents and whether they have their end mark. What `handle` raises leaves the
+        version where it is. `at_once` waits for no editor (at the end of a run); unfinished versions stay aside for the
+        next process.
         """
         self._kept = [kept for kept in self._kept if self._examine(kept, handle, at_once=at_once)]
 

@@ -38,15 +38,7 @@ class SessionEdits(Protocol):
 
 
 class Views:
-    """Renders the views of one workspace.
-
-    Args:
-        workspace: Where they are published.
-        partition: Folder of the journal to follow (`Journal.folder`).
-        clock: For the rate.
-        edits: Where edits of SESSIONS.md are taken in; without one they are overwritten.
-        period_s: Shortest time between two renderings [s].
-    """
+    """Renders the views of one workspace from the journal in `partition`, every `period_s` at most."""
 
     def __init__(
         self,
