@@ -46,14 +46,6 @@ class EditIntake:
             self._rejections.forget_notes()
         return self._rejections.notes
 
-    def is_touched(self) -> bool:
-        """Whether SESSIONS.md was changed since it was put there."""
-        return self.file.is_touched()
-
-    def put(self, text: str) -> bool:
-        """Put a rendering there; see `SharedFile.put`."""
-        return self.file.put(text)
-
     def close(self) -> None:
         """Close the files."""
         self.file.close()
