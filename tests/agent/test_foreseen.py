@@ -2,7 +2,7 @@
 
 import pytest
 
-from phyagentos.agent.memory.advice import Advice, NoAdvice
+from phyagentos.agent.memory.advisor import Advice, NoAdvice
 from phyagentos.protocol.sessions.means import Means, Preparation
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.strategy import Strategy

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.recovery_parts.baselines import BlindRetry, FullRestart, NoRetry, RestartingRecovery
 from phyagentos.agent.judging.review import review_session
 from phyagentos.agent.judging.verifier import SessionVerifier
-from phyagentos.agent.memory.advice import Advice, NoAdvice
+from phyagentos.agent.memory.advisor import Advice, NoAdvice
 from phyagentos.agent.mission import goal_controller
 from phyagentos.cli.history import read_ledger
 from phyagentos.errors import Problem

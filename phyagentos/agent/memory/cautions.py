@@ -7,8 +7,8 @@ contract as a sentence. What helps against it is learned as any other correction
 import msgspec
 
 from phyagentos.agent.memory.episodes import Episode
-from phyagentos.agent.memory.intervals import Count
 from phyagentos.agent.memory.scopes import compute_id, compute_scope
+from phyagentos.agent.memory.semantic import Count
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing
 

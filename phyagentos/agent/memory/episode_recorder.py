@@ -14,8 +14,7 @@ from phyagentos.agent.memory.episodes import Episode, find_episode, find_key
 from phyagentos.agent.memory.experience_log import Edit
 from phyagentos.agent.memory.features import Surroundings
 from phyagentos.agent.memory.memory import Memory
-from phyagentos.agent.memory.promotion import Rank
-from phyagentos.agent.memory.semantic import Pattern
+from phyagentos.agent.memory.semantic import Pattern, Rank
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, PhyAgentOSError
 from phyagentos.protocol.capabilities.registries import read_skill_registry, render_skills

@@ -12,10 +12,9 @@ from phyagentos.agent.memory import cautions, methodological, semantic
 from phyagentos.agent.memory.cautions import Caution
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.experience_log import Edit, Event
-from phyagentos.agent.memory.intervals import Count
 from phyagentos.agent.memory.methodological import Correction, Failure
 from phyagentos.agent.memory.scopes import compute_id, compute_scope, find_mismatch, widen
-from phyagentos.agent.memory.semantic import Pattern
+from phyagentos.agent.memory.semantic import Count, Pattern
 from phyagentos.protocol.sessions.knowledge import Fact
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.means import Preparation

@@ -10,9 +10,8 @@ from typing import Any
 import msgspec
 
 from phyagentos.agent.memory.episodes import Episode
-from phyagentos.agent.memory.intervals import Count
-from phyagentos.agent.memory.promotion import Trial
 from phyagentos.agent.memory.scopes import compute_id, compute_scope, measure_width, name_left_out, widen
+from phyagentos.agent.memory.semantic import Count, Trial
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.means import OWN_MEANS, Means, Preparation
 from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing

@@ -9,7 +9,7 @@ import msgspec
 from phyagentos.agent.goals.compiler import Outputs, Revision, SessionCompiler
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.goal_judgement import Evidence
-from phyagentos.agent.memory.advice import NOTHING, Advisor, apply_advice
+from phyagentos.agent.memory.advisor import NOTHING, Advisor, apply_advice
 from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.foreseen import foresee

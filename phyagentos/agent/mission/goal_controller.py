@@ -16,7 +16,7 @@ from phyagentos.agent.goals.amendment import describe_node
 from phyagentos.agent.goals.compiler import Revision, SessionCompiler
 from phyagentos.agent.judging.goal_judgement import Evidence, carry_conditions, judge_goal
 from phyagentos.agent.judging.verifier import History, SessionVerifier
-from phyagentos.agent.memory.advice import Advisor
+from phyagentos.agent.memory.advisor import Advisor
 from phyagentos.agent.mission.changes import Changes
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts

@@ -1,22 +1,29 @@
-"""Repair ahead: what verified experience says a first attempt needs, by the means that a repair would take.
+"""Repair ahead: what is known, before a first attempt begins, to be needed or to be missed.
 
-The step is a revision as any other: it keeps acceptance, conditions and limits of its node, and preflight checks it.
+Verified experience says what it needs, by the means that a repair would take; the step is a revision as any other: it
+keeps acceptance, conditions and limits of its node, and preflight checks it. After a look-ahead below its threshold the
+best of the rehearsed alternatives is tried. The first child keeps the threshold where that alternative meets it.
+Otherwise, and for further children, it is tried all the same: giving up achieves less than a failure that can be
+repaired.
 """
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 
 from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.goals.selector import Choice, find_lacks, select
 from phyagentos.agent.goals.spec import Promise
+from phyagentos.agent.memory.advisor import Advice
 from phyagentos.agent.repair import clearing, looking
 from phyagentos.agent.repair.alternative import SESSION_S
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.other_means import cover, find_false, find_promises
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.skill_runtimes import find_roles
+from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadResult, read_lookahead
 from phyagentos.protocol.sessions.means import Means, Preparation
-from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.world.environment import Environment
 
 NEAR_M = 0.16  # a thing that is farther from all that the session names is not in its way
@@ -108,3 +115,31 @@ def _iter_near(case: Case, world: Environment, kind: str) -> Iterator[str]:
         if each.name not in kept
     ]
     return (name for distance_m, name in sorted(distances) if distance_m <= NEAR_M)
+
+
+def revise_refused(refused: SessionStatus, folder: Path) -> Advice | None:
+    """The best rehearsed alternative; None without a readable result in `folder`, the session's evidence."""
+    try:
+        result = read_lookahead(folder)
+    except ExecutionError:
+        return None
+    if result is None:
+        return None
+    own = Alternative(
+        strategy=refused.contract.strategy, samples=result.samples, succeeded=result.succeeded, causes=result.causes
+    )
+    best = max((own, *result.alternatives), key=lambda each: each.share)
+    is_enough = best.share >= result.threshold
+    return Advice(
+        strategy=best.strategy,
+        reasons=(_explain(own, best, result),),
+        threshold=None if is_enough and refused.contract.attempt == 0 else 0.0,
+    )
+
+
+def _explain(own: Alternative, best: Alternative, result: LookaheadResult) -> str:
+    ahead = f"{own.succeeded:.4g} of {own.samples} {result.cases} succeed, {result.threshold:.0%} are asked"
+    cause = f", mostly {own.likely_cause}" if own.likely_cause else ""
+    if best is own:
+        return f"look-ahead: {ahead}{cause}; none of {len(result.alternatives)} other ways is better, so it is tried"
+    return f"look-ahead: {ahead}{cause}; with {best.strategy} it is {best.succeeded:.4g} of {best.samples}"
