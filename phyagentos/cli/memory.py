@@ -148,17 +148,9 @@ def _opened(root: Path) -> "Iterator[Memory]":
 
 def _find(memory: "Memory", entry: str, root: Path) -> "MemoryEntry":
     """The entry as it is recorded; raises `UNKNOWN_ENTRY`."""
-    from phyagentos.agent.memory import cautions, methodological, semantic
-
     experience = memory.experience
-    if (lesson := experience.corrections.get(entry)) is not None:
-        return methodological.describe(lesson, experience.find_baseline(lesson), experience.seq)
-    if (pattern := experience.patterns.get(entry)) is not None:
-        return semantic.describe(pattern)
-    if (caution := experience.cautions.get(entry)) is not None:
-        return cautions.describe(caution)
-    if (fact := experience.facts.get(entry)) is not None:
-        return fact
+    if (found := experience.find(entry)) is not None:
+        return found
     known = [*experience.corrections, *experience.cautions, *experience.patterns, *experience.facts]
     expected = format_names(known[:20]) if known else "nothing is remembered yet"
     raise DefinitionError.of("UNKNOWN_ENTRY", str(root), repr(entry), expected, format_hint(entry, known))

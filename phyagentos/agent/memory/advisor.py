@@ -12,10 +12,10 @@ from typing import Protocol
 
 import msgspec
 
-from phyagentos.agent.memory import cautions, methodological, semantic
 from phyagentos.agent.memory.cautions import Caution
 from phyagentos.agent.memory.features import Features, Surroundings
 from phyagentos.agent.memory.memory import Found, Memory, Retrieval
+from phyagentos.agent.memory.methodological import join_ways
 from phyagentos.agent.memory.semantic import Pattern
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.sessions.means import OWN_MEANS, Means
@@ -23,6 +23,8 @@ from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Risk, Scope
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.world.environment import Environment
+
+REMEMBERED = 4096  # answers that are kept until memory changes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,9 +81,6 @@ def apply_advice(session: Session, advice: Advice) -> Session:
     return msgspec.structs.replace(session, strategy=strategy, advice=advice.reasons, advised_by=advice.sources)
 
 
-REMEMBERED = 4096  # answers that are kept until memory changes
-
-
 class MemoryAdvisor:
     """Advises from memory; copies of what is recalled go to `<session>.json` in the folder `copies`, if any."""
 
@@ -126,14 +125,9 @@ class MemoryAdvisor:
         if advice.means:
             plain = [each for each in found if not each.lesson.means]
             advice = replace(advice, otherwise=self._join(plain, promoted, warned))
-        experience = known.experience
-        lessons = [each.lesson for each in found]
-        entries: list[MemoryEntry] = [
-            methodological.describe(each, experience.find_baseline(each), experience.seq) for each in lessons
-        ]
-        entries += map(cautions.describe, warned)
-        entries += [semantic.describe(promoted)] if promoted is not None else []
-        return advice, tuple(entries)
+        ids = [*(each.lesson.id for each in found), *(each.id for each in warned)]
+        ids += [promoted.id] if promoted is not None else []
+        return advice, tuple(filter(None, map(known.experience.find, ids)))
 
     def _join(self, found: Sequence[Found], promoted: Pattern | None, warned: Sequence[Caution]) -> Advice:
         """One advice of several lessons: of two that disagree the better one."""
@@ -150,7 +144,7 @@ class MemoryAdvisor:
             if is_other:
                 break
         lessons = [each.lesson for each in used]
-        ways = [methodological.join_ways(each.advice, each.means) for each in lessons]
+        ways = [join_ways(each.advice, each.means) for each in lessons]
         reasons = [f"{way}: lesson {each.lesson.id}, {each.because}" for way, each in zip(ways, used, strict=True)]
         sources = [each.id for each in lessons]
         if promoted is not None and not means and strategy.changed.isdisjoint(promoted.strategy.changed):

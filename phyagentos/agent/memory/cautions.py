@@ -9,8 +9,7 @@ import msgspec
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.scopes import compute_id, compute_scope
 from phyagentos.agent.memory.semantic import Count
-from phyagentos.protocol.sessions.lessons import Lesson
-from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 
 LATEST_KEPT = 5  # sessions and bundles that are named
 RARE = 0.1  # share of sessions that surely is not exceeded before a caution lapses
@@ -73,27 +72,3 @@ def judge(caution: Caution) -> tuple[Standing, str]:
     if caution.events.interval[1] < RARE:
         return Standing.EXPIRED, f"it is rare by now: {caution.events} sessions"
     return Standing.ACTIVE, ""
-
-
-def describe(caution: Caution) -> Lesson:
-    """The caution as an entry of LESSONS.md."""
-    where = caution.where
-    state, reason = judge(caution)
-    what = " ".join(filter(None, (where.object or "anything", f"to {where.destination}" if where.destination else "")))
-    return Lesson(
-        id=caution.id,
-        statement=f"{where.skill} of {what} by {where.target}: {caution.code} in {caution.events} sessions.",
-        scope=where,
-        evidence=caution.evidence,
-        supported=caution.events.successes,
-        contradicted=caution.events.trials - caution.events.successes,
-        confidence=round(caution.events.interval[0], 3),
-        state=state,
-        reason=reason,
-        note=caution.note,
-        by=caution.by or "memory",
-        objective=caution.objective,
-        cause=caution.code,
-        risk=Risk.HIGH,
-        verified_by=caution.sessions[-1] if caution.sessions else "",
-    )

@@ -12,9 +12,8 @@ import msgspec
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.scopes import compute_id, compute_scope, measure_width, name_left_out, widen
 from phyagentos.agent.memory.semantic import Count, Trial
-from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.means import OWN_MEANS, Means, Preparation
-from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
 CHAINS_KEPT = 5  # of failure and verified correction, the latest
@@ -201,35 +200,6 @@ def judge(correction: Correction, seq: int) -> tuple[Standing, str]:
     if correction.amended is None and measure_width(correction.scope) and len(correction.cases) < CASES_NEEDED:
         return Standing.HYPOTHESIS, "verified in one case only, not yet beyond it"
     return Standing.ACTIVE, ""
-
-
-def describe(correction: Correction, baseline: Count, seq: int) -> Lesson:
-    """The lesson as an entry of LESSONS.md at record `seq`; `baseline` counts first attempts without any correction."""
-    state, reason = judge(correction, seq)
-    where, advice = correction.where, correction.advice
-    what_helped = join_ways(advice or correction.tried_way, correction.means)
-    what = " ".join(filter(None, (where.object or "anything", f"to {where.destination}" if where.destination else "")))
-    verb = "helps" if state is Standing.ACTIVE else "was tried"
-    return Lesson(
-        id=correction.id,
-        statement=f"When {where.skill} of {what} ends with {correction.cause}, {what_helped} {verb}.",
-        scope=where,
-        evidence=correction.evidence,
-        supported=correction.outcomes.successes,
-        contradicted=correction.outcomes.trials - correction.outcomes.successes,
-        confidence=round(correction.outcomes.interval[0], 3),
-        state=state,
-        reason=reason,
-        note=correction.note,
-        by=correction.by or "memory",
-        objective=correction.objective,
-        cause=correction.cause,
-        advice=advice,
-        means=correction.means,
-        risk=where.risk or Risk.NORMAL,
-        verified_by=correction.chains[-1].corrected if correction.chains else "",
-        baseline=str(baseline),
-    )
 
 
 def join_ways(strategy: Strategy, means: Means) -> str:

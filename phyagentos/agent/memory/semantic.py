@@ -15,7 +15,6 @@ import msgspec
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.scopes import compute_id, compute_scope
 from phyagentos.protocol.sessions.calibration import compute_interval
-from phyagentos.protocol.sessions.knowledge import Fact
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
@@ -142,29 +141,4 @@ def extend(pattern: Pattern | None, episode: Episode, id: str, seq: int) -> Patt
         causes=causes,
         evidence=(*known.evidence, *([episode.evidence] if episode.evidence else []))[-EVIDENCE_KEPT:],
         last_seq=seq,
-    )
-
-
-def describe(pattern: Pattern) -> Fact:
-    """The pattern as an entry of KNOWLEDGE.md."""
-    scope = pattern.scope
-    what = " ".join(filter(None, (scope.object or "anything", f"to {scope.destination}" if scope.destination else "")))
-    way = str(pattern.strategy) or "the skill's own way"
-    worst = max(pattern.causes, key=lambda cause: (pattern.causes[cause], cause), default="")
-    failing = f"; most often {worst}" if worst else ""
-    return Fact(
-        id=pattern.id,
-        statement=f"{scope.skill} of {what} by {scope.target}, {way}: {pattern.count} first attempts succeed{failing}.",
-        scope=scope,
-        evidence=pattern.evidence,
-        supported=pattern.count.successes,
-        contradicted=pattern.count.trials - pattern.count.successes,
-        confidence=round(pattern.count.interval[0], 3),
-        state=pattern.state,
-        reason=pattern.reason,
-        note=pattern.note,
-        by=pattern.by or "memory",
-        strategy=pattern.strategy,
-        rate=str(pattern.count),
-        promoted=pattern.trial.rank is Rank.PROMOTED and pattern.state is Standing.ACTIVE,
     )

@@ -12,14 +12,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from phyagentos.agent.goals.compiler import Revision
-from phyagentos.agent.goals.selector import Choice, find_lacks, select
-from phyagentos.agent.goals.spec import Promise
+from phyagentos.agent.goals.selector import Choice, find_lacks
 from phyagentos.agent.memory.advisor import Advice
 from phyagentos.agent.repair import clearing, looking
 from phyagentos.agent.repair.alternative import SESSION_S
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.other_means import cover, find_false, find_promises
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.skill_runtimes import find_roles
 from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadResult, read_lookahead
 from phyagentos.protocol.sessions.means import Means, Preparation
@@ -39,7 +38,8 @@ def foresee(case: Case, means: Means) -> Revision | None:
     cleared = [each for each in done if each.purpose == clearing.PURPOSE]
     parent = done[-1].id if done else None
     if case.world is None:
-        choice = _find_look(case) if not done else None
+        thing = case.session.parameters.get(find_roles(case.catalogue.skills[case.session.skill])[0])
+        choice = looking.find_look(case, thing) if not done else None  # for what the session is about
         return Revision(parent=None, choice=choice, purpose=looking.PURPOSE) if choice is not None else None
     for preparation in means.prepare[len(cleared) :]:
         choice = _find_preparation(case, case.world, preparation, cleared)
@@ -66,15 +66,6 @@ def _find_choice(case: Case, world: Environment, means: Means) -> Choice | None:
     if parameters is None or (means.skill and find_false(skill, parameters, world, session)):
         return None
     return Choice(skill=skill.skill, target=name, parameters=parameters, reasons=(f"verified: {means}",))
-
-
-def _find_look(case: Case) -> Choice | None:
-    """Where nothing was seen yet: a look for the thing that the session is about."""
-    thing = case.session.parameters.get(find_roles(case.catalogue.skills[case.session.skill])[0])
-    try:
-        return select(Promise(guarantees=f"visible({thing})"), case.session.target, {}, case.catalogue)
-    except DefinitionError:
-        return None
 
 
 def _find_preparation(
