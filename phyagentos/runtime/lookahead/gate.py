@@ -12,7 +12,7 @@ from phyagentos.protocol.sessions.evidence import write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadResult
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.runtime.lookahead.forecaster import LOOKAHEAD_FAILED, Case
-from phyagentos.runtime.lookahead.process import RehearsalProcess
+from phyagentos.runtime.lookahead.service import RehearsalProcess
 from phyagentos.runtime.perception.world_model import WORLD, WorldModel
 
 LOOKAHEAD_LOW = "LOOKAHEAD_LOW"

@@ -22,8 +22,7 @@ from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.lookahead.forecaster import LOOKAHEAD_FAILED, Case, ForecasterSite
 from phyagentos.runtime.lookahead.rehearsal import Rehearsal, Rehearser, Stage
-from phyagentos.runtime.lookahead.rollouts import Playback, find_cause
-from phyagentos.runtime.lookahead.sprt import is_decided
+from phyagentos.runtime.lookahead.rollouts import Playback, find_cause, is_decided
 from phyagentos.runtime.lookahead.strategies import Tried, propose
 from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_starts
 from phyagentos.runtime.models.robot import read_profile
