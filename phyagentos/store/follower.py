@@ -1,26 +1,8 @@
 """The follower: reads one partition of the journal, as far as it is whole. Writes nothing.
 
-It never skips: it waits behind the first byte that it cannot trust, and reports a damaged segment with its offset.
-
-The algorithm, for any language. A partition is the folder `sessions/<partition>/`; a segment `<name>.md` is there, or,
-once it is sealed and no live session or open goal needs it, in `sessions/archive/<yyyy-mm>/<partition>/<name>.md`,
-where `yyyy-mm` are the first seven characters of its name. Segments are moved oldest first, by rename, and never back.
-
-1. List the names in the partition, then those in the archive (`*/<partition>/`), in this order, so that one that is
-   moved meanwhile is met at least once; put them together and sort. Begin with the first, at the first byte behind its
-   front matter and heading. A reader that knows a position (segment, offset, seq) begins there instead.
-2. Open a segment in the partition; where it is not, in the archive. Its front matter must name this partition, itself,
-   the next sequence number, the segment before and that file's SHA-256 (`none` for both before the first). Otherwise:
-   damage.
-3. Read from the offset to the end. Accept a record when header, length, CRC and sequence number (last + 1) hold; a
-   batch (`more` counts down to 0) is accepted as a whole.
-4. What follows the last whole batch is a writer at work or a dead one's rest (a prefix of a record): wait. If it cannot
-   be the beginning of a record, or a whole record stands behind it: damage; look once more with the lock held shared,
-   because a writer may have been cutting a rest, then report segment and offset and stop.
-5. When nothing is left to read: list the partition. Where the current segment is missing from it, list the archive too.
-   If there is a later name, read the current segment once more to its end (it grows no more), demand that nothing is
-   left over, and go on with the first later name at step 2. Otherwise wait for a change of the folder, at most a
-   second.
+It never skips: it waits behind the first byte that it cannot trust, and reports a damaged segment with its offset. The
+algorithm, step by step and for any language, is in docs/journal.md. A damaged tail is looked at once more with the lock
+held shared, because a writer may have been cutting a rest.
 """
 
 import fcntl

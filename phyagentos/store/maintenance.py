@@ -67,12 +67,17 @@ class Maintenance:
         Raises SyncFailedError where the disk did not confirm; what fails otherwise is left for the next time.
         """
         begin_s = self._clock.now_s()
-        with _leave_for_next_time(), self._alone():
-            if position.seq > find_checkpoint_seq(self._folder):
-                self._make_durable(position)
-                write_checkpoint(self._folder, ledger, position, self._io, durable=self._durable)
-            if position.seq == find_checkpoint_seq(self._folder):  # else another process is ahead
-                archive_segments(self._folder, ledger.find_horizon(), position.seq, self._io, durable=self._durable)
+        try:
+            with self._alone():
+                if position.seq > find_checkpoint_seq(self._folder):
+                    self._make_durable(position)
+                    write_checkpoint(self._folder, ledger, position, self._io, durable=self._durable)
+                if position.seq == find_checkpoint_seq(self._folder):  # else another process is ahead
+                    archive_segments(self._folder, ledger.find_horizon(), position.seq, self._io, durable=self._durable)
+        except segments.SyncFailedError:
+            raise
+        except (OSError, ExecutionError):
+            pass
         end_s = self._clock.now_s()
         self._seq, self._segment, self._at_s = position.seq, position.segment, end_s
         self._not_before_s = end_s + (end_s - begin_s) / SHARE
@@ -105,16 +110,6 @@ class Maintenance:
             yield
         finally:
             os.close(fd)
-
-
-@contextlib.contextmanager
-def _leave_for_next_time() -> Iterator[None]:
-    try:
-        yield
-    except segments.SyncFailedError:
-        raise
-    except (OSError, ExecutionError):
-        pass
 
 
 def archive_segments(

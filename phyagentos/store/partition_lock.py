@@ -78,8 +78,13 @@ class PartitionLock:
         fcntl.flock(self._fd, fcntl.LOCK_UN)
 
     def announce(self, segment: str) -> None:
-        """Write down which segment is current from now on; call it with the lock held, before the segment appears."""
-        announce_segment(self._fd, segment)
+        """Write down which segment is current from now on; call it with the lock held, before the segment appears.
+
+        An empty name makes followers list the folder.
+        """
+        data = f"{segment}\n".encode() if segment else b""
+        os.pwrite(self._fd, data, 0)
+        os.ftruncate(self._fd, len(data))
 
     def close(self) -> None:
         """Close the file."""
@@ -107,13 +112,6 @@ def hold_lock(folder: Path, mode: int) -> Iterator[int]:
         yield fd
     finally:
         os.close(fd)
-
-
-def announce_segment(lock_fd: int, segment: str) -> None:
-    """Write the name of the segment that is written from now on; an empty name makes followers list the folder."""
-    data = f"{segment}\n".encode() if segment else b""
-    os.pwrite(lock_fd, data, 0)
-    os.ftruncate(lock_fd, len(data))
 
 
 def read_announced(lock_fd: int) -> str:

@@ -95,11 +95,10 @@ def _draw_things(
 ) -> None:
     shift = rng.normal(0.0, 1.0, 2) * CALIBRATION_STD_M[environment.sensing]
     for name, body in spec.bodies.items():
-        draws = rng.normal(0.0, 1.0, 3), rng.uniform(-1.0, 1.0, 2), rng.uniform(0.0, 1.0, 2)
+        place, shares, ranks = rng.normal(0.0, 1.0, 3), rng.uniform(-1.0, 1.0, 2), rng.uniform(0.0, 1.0, 2)
         entity = environment.entities.get(name)
         if entity is None or body.fixed:
             continue
-        place, shares, ranks = draws
         if entity.held_by is None:  # what is held is where the fingers are
             _displace(model, data, name, place * _compute_deviation(entity, environment.sensing), shift)
         _weigh(model, name, body, pads, shares, ranks)
