@@ -39,38 +39,30 @@ class ImaginedStart:
     state: Array
 
 
-def draw_starts(
+def draw_start(
     physics: Physics,
     start: Array,
     spec: SceneSpec,
     environment: Environment,
     profile: TargetProfile,
     *,
-    samples: int,
     seed: int,
-    first: int = 0,
-) -> list[ImaginedStart]:
-    """Draw worlds around an estimate at rest (mjSTATE_INTEGRATION), from the number `first` on.
+    number: int,
+) -> ImaginedStart:
+    """Draw one of the worlds around an estimate at rest (mjSTATE_INTEGRATION); the model of `physics` is copied.
 
-    The same seed gives the same worlds, each by its number alone; the model of `physics` is copied.
+    The same seed gives the same worlds, each by its number alone.
     """
-    scratch = mujoco.MjData(physics.model)
-    mujoco.mj_setState(physics.model, scratch, start, mujoco.mjtState.mjSTATE_INTEGRATION)
-    qpos = np.array(scratch.qpos)
-    starts = []
-    for index in range(first, first + samples):
-        rng = np.random.default_rng(compute_seed(seed, "lookahead", index))
-        model = copy.copy(physics.model)
-        data = mujoco.MjData(model)
-        mujoco.mj_setState(model, data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
-        data.qpos[:] = qpos
-        _draw_robot(model, profile, rng)
-        _draw_things(model, data, spec, environment, _find_pads(model, profile), rng)
-        state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
-        mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        mujoco.mj_setConst(model, data)  # what follows from the masses; it uses the data as scratch
-        starts.append(ImaginedStart(model, state))
-    return starts
+    rng = np.random.default_rng(compute_seed(seed, "lookahead", number))
+    model = copy.copy(physics.model)
+    data = mujoco.MjData(model)
+    mujoco.mj_setState(model, data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
+    _draw_robot(model, profile, rng)
+    _draw_things(model, data, spec, environment, _find_pads(model, profile), rng)
+    state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    mujoco.mj_setConst(model, data)  # what follows from the masses; it uses the data as scratch
+    return ImaginedStart(model, state)
 
 
 def _draw_robot(model: mujoco.MjModel, profile: TargetProfile, rng: np.random.Generator) -> None:

@@ -24,7 +24,7 @@ from phyagentos.runtime.lookahead.rehearsal import Rehearser
 from phyagentos.runtime.lookahead.rollout_forecaster import BATCH, RolloutForecaster
 from phyagentos.runtime.lookahead.rollouts import Playback, SharedPrefix, find_cause
 from phyagentos.runtime.lookahead.service import ForecastService
-from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_starts
+from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_start
 from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
@@ -99,7 +99,8 @@ def foresee(rehearser, session, request, environment, threads=1, tree="pick_and_
 
 def draw(rehearser, stage, environment, samples, seed=5):
     spec = read_scene(rehearser.library.get_scene(environment.scene))
-    return draw_starts(stage.physics, stage.start, spec, environment, rehearser.profile, samples=samples, seed=seed)
+    estimate = (stage.physics, stage.start, spec, environment, rehearser.profile)
+    return [draw_start(*estimate, seed=seed, number=number) for number in range(samples)]
 
 
 def copy_start(stage):
