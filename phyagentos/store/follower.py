@@ -14,14 +14,13 @@ import msgspec
 
 from phyagentos.errors import ExecutionError
 from phyagentos.store import segments
-from phyagentos.store.partition_lock import LOCK_NAME, describe_move, find_holder, hold_lock, read_announced
+from phyagentos.store.partition_lock import LOCK_NAME, describe_move, hold_file, read_announced
 from phyagentos.store.records import Record, Tail, scan_records
-
-__all__ = ["LOCK_NAME", "Follower", "Position", "find_holder", "hold_lock"]
 
 _DISTRUST_EVERY = 16  # looks: so often the folder is listed although the lock file shows nothing new
 _CHUNK_BYTES = 1 << 20
 _CLEAN, _DAMAGED = Tail.CLEAN, Tail.DAMAGED  # an enumeration takes its time to find a member
+UNREAD_KEPT = 4096  # records; more are read again from the segments
 
 
 class Position(msgspec.Struct, frozen=True, gc=False):
@@ -89,7 +88,7 @@ class Follower:
         self._looks += 1
         records = self.advance(trusts_lock=self._looks % _DISTRUST_EVERY != 0)
         if self.tail is _DAMAGED:  # or a writer was cutting a torn tail meanwhile: look again with the lock held
-            with hold_lock(self._folder, fcntl.LOCK_SH):
+            with hold_file(self._folder / LOCK_NAME, fcntl.LOCK_SH):
                 records += self.advance()
             if self.tail is Tail.DAMAGED:
                 self._held = records
@@ -247,3 +246,50 @@ class Follower:
         if (status.st_dev, status.st_ino) != self._inode:
             raise describe_move(self.path)
         return status
+
+
+class ConsumerOffset:
+    """The place of a journal's owner in a partition, and what it has not read yet, in bounded memory.
+
+    Records of an owner that keeps up are handed over from memory, each parsed once; a slow or new owner is remembered
+    as a place in the journal and reads from there. `delivered` is where it stands as of its last call, None before the
+    first.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.delivered: Position | None = None
+        self._folder = folder
+        self._unread: list[Record] = []
+        self._behind: Follower | None = Follower(folder)
+
+    def begin_at(self, position: Position | None) -> None:
+        """Let the owner go on there, whatever it has read so far; None is before the first record."""
+        self.close()
+        self.delivered, self._unread = position, []
+        self._behind = Follower(self._folder, position)
+
+    def add(self, records: Sequence[Record]) -> None:
+        """Records that the journal's cursor has passed."""
+        if self._behind is None:
+            self._unread += records
+            if len(self._unread) > UNREAD_KEPT and self.delivered is not None:
+                self._unread = []
+                self._behind = Follower(self._folder, self.delivered)
+
+    def take(self, cursor: Follower) -> tuple[list[Record], Follower]:
+        """What the owner has not read, and the cursor to go on with; the given one has just read as far as it can."""
+        if self._behind is None:
+            records, self._unread = self._unread, []
+        else:
+            records = self._behind.read_new()
+            if self._behind.seq >= cursor.seq:
+                cursor.close()
+                cursor, self._behind = self._behind, None
+        if records or self.delivered is None:
+            self.delivered = cursor.position
+        return records, cursor
+
+    def close(self) -> None:
+        """Close the files."""
+        if self._behind is not None:
+            self._behind.close()

@@ -27,8 +27,7 @@ from phyagentos.protocol.sessions.lifecycle import Fenced, Side
 from phyagentos.store.admission import Entry, IllegalEvent
 from phyagentos.store.admission_cache import AdmissionCache, NotCached
 from phyagentos.store.checkpoint import find_checkpoint, find_seen_seq, read_ledger, refuse_missing_end
-from phyagentos.store.consumer_offset import ConsumerOffset
-from phyagentos.store.follower import Follower
+from phyagentos.store.follower import ConsumerOffset, Follower
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.maintenance import Maintenance
 from phyagentos.store.partition_lock import PartitionLock
@@ -231,18 +230,15 @@ class Journal:
         self._writer.open(self._follower)
         if self._follower.tail is Tail.DAMAGED:
             error = self._follower.describe_damage()
-            self._set_aside()
+            name = f"{self._follower.segment}.{self._follower.offset}.damaged"
+            with contextlib.suppress(OSError, ExecutionError):
+                if rest := self._follower.read_rest():
+                    (self.folder / name).write_bytes(rest)
             raise error
         if is_first_look:  # a writer that died may have announced one that never appeared
             self._writer.announce(str(self._follower.segment))
         if self._follower.tail is Tail.TORN:
             self._repair()
-
-    def _set_aside(self) -> None:
-        name = f"{self._follower.segment}.{self._follower.offset}.damaged"
-        with contextlib.suppress(OSError, ExecutionError):
-            if rest := self._follower.read_rest():
-                (self.folder / name).write_bytes(rest)
 
     def _repair(self) -> None:
         """Cut a torn tail, which was never acknowledged."""

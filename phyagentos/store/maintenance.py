@@ -12,7 +12,6 @@ After a power cut a name may stand in both places (the archived file counts), ne
 import contextlib
 import fcntl
 import os
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from phyagentos.store import segments
 from phyagentos.store.checkpoint import find_checkpoint_seq, read_ledger, write_checkpoint
 from phyagentos.store.follower import Position
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.partition_lock import hold_file
 
 PERIOD_RECORDS = 2000  # read by a start behind a checkpoint: some 25 ms
 PERIOD_S = 60.0
@@ -68,7 +68,7 @@ class Maintenance:
         """
         begin_s = self._clock.now_s()
         try:
-            with self._alone():
+            with hold_file(self._folder / LOCK_NAME, fcntl.LOCK_EX | fcntl.LOCK_NB):
                 if position.seq > find_checkpoint_seq(self._folder):
                     self._make_durable(position)
                     write_checkpoint(self._folder, ledger, position, self._io, durable=self._durable)
@@ -100,16 +100,6 @@ class Maintenance:
         if self._durable:
             with os.fdopen(segments.open_segment(self._folder, position.segment), "rb") as file:
                 segments.sync_file(file.fileno(), self._io.fdatasync)
-
-    @contextlib.contextmanager
-    def _alone(self) -> Iterator[None]:
-        """Hold the lock of the maintenance; raises BlockingIOError when another process holds it."""
-        fd = os.open(self._folder / LOCK_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            yield
-        finally:
-            os.close(fd)
 
 
 def archive_segments(

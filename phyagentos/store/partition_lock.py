@@ -104,12 +104,12 @@ def _choose_pause(waited_s: float) -> float:
 
 
 @contextlib.contextmanager
-def hold_lock(folder: Path, mode: int) -> Iterator[int]:
-    """Hold the partition's lock, shared or exclusive, through a descriptor of one's own."""
-    fd = os.open(folder / LOCK_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+def hold_file(path: Path, mode: int) -> Iterator[None]:
+    """Hold a lock file in a mode of `flock`; raises BlockingIOError where that does not wait for another process."""
+    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
         fcntl.flock(fd, mode)
-        yield fd
+        yield
     finally:
         os.close(fd)
 

@@ -169,7 +169,9 @@ class _Plan:
     def carry_out(self, lock: PartitionLock) -> Repair:
         """Put the staged files in place, the newest first, and report it in a new segment."""
         lock.announce("")  # followers look at the folder from now on
-        forget_shortcuts(self._folder)
+        index = self._folder.parent.parent / ".cache"  # it and the checkpoint hold positions that are about to move
+        for path in (self._folder / CHECKPOINT, *index.glob(f"{self._folder.name}.sqlite*")):
+            path.unlink(missing_ok=True)
         aside: dict[str, Path] = {}
         for each in reversed(self._changed):
             if not each.is_relinked:
@@ -253,13 +255,6 @@ class _Plan:
         lock.announce(name)
         self._io.replace(staged, self._folder / f"{name}.md")
         sync_folder(self._folder, self._io)
-
-
-def forget_shortcuts(folder: Path) -> None:
-    """Remove the checkpoint and the index of a partition: both hold positions that are about to move."""
-    index = folder.parent.parent / ".cache"
-    for path in (folder / CHECKPOINT, *index.glob(f"{folder.name}.sqlite*")):
-        path.unlink(missing_ok=True)
 
 
 def _set_aside(path: Path) -> Path:

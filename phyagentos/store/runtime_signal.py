@@ -113,7 +113,7 @@ class RuntimeSignal:
         if age_s >= PERIOD_S:
             self._file.take(self._take_requests)
             signs = self._read(now_s, RuntimeState.RUNNING)
-            is_new = self._published is None or not _is_same(signs, self._published)
+            is_new = self._published is None or msgspec.structs.replace(self._published, at=signs.at) != signs
             if is_new or age_s >= RENEWAL_S or self._file.is_touched():
                 self._publish(signs, now_s)
 
@@ -195,11 +195,6 @@ def find_requests(text: str) -> list[str]:
         block = next(iter_blocks(f"## {REQUEST}\n{section}"), None)
         requests.append(block.yaml if block is not None else f"{section.strip()}\n")
     return requests
-
-
-def _is_same(a: Signs, b: Signs) -> bool:
-    """Whether two are equal but for their time."""
-    return (a.runtime, a.workers, a.requests) == (b.runtime, b.workers, b.requests)
 
 
 def _read_change(folder: Path) -> int:

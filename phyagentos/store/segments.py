@@ -6,7 +6,7 @@ A new one opens at midnight (UTC) or at 16 MB. Those in the archive precede thos
 import os
 import re
 import stat
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,13 +92,13 @@ def choose_partition(folder: Path) -> str:
 
 def list_segments(folder: Path) -> list[str]:
     """Names of the segments in the partition, without suffix, oldest first."""
-    return _sort(_list_names(folder))
+    return sorted(_list_names(folder), key=_order)
 
 
 def list_all_segments(folder: Path) -> list[str]:
     """Names of the partition's segments, archived ones included, oldest first."""
     names = _list_names(folder)  # before the archive: one that is moved meanwhile is met at least once
-    return _sort({*names, *_list_archived(folder)})
+    return sorted({*names, *_list_archived(folder)}, key=_order)
 
 
 def find_next_segment(folder: Path, name: str) -> str | None:
@@ -154,10 +154,6 @@ def _list_names(folder: Path) -> list[str]:
 
 def _list_archived(folder: Path) -> list[str]:
     return [path.stem for path in (folder.parent / ARCHIVE).glob(f"*/{folder.name}/*.md") if _NAME.fullmatch(path.name)]
-
-
-def _sort(names: Iterable[str]) -> list[str]:
-    return sorted(names, key=_order)
 
 
 def _order(name: str) -> tuple[str, int, str]:

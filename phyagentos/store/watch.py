@@ -9,7 +9,6 @@ import os
 import select
 from collections.abc import Collection, Iterable
 from pathlib import Path
-from types import TracebackType
 
 import inotify_simple
 
@@ -57,9 +56,7 @@ class Watch:
         self._next_poll_s = self._clock.now_s() + self._poll_s
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._poller.unregister(self.fileno())
         if self._inotify is not None:
             self._inotify.close()

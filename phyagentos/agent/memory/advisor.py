@@ -13,7 +13,7 @@ from typing import Protocol
 import msgspec
 
 from phyagentos.agent.memory.cautions import Caution
-from phyagentos.agent.memory.features import Features, Surroundings
+from phyagentos.agent.memory.episodes import Features, Surroundings
 from phyagentos.agent.memory.memory import Found, Memory, Retrieval
 from phyagentos.agent.memory.methodological import join_ways
 from phyagentos.agent.memory.semantic import Pattern

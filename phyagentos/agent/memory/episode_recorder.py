@@ -10,9 +10,8 @@ from typing import TypeVar
 
 import msgspec
 
-from phyagentos.agent.memory.episodes import Episode, find_episode, find_key
+from phyagentos.agent.memory.episodes import Episode, Surroundings, find_episode, find_key
 from phyagentos.agent.memory.experience_log import Edit
-from phyagentos.agent.memory.features import Surroundings
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.memory.semantic import Pattern, Rank
 from phyagentos.clock import Clock
@@ -186,7 +185,10 @@ def renew_promoted(path: Path, patterns: Iterable[Pattern]) -> bool:
     ways: dict[str, list[PromotedWay]] = {}
     for each in sorted(patterns, key=lambda pattern: pattern.id):
         if each.trial.rank is Rank.PROMOTED and each.strategy and each.state is Standing.ACTIVE:
-            ways.setdefault(each.scope.skill, []).append(_describe(each))
+            where = {key: getattr(each.scope, key) for key in ("scene", "target", "object", "destination")}
+            strategy = msgspec.to_builtins(each.strategy)
+            way = PromotedWay(entry=each.id, strategy=strategy, rate=str(each.count), **where)
+            ways.setdefault(each.scope.skill, []).append(way)
     skills = read_skill_registry(path)
     renewed = []
     for skill in skills.values():
@@ -197,16 +199,3 @@ def renew_promoted(path: Path, patterns: Iterable[Pattern]) -> bool:
         return False
     publish(path, render_skills(renewed))
     return True
-
-
-def _describe(pattern: Pattern) -> PromotedWay:
-    scope = pattern.scope
-    return PromotedWay(
-        entry=pattern.id,
-        scene=scope.scene,
-        target=scope.target,
-        object=scope.object,
-        destination=scope.destination,
-        strategy=msgspec.to_builtins(pattern.strategy),
-        rate=str(pattern.count),
-    )

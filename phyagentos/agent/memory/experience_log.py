@@ -122,26 +122,22 @@ class ExperienceLog:
             follower.advance()
             writer.open(follower)
         records = [
-            self._make_record(event, follower.seq + 1 + index, len(events) - 1 - index, today)
+            Record(
+                seq=follower.seq + 1 + index,
+                id=event.session if isinstance(event, Episode) else event.entry,
+                ev="episode" if isinstance(event, Episode) else "edit",
+                by=self._by,
+                side=self._side.value,
+                at=today,
+                more=len(events) - 1 - index,
+                markdown=f"{_OPENING}{msgspec.json.encode(event).decode()}{_CLOSING}",  # JSON is YAML, and read fast
+            )
             for index, event in enumerate(events)
         ]
         data = encode_batch(records)
         writer.append(data, follower)
         follower.accept(data, records)
         return records
-
-    def _make_record(self, event: Event, seq: int, more: int, at: str) -> Record:
-        is_episode = isinstance(event, Episode)
-        return Record(
-            seq=seq,
-            id=event.session if isinstance(event, Episode) else event.entry,
-            ev="episode" if is_episode else "edit",
-            by=self._by,
-            side=self._side.value,
-            at=at,
-            more=more,
-            markdown=f"{_OPENING}{msgspec.json.encode(event).decode()}{_CLOSING}",  # JSON is YAML, and read in no time
-        )
 
 
 def _iter_events(records: Sequence[Record]) -> Iterator[tuple[int, Event]]:

@@ -75,7 +75,7 @@ def format_refusal(refused: Refused, source: str) -> str:
 
 
 def _render(refused: Refused, source: str, at: str) -> str:
-    fence = "`" * max(4, *(len(run) + 1 for run in re.findall("`+", refused.text)))
+    fence = "`" * max([4, *(len(run) + 1 for run in re.findall("`+", refused.text))])
     text = refused.text if refused.text.endswith("\n") else f"{refused.text}\n"
     return (
         f"## {at} {source}:{refused.line}\n\n"

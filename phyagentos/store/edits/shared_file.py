@@ -136,7 +136,8 @@ class SharedFile:
         self._kept = [kept for kept in self._kept if self._examine(kept, handle, at_once=at_once)]
 
     def _put(self, data: bytes) -> bool:
-        fresh = self._write_aside(data)
+        fresh = self._choose_name()
+        fresh.write_bytes(data)  # the folder is there: its lock is held
         stamp, digest = _read_stamp(fresh), _hash(data)
         os.pwrite(self._last_fd, digest, 0)  # before the swap: a wrong one costs a comparison; in place: no ext4 flush
         try:
@@ -244,11 +245,6 @@ class SharedFile:
             path = self._aside / f"{self._owner}-{self._number:08d}.md"
             if not path.exists():
                 return path
-
-    def _write_aside(self, data: bytes) -> Path:
-        path = self._choose_name()
-        path.write_bytes(data)  # the folder is there: its lock is held
-        return path
 
 
 def _read_stamp(path: Path) -> Stamp:

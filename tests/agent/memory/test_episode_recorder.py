@@ -10,8 +10,8 @@ import pytest
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.memory.advisor import MemoryAdvisor
 from phyagentos.agent.memory.episode_recorder import EpisodeRecorder
+from phyagentos.agent.memory.episodes import Surroundings
 from phyagentos.agent.memory.experience_log import Edit
-from phyagentos.agent.memory.features import Surroundings
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
