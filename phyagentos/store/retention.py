@@ -137,7 +137,11 @@ class _Cleaning:
     def run(self, *, dry_run: bool) -> RetentionReport:
         folders = {path.name: path for path in evidence_manifest.iter_bundles(self._workspace.evidence)}
         ended = {id: status for id, status in _find_ended(self._workspace, self._now).items() if id in folders}
-        self._read_manifests(folders[id] for id in ended)
+        for id in ended:
+            try:
+                self._manifests[id] = evidence_manifest.read_manifest(folders[id])
+            except ExecutionError:
+                self._damaged[id] = None
         unsealed = tuple(sorted(name for name, manifest in self._manifests.items() if manifest is None))
         if not dry_run:
             sealer = evidence_manifest.Sealer(self._workspace.evidence)
@@ -162,13 +166,6 @@ class _Cleaning:
             bytes_over=over,
             damaged=tuple(self._damaged),
         )
-
-    def _read_manifests(self, folders: Iterable[Path]) -> None:
-        for folder in folders:
-            try:
-                self._manifests[folder.name] = evidence_manifest.read_manifest(folder)
-            except ExecutionError:
-                self._damaged[folder.name] = None
 
     def _choose(self, succeeded: list[SessionStatus], folders: Mapping[str, Path]) -> None:
         """Decide what goes: first what is not to be kept, then from the oldest on until the rest fits."""

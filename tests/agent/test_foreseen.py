@@ -31,7 +31,7 @@ class Told(NoAdvice):
     def begin(self, graph, snapshot):
         return snapshot or "memory/7-abc"
 
-    def advise(self, session, world):
+    def advise(self, session):
         return self.advice if session.node == "red" else Advice()
 
 

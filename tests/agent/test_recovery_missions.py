@@ -390,7 +390,7 @@ def test_other_policies_run_in_the_same_mission_loop(make_stage, two, policy, ve
 
 def test_advice_of_memory_is_in_the_contract_and_told_with_its_source(make_stage, two):
     class Memory(NoAdvice):
-        def advise(self, session, world):
+        def advise(self, session):
             if session.node != "red":
                 return Advice()
             return Advice(strategy=Strategy(speed=0.25), reasons=("lesson-3: it slips",), sources=("lesson-3",))

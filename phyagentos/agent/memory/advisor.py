@@ -22,7 +22,6 @@ from phyagentos.protocol.sessions.means import OWN_MEANS, Means
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Risk, Scope
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
-from phyagentos.protocol.world.environment import Environment
 
 REMEMBERED = 4096  # answers that are kept until memory changes
 
@@ -54,8 +53,8 @@ class Advisor(Protocol):
         `snapshot` is that which it has begun with; empty for a new goal, and the present one.
         """
 
-    def advise(self, session: Session, world: Environment | None) -> Advice:
-        """Advice of experience about a contract; `world` is the latest judged snapshot, None before the first."""
+    def advise(self, session: Session) -> Advice:
+        """Advice of experience about a contract, as compiled; where others have prepared it, with a parent."""
 
 
 class NoAdvice:
@@ -65,7 +64,7 @@ class NoAdvice:
         """Nothing."""
         return ""
 
-    def advise(self, session: Session, world: Environment | None) -> Advice:
+    def advise(self, session: Session) -> Advice:
         """Nothing."""
         return NOTHING
 
@@ -99,9 +98,8 @@ class MemoryAdvisor:
         self._graph, self._snapshot = graph, snapshot if earlier is not None else now
         return self._snapshot
 
-    def advise(self, session: Session, world: Environment | None) -> Advice:
+    def advise(self, session: Session) -> Advice:
         """What was verified to help in its scope; nothing where nothing is known."""
-        del world  # kinds are known from the inventory before anything was seen
         experience = self._known.experience
         if not (experience.corrections or experience.patterns or experience.cautions):
             return NOTHING

@@ -132,8 +132,11 @@ class Experience(msgspec.Struct, kw_only=True):
             self.patterns[id] = semantic.extend(self.patterns.pop(id, None), episode, id, self.seq)
             _shrink(self.patterns, PATTERNS_KEPT)
             yield id
-        if episode.is_first and episode.is_own_way:
-            self._count_baselines(episode)
+        if episode.is_first and not (episode.strategy or episode.advised_by or episode.prepared):  # the own way
+            scope = compute_scope(episode)
+            for each in dict.fromkeys((scope, widen(scope, _OF_THINGS), widen(scope, _OF_PLACES))):
+                name = _name(each)
+                self.baselines[name] = self.baselines.pop(name, Count()).add(success=episode.is_success)
         if episode.is_first:
             yield from self._apply(episode)
 
@@ -181,12 +184,6 @@ class Experience(msgspec.Struct, kw_only=True):
             self.failures[episode.session] = msgspec.structs.replace(
                 before, session=episode.session, strategy=episode.strategy
             )
-
-    def _count_baselines(self, episode: Episode) -> None:
-        scope = compute_scope(episode)
-        for each in dict.fromkeys((scope, widen(scope, _OF_THINGS), widen(scope, _OF_PLACES))):
-            name = _name(each)
-            self.baselines[name] = self.baselines.pop(name, Count()).add(success=episode.is_success)
 
     def _edit(self, edit: Edit) -> Iterator[str]:
         yield edit.entry

@@ -51,7 +51,7 @@ class Drafter:
         before = self.facts.get_sessions(node)
         if session.purpose or not all(status.contract.purpose for status in before):
             return session  # what a repair chose rests on fresher evidence
-        advice = self.advisor.advise(session, self.evidence.all.now)
+        advice = self.advisor.advise(session)
         if advice.means:
             step = foresee(self._make_case(node, session, before, fresh), advice.means)
             try:

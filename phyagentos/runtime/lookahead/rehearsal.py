@@ -67,11 +67,6 @@ class ControlRecording(FaultInjector):
         self.rows.append(physics.data.ctrl.copy())
         return []
 
-    def rewind(self) -> None:
-        """Empty it."""
-        self.rows.clear()
-        self.states.clear()
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rehearsal:
@@ -163,7 +158,8 @@ class Rehearser:
             world=stage.world,
         )
         skill = TreeSkillRuntime(build_tree(tree, session.parameters, context, self.library, self.registry), context)
-        stage.recording.rewind()
+        stage.recording.rows.clear()
+        stage.recording.states.clear()
         loop = SessionLoop(
             handle=handle,
             context=context,

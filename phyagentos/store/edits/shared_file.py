@@ -88,7 +88,12 @@ class SharedFile:
     @contextlib.contextmanager
     def hold(self, *, wait: bool) -> Iterator[bool]:
         """Keep every other process from swapping, waiting for the lock if asked; yields whether that succeeded."""
-        fd = self._open_lock()
+        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
+        try:
+            fd = os.open(self._lock_file, flags, 0o644)
+        except FileNotFoundError:  # a clean-up removed the folder
+            self._aside.mkdir(parents=True, exist_ok=True)
+            fd = os.open(self._lock_file, flags, 0o644)
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
             yield True
@@ -96,14 +101,6 @@ class SharedFile:
             yield False
         finally:
             os.close(fd)
-
-    def _open_lock(self) -> int:
-        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
-        try:
-            return os.open(self._lock_file, flags, 0o644)
-        except FileNotFoundError:  # a clean-up removed the folder
-            self._aside.mkdir(parents=True, exist_ok=True)
-            return os.open(self._lock_file, flags, 0o644)
 
     def put(self, text: str) -> bool:
         """Swap a rendering in, unless another process holds or replaces the file; whether it is in place."""
