@@ -132,7 +132,7 @@ class Experience(msgspec.Struct, kw_only=True):
             self.patterns[id] = semantic.extend(self.patterns.pop(id, None), episode, id, self.seq)
             _shrink(self.patterns, PATTERNS_KEPT)
             yield id
-        if episode.is_first and not (episode.strategy or episode.advised_by or episode.prepared):  # the own way
+        if episode.is_first and episode.is_own_way:
             scope = compute_scope(episode)
             for each in dict.fromkeys((scope, widen(scope, _OF_THINGS), widen(scope, _OF_PLACES))):
                 name = _name(each)
