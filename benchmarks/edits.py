@@ -157,7 +157,7 @@ class Exchanging(Publisher):
         """Publish once."""
         self.history.read_new()
         self.edits.take(self.history)
-        self.edits.put(self.history.render(self.history.build_page(self.edits.notes)))
+        self.edits.file.put(self.history.render(self.history.build_page(self.edits.notes)))
 
     def close(self) -> None:
         """Take in what is left."""

@@ -21,8 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.outcome import format_outcome
-from phyagentos.agent.memory.episodes import Episode
-from phyagentos.agent.memory.features import Features
+from phyagentos.agent.memory.episodes import Episode, Features
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.memory.scopes import compute_scope
 from phyagentos.bench.report import Ask, Spread

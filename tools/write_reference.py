@@ -18,8 +18,23 @@ from phyagentos.cli.schemas import names_of_schemas, render_fields, render_schem
 from phyagentos.cli.showing import RETRIES
 from phyagentos.codes import CODES, Actor, Phase
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.registries import render_skills, render_targets
+from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME
+from phyagentos.protocol.capabilities.targets import TARGETS
+from phyagentos.protocol.documents.log import LOG
 from phyagentos.protocol.documents.markdown import render_table
-from phyagentos.store.views.pristine import render_pristine
+from phyagentos.protocol.sessions.knowledge import KNOWLEDGE, render_knowledge
+from phyagentos.protocol.sessions.lessons import LESSONS, render_lessons
+from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL
+from phyagentos.protocol.sessions.session import SESSIONS
+from phyagentos.protocol.sessions.tasks import TASK
+from phyagentos.protocol.world.environment import ENVIRONMENT
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.runtime_signal import render_runtime_signal
+from phyagentos.store.views.environment import render_environment
+from phyagentos.store.views.log import render_log
+from phyagentos.store.views.sessions import render_sessions
+from phyagentos.store.views.tasks import render_tasks
 
 ROOT = Path(__file__).resolve().parents[1]
 BEGIN, END = "<!-- fields -->\n", "<!-- /fields -->\n"
@@ -45,6 +60,22 @@ def render_all(root: Path) -> dict[Path, str]:
     texts |= {f"docs/reference/{name}": text for name, text in render_reference().items()}
     texts["docs/error_codes.md"] = render_codes()
     return {root / name: text for name, text in texts.items()} | renew_pages(root / "docs" / "documents")
+
+
+def render_pristine() -> dict[str, str]:
+    """Text of each document as it is in a new workspace, by file name: what its renderer writes of nothing."""
+    nothing = Ledger()
+    return {
+        SESSIONS.file: render_sessions(nothing),
+        TASK.file: render_tasks(nothing),
+        SKILLRUNTIME.file: render_skills(()),
+        TARGETS.file: render_targets(()),
+        ENVIRONMENT.file: render_environment(None),
+        LESSONS.file: render_lessons(()),
+        KNOWLEDGE.file: render_knowledge(()),
+        LOG.file: render_log((), nothing.seq),
+        RUNTIME_SIGNAL.file: render_runtime_signal(None),
+    }
 
 
 def renew_pages(folder: Path) -> Mapping[Path, str]:

@@ -12,7 +12,7 @@ from types import FrameType
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.memory.advisor import MemoryAdvisor
 from phyagentos.agent.memory.episode_recorder import EpisodeRecorder
-from phyagentos.agent.memory.features import Surroundings
+from phyagentos.agent.memory.episodes import Surroundings
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.mission.mission import Mission
 from phyagentos.agent.mission.report import MissionReport

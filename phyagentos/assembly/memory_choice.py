@@ -16,12 +16,7 @@ NONE, PROJECT, OWN = "none", "project", "workspace"
 
 @dataclass(frozen=True, slots=True)
 class ChosenMemory:
-    """A memory, and why it is this one.
-
-    Attributes:
-        folder: Holds `memory/` and `.cache/`; None where nothing is remembered.
-        because: For people.
-    """
+    """A memory, and why it is this one; its folder holds `memory/` and `.cache/`, None where nothing is remembered."""
 
     folder: Path | None
     because: str
@@ -34,14 +29,9 @@ class ChosenMemory:
 def choose_memory(workspace: Workspace, graph: Path, asked: str | None = None) -> ChosenMemory:
     """The memory of a workspace, kept in memory.yaml, so that who continues it has the same one.
 
-    Args:
-        workspace: That runs the goal.
-        graph: Its file; it, or else the working directory, stands in the project.
-        asked: `none`, `project`, `workspace` or a folder, before all else. Then comes what the workspace began with,
-            then records of its own, then runtime_contract.yaml.
-
-    Raises:
-        DefinitionError: With every problem of runtime_contract.yaml.
+    What is `asked` comes first (`none`, `project`, `workspace` or a folder), then what the workspace began with, then
+    records of its own, then runtime_contract.yaml; the project is that of the graph, or else of the working directory.
+    Raises DefinitionError with every problem of runtime_contract.yaml.
     """
     begun = read_choice(workspace)
     if asked is None and begun is not None:

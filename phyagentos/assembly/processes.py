@@ -151,7 +151,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     from phyagentos.protocol.settings.runtime_contract import WorldMode
     from phyagentos.runtime.execution.leaf_registry import build_registry
     from phyagentos.runtime.lookahead.gate import LookaheadGate
-    from phyagentos.runtime.lookahead.process import RehearsalProcess
+    from phyagentos.runtime.lookahead.service import RehearsalProcess
     from phyagentos.runtime.motion.process import LocalPlanner, NoModel, Planner, PlannerProcess
     from phyagentos.runtime.motion.tool_bounds import read_tool_bounds
     from phyagentos.runtime.policies.client import ask_policy
@@ -255,8 +255,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
 
 def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
     """Answer the worker until it is gone."""
-    from phyagentos.runtime.lookahead.process import serve
-    from phyagentos.runtime.lookahead.service import open_service
+    from phyagentos.runtime.lookahead.service import open_service, serve
     from phyagentos.runtime.supervision.workers import end_with_parent
 
     end_with_parent()

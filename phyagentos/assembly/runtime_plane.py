@@ -38,12 +38,11 @@ from phyagentos.runtime.supervision.watchdog import Watchdog
 from phyagentos.runtime.supervision.workers import Worker
 from phyagentos.runtime.supervision.world_process import WorldProcess, end_worlds, get_lock
 from phyagentos.store.edits.edit_intake import EditIntake
-from phyagentos.store.edits.signal_intake import SignalIntake
 from phyagentos.store.journal import Journal, Record
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.renderer import Views
+from phyagentos.store.runtime_signal import RuntimeSignal
 from phyagentos.store.turn_marks import TurnMarks
-from phyagentos.store.views.renderer import Views
-from phyagentos.store.views.runtime_signal import RuntimeSignal
 
 LOWEST = 19  # nice value
 EVERY = 1000  # sessions that ended between two clean-ups
@@ -142,9 +141,8 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     sockets = make_socket_folder(workspace.root)
     journal = Journal(workspace.root, side=Side.RUNTIME, by="watchdog", clock=clock)
     edits = EditIntake(workspace, clock)
-    views = Views(workspace, journal.folder, clock, edits=edits)
-    signal_edits = SignalIntake(workspace, clock)
-    signals = RuntimeSignal(workspace, clock, edits=signal_edits)
+    views = Views(workspace, journal.folder, clock, edits)
+    signals = RuntimeSignal(workspace, clock)
     known = read_target_registry(workspace.target_registry)
     shared = open_shared_time(known, workspace, sockets, clock)
     keeper = EvidenceKeeper(workspace)
@@ -201,7 +199,6 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     seal_rest(workspace, views.ledger)
     edits.close()
     signals.close()
-    signal_edits.close()
     journal.close()
 
 

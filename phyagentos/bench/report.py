@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from phyagentos.agent.memory.intervals import Count
+from phyagentos.agent.memory.semantic import Count
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,7 +80,7 @@ def _edit_copy(edits: EditIntake, history: History, name: str, command: list[str
 def _publish(edits: EditIntake, history: History) -> None:
     """Show the result, where no runtime does; what came out may be an edit that was saved without `paos edit`."""
     for _ in range(2):
-        edits.put(history.render(history.build_page(edits.notes)))
+        edits.file.put(history.render(history.build_page(edits.notes)))
         if not any(merged.accepted or merged.refused for merged in edits.take_file(history, at_once=True)):
             return
 

@@ -15,11 +15,7 @@ from phyagentos.store.segments import list_all_segments
 def read_ledger(root: Path, about: str = "", parts: Sequence[str] = ()) -> Ledger:
     """The state of every session and goal; for `about`, a whole session id, only of it and what belongs to it.
 
-    `parts` are those of `Workspace.open`.
-
-    Raises:
-        DefinitionError: When the folder is no workspace.
-        ExecutionError: `JOURNAL_DAMAGED`.
+    Raises DefinitionError when the folder is no workspace, ExecutionError `JOURNAL_DAMAGED`.
     """
     workspace = Workspace.open(root, *parts)
     folder = workspace.sessions / choose_partition(workspace.sessions)

@@ -73,7 +73,12 @@ def why(entry: Entry, workspace: Space, as_json: AsJson = False) -> None:
         ]
         lines += [f"  baseline    {baseline} without it"] if (baseline := getattr(found, "baseline", "")) else []
         for each in episodes:
-            lines += _format_episode(each)
+            advised = ", advised by it" if each.advised_by else ""
+            lines += [
+                f"  episode     {each.session}: {' '.join(filter(None, (each.verdict.value, each.cause)))}",
+                f"              {each.objective} {each.strategy or 'the own way of the skill'}{advised}",
+                f"              {each.evidence}",
+            ]
         for edit in edits:
             said = " ".join(filter(None, ("retracted." if edit.retracts else "", edit.reason, edit.note)))
             lines.append(f"  said        {edit.by or 'unknown'}: {said or 'where it holds was changed'}")
@@ -148,17 +153,9 @@ def _opened(root: Path) -> "Iterator[Memory]":
 
 def _find(memory: "Memory", entry: str, root: Path) -> "MemoryEntry":
     """The entry as it is recorded; raises `UNKNOWN_ENTRY`."""
-    from phyagentos.agent.memory import cautions, methodological, semantic
-
     experience = memory.experience
-    if (lesson := experience.corrections.get(entry)) is not None:
-        return methodological.describe(lesson, experience.find_baseline(lesson), experience.seq)
-    if (pattern := experience.patterns.get(entry)) is not None:
-        return semantic.describe(pattern)
-    if (caution := experience.cautions.get(entry)) is not None:
-        return cautions.describe(caution)
-    if (fact := experience.facts.get(entry)) is not None:
-        return fact
+    if (found := experience.find(entry)) is not None:
+        return found
     known = [*experience.corrections, *experience.cautions, *experience.patterns, *experience.facts]
     expected = format_names(known[:20]) if known else "nothing is remembered yet"
     raise DefinitionError.of("UNKNOWN_ENTRY", str(root), repr(entry), expected, format_hint(entry, known))
@@ -180,13 +177,3 @@ def _trace(memory: "Memory", entry: str) -> "tuple[list[Episode], list[Edit]]":
         elif event.session in named or entry in event.advised_by or find_pattern_id(event) == entry:
             episodes.append(event)
     return episodes, edits
-
-
-def _format_episode(episode: "Episode") -> list[str]:
-    cause = f" {episode.cause}" if episode.cause else ""
-    advised = ", advised by it" if episode.advised_by else ""
-    return [
-        f"  episode     {episode.session}: {episode.verdict.value}{cause}",
-        f"              {episode.objective} {episode.strategy or 'the own way of the skill'}{advised}",
-        f"              {episode.evidence}",
-    ]

@@ -145,10 +145,6 @@ class Admission:
             id: known for id, known in self._known.items() if known.seq > last_seq or known.state not in _FORGETTABLE
         }
 
-    def __len__(self) -> int:
-        """How many sessions and goals are remembered."""
-        return len(self._known)
-
     def admit(
         self, entries: Sequence[Entry], markdown: Sequence[str], *, last_seq: int, by: str, side: Side, at: str
     ) -> list[Record]:

@@ -25,14 +25,9 @@ class NotCached(Exception):
 
 
 class AdmissionCache:
-    """Admission facts of one journal.
+    """Admission facts of one journal, whose cursor began at a checkpoint, None for the first record.
 
-    Args:
-        folder: Of the partition.
-        checkpoint: Where its cursor began, None for the first record.
-
-    Attributes:
-        segment: The segment that was written when it last forgot something.
+    `segment` is that which was written when it last forgot something.
     """
 
     def __init__(self, folder: Path, checkpoint: Checkpoint | None) -> None:

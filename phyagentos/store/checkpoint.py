@@ -24,8 +24,10 @@ import msgspec
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.documents.body_codec import render_flow
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.store.follower import Follower, Position
-from phyagentos.store.ledger import GoalImage, Image, Ledger, SessionImage
+from phyagentos.store.ledger import Image, KeptStatus, Ledger
 from phyagentos.store.records import Tail
 from phyagentos.store.segments import SystemIO, damage, open_segment, read_front, sync_folder, write_file
 
@@ -41,8 +43,8 @@ _TRAILER = re.compile(rb"<!-- crc32 ([0-9a-f]{8}) -->\n\Z")
 _TRAILER_BYTES = 25
 _LIST = re.compile(rb"^```yaml\n(.*?)^```\n", re.DOTALL | re.MULTILINE)
 _SECTIONS = ("Goals", "Sessions that are live, or of a goal that is not over", "The latest sessions that are over")
-_GOALS = msgspec.json.Decoder(GoalImage)
-_SESSIONS = msgspec.json.Decoder(SessionImage)
+_GOALS = msgspec.json.Decoder(KeptStatus[GoalStatus])
+_SESSIONS = msgspec.json.Decoder(KeptStatus[SessionStatus])
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +75,7 @@ def render_checkpoint(partition: str, image: Image, position: Position, tail_crc
         "What is live and what ended last, so that a start is short. The segments are the truth: this file may be "
         "deleted.\n"
     )
-    lists: list[Sequence[GoalImage | SessionImage]] = [
+    lists: list[Sequence[KeptStatus[Any]]] = [
         image.goals,
         [each for each in image.sessions if not each.is_over],
         [each for each in image.sessions if each.is_over],
@@ -163,8 +165,7 @@ def start_reading(folder: Path, *, forgets: bool = True) -> tuple[Ledger, Follow
 def read_ledger(folder: Path) -> tuple[Ledger, Position | None]:
     """The fold of all records, from the checkpoint where there is one, and where the last one ends.
 
-    Raises:
-        ExecutionError: `JOURNAL_DAMAGED`.
+    Raises ExecutionError `JOURNAL_DAMAGED`.
     """
     ledger, follower = start_reading(folder)
     with contextlib.closing(follower):
@@ -173,7 +174,7 @@ def read_ledger(folder: Path) -> tuple[Ledger, Position | None]:
         return ledger, follower.position
 
 
-def _render_item(item: GoalImage | SessionImage) -> bytes:
+def _render_item(item: KeptStatus[Any]) -> bytes:
     line = msgspec.json.encode(item)
     if b"null" in line:  # JSON has no infinity; YAML has
         plain = msgspec.to_builtins(item)

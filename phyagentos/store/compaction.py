@@ -2,7 +2,6 @@
 
 import contextlib
 import fcntl
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,19 +13,16 @@ from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Journal
 from phyagentos.store.maintenance import LOCK_NAME as MAINTENANCE_LOCK
 from phyagentos.store.maintenance import archive_segments
-from phyagentos.store.partition_lock import PartitionLock
+from phyagentos.store.partition_lock import PartitionLock, hold_file
 from phyagentos.store.records import Tail
 from phyagentos.store.segments import Front, SystemIO, choose_next_name, create_segment, sync_folder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Compaction:
-    """What was done.
+    """Which record the checkpoint stands at, which segment was sealed, and which were moved to the archive.
 
-    Attributes:
-        seq: Number of the record at which the checkpoint stands.
-        sealed: Segment that was sealed, None when the last one is still needed or empty.
-        archived: Segments that were moved to the archive.
+    None is sealed when the last one is still needed or empty.
     """
 
     seq: int
@@ -45,40 +41,33 @@ def compact_partition(folder: Path, *, by: str, clock: Clock, file_io: SystemIO)
     journal = Journal(root, side=Side.OPERATOR, by=by, clock=clock, partition=folder.name, file_io=file_io)
     journal.close()  # opening it has cut what a dying writer left half
     with keep_still(folder) as lock:
-        return _compact(folder, lock, clock.wall_iso()[:10], file_io)
+        ledger, follower = start_reading(folder)
+        with contextlib.closing(follower):
+            for record in follower.advance():
+                ledger.apply(record)
+            if follower.tail is not Tail.CLEAN or follower.position is None:
+                raise follower.describe_damage()
+            with follower.path.open("rb") as file:
+                file_io.fsync(file.fileno())
+            sealed = None
+            horizon_seq = ledger.find_horizon()
+            if follower.first_seq <= follower.seq < horizon_seq:
+                sealed = follower.position.segment
+                _seal(folder, follower, lock, clock.wall_iso()[:10], file_io)
+            write_checkpoint(folder, ledger, follower.position, file_io, durable=True)
+            archived = archive_segments(folder, horizon_seq, ledger.seq, file_io, durable=True)
+            return Compaction(seq=ledger.seq, sealed=sealed, archived=archived)
 
 
 @contextlib.contextmanager
 def keep_still(folder: Path) -> Iterator[PartitionLock]:
     """Hold both locks of a partition, so that no other process writes or archives; raises `JOURNAL_LOCKED`."""
-    maintenance = os.open(folder / MAINTENANCE_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     lock = PartitionLock(folder)
-    try:
-        fcntl.flock(maintenance, fcntl.LOCK_EX)  # held for milliseconds, by one who waits for no other lock
-        with lock.held():
+    try:  # that of the maintenance is held for milliseconds, by one who waits for no other lock
+        with hold_file(folder / MAINTENANCE_LOCK, fcntl.LOCK_EX), lock.held():
             yield lock
     finally:
         lock.close()
-        os.close(maintenance)
-
-
-def _compact(folder: Path, lock: PartitionLock, today: str, file_io: SystemIO) -> Compaction:
-    ledger, follower = start_reading(folder)
-    with contextlib.closing(follower):
-        for record in follower.advance():
-            ledger.apply(record)
-        if follower.tail is not Tail.CLEAN or follower.position is None:
-            raise follower.describe_damage()
-        with follower.path.open("rb") as file:
-            file_io.fsync(file.fileno())
-        sealed = None
-        horizon_seq = ledger.find_horizon()
-        if follower.first_seq <= follower.seq < horizon_seq:
-            sealed = follower.position.segment
-            _seal(folder, follower, lock, today, file_io)
-        write_checkpoint(folder, ledger, follower.position, file_io, durable=True)
-        archived = archive_segments(folder, horizon_seq, ledger.seq, file_io, durable=True)
-        return Compaction(seq=ledger.seq, sealed=sealed, archived=archived)
 
 
 def _seal(folder: Path, follower: Follower, lock: PartitionLock, today: str, file_io: SystemIO) -> None:

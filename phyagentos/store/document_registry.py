@@ -17,7 +17,7 @@ from phyagentos.protocol.sessions.stop_signals import Signal
 from phyagentos.protocol.sessions.tasks import TASK
 from phyagentos.protocol.world.environment import ENVIRONMENT
 from phyagentos.store.edits.form import read_contract
-from phyagentos.store.edits.signal_intake import REQUEST
+from phyagentos.store.runtime_signal import REQUEST
 
 FORMATS: dict[str, DocumentFormat[Any]] = {
     each.file: each

@@ -1,26 +1,8 @@
 """The follower: reads one partition of the journal, as far as it is whole. Writes nothing.
 
-It never skips: it waits behind the first byte that it cannot trust, and reports a damaged segment with its offset.
-
-The algorithm, for any language. A partition is the folder `sessions/<partition>/`; a segment `<name>.md` is there, or,
-once it is sealed and no live session or open goal needs it, in `sessions/archive/<yyyy-mm>/<partition>/<name>.md`,
-where `yyyy-mm` are the first seven characters of its name. Segments are moved oldest first, by rename, and never back.
-
-1. List the names in the partition, then those in the archive (`*/<partition>/`), in this order, so that one that is
-   moved meanwhile is met at least once; put them together and sort. Begin with the first, at the first byte behind its
-   front matter and heading. A reader that knows a position (segment, offset, seq) begins there instead.
-2. Open a segment in the partition; where it is not, in the archive. Its front matter must name this partition, itself,
-   the next sequence number, the segment before and that file's SHA-256 (`none` for both before the first). Otherwise:
-   damage.
-3. Read from the offset to the end. Accept a record when header, length, CRC and sequence number (last + 1) hold; a
-   batch (`more` counts down to 0) is accepted as a whole.
-4. What follows the last whole batch is a writer at work or a dead one's rest (a prefix of a record): wait. If it cannot
-   be the beginning of a record, or a whole record stands behind it: damage; look once more with the lock held shared,
-   because a writer may have been cutting a rest, then report segment and offset and stop.
-5. When nothing is left to read: list the partition. Where the current segment is missing from it, list the archive too.
-   If there is a later name, read the current segment once more to its end (it grows no more), demand that nothing is
-   left over, and go on with the first later name at step 2. Otherwise wait for a change of the folder, at most a
-   second.
+It never skips: it waits behind the first byte that it cannot trust, and reports a damaged segment with its offset. The
+algorithm, step by step and for any language, is in docs/journal.md. A damaged tail is looked at once more with the lock
+held shared, because a writer may have been cutting a rest.
 """
 
 import fcntl
@@ -32,14 +14,13 @@ import msgspec
 
 from phyagentos.errors import ExecutionError
 from phyagentos.store import segments
-from phyagentos.store.partition_lock import LOCK_NAME, describe_move, find_holder, hold_lock, read_announced
+from phyagentos.store.partition_lock import LOCK_NAME, describe_move, hold_file, read_announced
 from phyagentos.store.records import Record, Tail, scan_records
-
-__all__ = ["LOCK_NAME", "Follower", "Position", "find_holder", "hold_lock"]
 
 _DISTRUST_EVERY = 16  # looks: so often the folder is listed although the lock file shows nothing new
 _CHUNK_BYTES = 1 << 20
 _CLEAN, _DAMAGED = Tail.CLEAN, Tail.DAMAGED  # an enumeration takes its time to find a member
+UNREAD_KEPT = 4096  # records; more are read again from the segments
 
 
 class Position(msgspec.Struct, frozen=True, gc=False):
@@ -52,18 +33,13 @@ class Position(msgspec.Struct, frozen=True, gc=False):
 
 
 class Follower:
-    """A cursor over the records of one partition.
+    """A cursor over the records of one partition; begins at a trusted position, by default before the first record.
 
     Attributes:
         seq: Sequence number of the last record that was read.
-        segment: Name of the segment it stands in, None before the first.
-        first_seq: Sequence number of that segment's first record.
+        segment: Name of the segment it stands in, None before the first; `first_seq` is the number of its first record.
         offset: Where the next record begins.
         tail: What followed `offset` at the last read.
-
-    Args:
-        folder: Of the partition.
-        position: Where to begin; trusted. By default before the first record.
     """
 
     def __init__(self, folder: Path, position: Position | None = None) -> None:
@@ -107,13 +83,12 @@ class Follower:
     def read_new(self) -> list[Record]:
         """Every whole batch since the last call; takes no lock unless something looks damaged.
 
-        Raises:
-            ExecutionError: `JOURNAL_DAMAGED`, with segment and offset; `JOURNAL_MOVED`.
+        Raises ExecutionError: `JOURNAL_DAMAGED`, with segment and offset; `JOURNAL_MOVED`.
         """
         self._looks += 1
         records = self.advance(trusts_lock=self._looks % _DISTRUST_EVERY != 0)
         if self.tail is _DAMAGED:  # or a writer was cutting a torn tail meanwhile: look again with the lock held
-            with hold_lock(self._folder, fcntl.LOCK_SH):
+            with hold_file(self._folder / LOCK_NAME, fcntl.LOCK_SH):
                 records += self.advance()
             if self.tail is Tail.DAMAGED:
                 self._held = records
@@ -123,12 +98,8 @@ class Follower:
     def advance(self, *, trusts_lock: bool = False) -> list[Record]:
         """Read as far as possible; what stopped it is in `tail`.
 
-        Args:
-            trusts_lock: Believe a lock file that names no later segment.
-
-        Raises:
-            ExecutionError: `JOURNAL_DAMAGED` at the very beginning of the partition, `JOURNAL_MOVED`,
-                `JOURNAL_UNREADABLE`.
+        `trusts_lock` believes a lock file that names no later segment. Raises ExecutionError: `JOURNAL_DAMAGED` at the
+        very beginning of the partition, `JOURNAL_MOVED`, `JOURNAL_UNREADABLE`.
         """
         records: list[Record] = []
         try:
@@ -275,3 +246,50 @@ class Follower:
         if (status.st_dev, status.st_ino) != self._inode:
             raise describe_move(self.path)
         return status
+
+
+class ConsumerOffset:
+    """The place of a journal's owner in a partition, and what it has not read yet, in bounded memory.
+
+    Records of an owner that keeps up are handed over from memory, each parsed once; a slow or new owner is remembered
+    as a place in the journal and reads from there. `delivered` is where it stands as of its last call, None before the
+    first.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.delivered: Position | None = None
+        self._folder = folder
+        self._unread: list[Record] = []
+        self._behind: Follower | None = Follower(folder)
+
+    def begin_at(self, position: Position | None) -> None:
+        """Let the owner go on there, whatever it has read so far; None is before the first record."""
+        self.close()
+        self.delivered, self._unread = position, []
+        self._behind = Follower(self._folder, position)
+
+    def add(self, records: Sequence[Record]) -> None:
+        """Records that the journal's cursor has passed."""
+        if self._behind is None:
+            self._unread += records
+            if len(self._unread) > UNREAD_KEPT and self.delivered is not None:
+                self._unread = []
+                self._behind = Follower(self._folder, self.delivered)
+
+    def take(self, cursor: Follower) -> tuple[list[Record], Follower]:
+        """What the owner has not read, and the cursor to go on with; the given one has just read as far as it can."""
+        if self._behind is None:
+            records, self._unread = self._unread, []
+        else:
+            records = self._behind.read_new()
+            if self._behind.seq >= cursor.seq:
+                cursor.close()
+                cursor, self._behind = self._behind, None
+        if records or self.delivered is None:
+            self.delivered = cursor.position
+        return records, cursor
+
+    def close(self) -> None:
+        """Close the files."""
+        if self._behind is not None:
+            self._behind.close()

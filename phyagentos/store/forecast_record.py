@@ -18,26 +18,19 @@ from phyagentos.store.journal import choose_partition
 INTERRUPTED = frozenset({Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.CANCELLED})  # from outside
 
 
-def find_outcome(status: SessionStatus) -> str | None:
-    """How a session ended: empty for a success, else the coded cause of the miss; None where no forecast is about it.
-
-    That is a session without a verdict, one that had nothing to do, and one that was interrupted from outside.
-    """
-    decision, execution = status.decision, status.execution
-    if decision is None or execution is None or execution.is_idle or execution.ended in INTERRUPTED:
-        return None
-    found = decision.found or decision.verdict  # in an audit the execution decides, which is not what happened
-    if found is Verdict.UNVERIFIED:
-        return None
-    return "" if found is Verdict.SUCCESS else decision.cause or CAUSE_UNKNOWN
-
-
 def iter_outcomes(workspace: Workspace) -> Iterator[tuple[SessionStatus, str]]:
-    """Every session of a workspace that a forecast could be about, with its outcome, in the order of submission."""
+    """Every session that a forecast could be about, in the order of submission: empty for a success, else the cause.
+
+    Left out is a session without a verdict, one that had nothing to do, and one that was interrupted from outside.
+    """
     ledger = fold_partition(workspace.sessions / choose_partition(workspace.sessions))
     for status in ledger.sessions.values():
-        if (outcome := find_outcome(status)) is not None:
-            yield status, outcome
+        decision, execution = status.decision, status.execution
+        if decision is None or execution is None or execution.is_idle or execution.ended in INTERRUPTED:
+            continue
+        found = decision.found or decision.verdict  # in an audit the execution decides, which is not what happened
+        if found is not Verdict.UNVERIFIED:
+            yield status, "" if found is Verdict.SUCCESS else decision.cause or CAUSE_UNKNOWN
 
 
 def collect_scored(

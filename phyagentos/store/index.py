@@ -8,7 +8,7 @@ import contextlib
 import os
 import sqlite3
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +16,6 @@ from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
 from phyagentos.store import segments
-from phyagentos.store.cache_file import CacheFile
 from phyagentos.store.records import iter_places
 
 _CRC_MASK = 0xFFFFFFFF
@@ -37,6 +36,52 @@ ORDER BY place.segment
 """
 
 
+class CacheFile:
+    """A cache in one SQLite file, opened at first use, that may be deleted any time: its owner computes it again.
+
+    The owner takes care that one thread uses it at a time. `schema` are the statements that open it, `wait_s` the
+    longest wait for another process that writes [s]; `check` raises `sqlite3.Error` for contents that are not as they
+    were written.
+    """
+
+    def __init__(
+        self, path: Path, schema: str, *, wait_s: float, check: Callable[[sqlite3.Connection], None] | None = None
+    ) -> None:
+        self.path = path
+        self._schema, self._wait_s, self._check = f"PRAGMA journal_mode = WAL; {schema}", wait_s, check
+        self._connection: sqlite3.Connection | None = None
+
+    def connect(self) -> sqlite3.Connection:
+        """The open file; raises `sqlite3.Error` or OSError where it cannot be used."""
+        if self._connection is None:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            connection = sqlite3.connect(self.path, timeout=self._wait_s, isolation_level=None, check_same_thread=False)
+            try:
+                connection.executescript(self._schema)
+                if self._check is not None:
+                    self._check(connection)
+            except BaseException:
+                connection.close()
+                raise
+            self._connection = connection
+        return self._connection
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def discard(self) -> None:
+        """Close and delete the file."""
+        with contextlib.suppress(sqlite3.Error):
+            self.close()
+        self._connection = None
+        for suffix in ("", "-wal", "-shm"):
+            with contextlib.suppress(OSError):
+                self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
+
+
 class RecordPosition(NamedTuple):
     """Position of one record."""
 
@@ -55,11 +100,8 @@ class _Segment(NamedTuple):
 class HistoryIndex(CacheFile):
     """The index of one partition `sessions/<partition>`; each process opens its own.
 
+    Records up to `last_seq` are in it, as far as this process has read; they end with `last_segment`, empty for none.
     Methods raise ExecutionError: `INDEX_UNAVAILABLE`, `JOURNAL_DAMAGED`.
-
-    Attributes:
-        last_seq: Records up to this one are in it, as far as this process has read.
-        last_segment: The segment that holds it, empty when nothing is in it.
     """
 
     def __init__(self, folder: Path) -> None:

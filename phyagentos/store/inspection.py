@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import yaml
@@ -14,7 +15,7 @@ from phyagentos.protocol.sessions.verdicts import Attempt
 from phyagentos.store.admission import GOAL_PREFIX, NODE_PREFIX, Admission, Entry
 from phyagentos.store.checkpoint import NAME as CHECKPOINT
 from phyagentos.store.checkpoint import Checkpoint, find_checkpoint, find_seen_seq
-from phyagentos.store.ledger import GoalImage, Image, Ledger, SessionImage
+from phyagentos.store.ledger import Image, KeptStatus, Ledger
 from phyagentos.store.records import JOURNAL_ID, Record
 from phyagentos.store.salvage import Gap, Kept, Survey, iter_surveys
 from phyagentos.store.segments import list_segments, locate_archived
@@ -197,8 +198,9 @@ class _Replay:
         return None
 
 
-def _list_unfinished(image: Image) -> tuple[list[GoalImage], list[SessionImage]]:
-    return [each for each in image.goals if not each.is_over], [each for each in image.sessions if not each.is_over]
+def _list_unfinished(image: Image) -> list[KeptStatus[Any]]:
+    kept: list[KeptStatus[Any]] = [*image.goals, *image.sessions]
+    return [each for each in kept if not each.is_over]
 
 
 def _subject(id: str) -> str:

@@ -27,8 +27,7 @@ from phyagentos.protocol.sessions.lifecycle import Fenced, Side
 from phyagentos.store.admission import Entry, IllegalEvent
 from phyagentos.store.admission_cache import AdmissionCache, NotCached
 from phyagentos.store.checkpoint import find_checkpoint, find_seen_seq, read_ledger, refuse_missing_end
-from phyagentos.store.consumer_offset import ConsumerOffset
-from phyagentos.store.follower import Follower
+from phyagentos.store.follower import ConsumerOffset, Follower
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.maintenance import Maintenance
 from phyagentos.store.partition_lock import PartitionLock
@@ -55,8 +54,7 @@ class Journal:
         segment_bytes: Size at which a new segment begins.
         file_io: The calls that change the disk.
 
-    Raises:
-        ExecutionError: `JOURNAL_DAMAGED`, `JOURNAL_LOCKED` or `LANE_UNCLEAR`.
+    Raises ExecutionError: `JOURNAL_DAMAGED`, `JOURNAL_LOCKED` or `LANE_UNCLEAR`.
     """
 
     def __init__(
@@ -112,11 +110,9 @@ class Journal:
         return self._ledger
 
     def commit(self, entries: Sequence[Entry], *, durable: bool = True) -> list[Record]:
-        """Record all of these, in order, or none; returns the records.
+        """Record all of these as one batch, in order, or none; returns the records.
 
-        Args:
-            entries: One batch; each is checked as if those before it were recorded.
-            durable: Whether to wait for the disk now; if not, the next durable commit or `sync` covers it.
+        If not `durable`, the next durable commit or `sync` covers them.
 
         Raises:
             IllegalTransition: The lifecycle does not allow it, or not to this side.
@@ -173,14 +169,9 @@ class Journal:
     def read_new(self, *, looks: bool = True) -> list[Record]:
         """Every record since the last call, those of this object's own commits among them, each once and in order.
 
-        Takes no lock. A record may be read before it is durable: act on the world only after a commit of your own.
-
-        Args:
-            looks: Whether to read the partition, and to keep it short. If not, only what the last commit found and
-                added is returned: enough for a caller that acts on what it has just recorded.
-
-        Raises:
-            ExecutionError: `JOURNAL_DAMAGED`.
+        Takes no lock. A record may be read before it is durable: act on the world only after a commit of your own. If
+        it does not look, only what the last commit found and added is returned: enough for a caller that acts on what
+        it has just recorded. Raises ExecutionError `JOURNAL_DAMAGED`.
         """
         if looks:
             self._tidy_if_due()
@@ -239,18 +230,15 @@ class Journal:
         self._writer.open(self._follower)
         if self._follower.tail is Tail.DAMAGED:
             error = self._follower.describe_damage()
-            self._set_aside()
+            name = f"{self._follower.segment}.{self._follower.offset}.damaged"
+            with contextlib.suppress(OSError, ExecutionError):
+                if rest := self._follower.read_rest():
+                    (self.folder / name).write_bytes(rest)
             raise error
         if is_first_look:  # a writer that died may have announced one that never appeared
             self._writer.announce(str(self._follower.segment))
         if self._follower.tail is Tail.TORN:
             self._repair()
-
-    def _set_aside(self) -> None:
-        name = f"{self._follower.segment}.{self._follower.offset}.damaged"
-        with contextlib.suppress(OSError, ExecutionError):
-            if rest := self._follower.read_rest():
-                (self.folder / name).write_bytes(rest)
 
     def _repair(self) -> None:
         """Cut a torn tail, which was never acknowledged."""

@@ -12,13 +12,13 @@ what it forgot see `history`. Bodies that it reads:
 - `amendment_asked`: `file`, `reason`. `goal_amended`: `file`, `nodes`, `removed`, `accept`, `constraints`, `reason`.
   `amendment_refused`: `file`, `reason`. Files are names of graphs in `goals/`.
 - `node_ready`, `node_done`, `node_blocked`, `node_skipped`, `node_rescued`, `invalidated`, `node_waits`, `child_of`:
-  `reason`; the latter three also `child`, `parent`, `relation`, `after`: the next session of the node, see `Replan`.
+  `reason`; of a begun node the latter three also `child`, `parent`, `relation`, `after`: its next session (`Replan`).
 - `budget_spent`: `replans` (how many, 1 by default), `reason`.
 - `goal_verdict`: `verdict`, `criteria`, `reason`. `goal_cancelled`: `reason`.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import msgspec
 
@@ -38,6 +38,8 @@ from phyagentos.protocol.sessions.verdicts import Attempt, Criterion
 from phyagentos.store.admission import GOAL_PREFIX, NODE_PREFIX, GoalEvent, split_node_id
 from phyagentos.store.records import Record
 
+_StatusT = TypeVar("_StatusT")
+
 
 class Span(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Sequence numbers of the first and the latest record about something; of a goal only the first is kept."""
@@ -46,18 +48,10 @@ class Span(msgspec.Struct, frozen=True, array_like=True, gc=False):
     last_seq: int
 
 
-class SessionImage(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A session as a checkpoint keeps it; one that `is_over` may be forgotten."""
+class KeptStatus(msgspec.Struct, Generic[_StatusT], frozen=True, omit_defaults=True):
+    """A session or goal as a checkpoint keeps it; one that `is_over` may be forgotten."""
 
-    status: SessionStatus
-    span: Span
-    is_over: bool = False
-
-
-class GoalImage(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A goal as a checkpoint keeps it; one that `is_over` may be forgotten."""
-
-    status: GoalStatus
+    status: _StatusT
     span: Span
     is_over: bool = False
 
@@ -68,8 +62,8 @@ class Image(msgspec.Struct, frozen=True):
     seq: int
     session_count: int
     goal_count: int
-    goals: list[GoalImage]
-    sessions: list[SessionImage]
+    goals: list[KeptStatus[GoalStatus]]
+    sessions: list[KeptStatus[SessionStatus]]
 
 
 FINISHED_KEPT = 50  # sessions, those of goals that are not over not counted
@@ -87,17 +81,10 @@ _OF_COURSE = ("state", "sessions", "replans", "reason")  # of a node; the rest i
 
 
 class Ledger:
-    """The state of everything that still matters, as of the last record applied.
+    """The state of everything that still matters, as of record `seq`, the last one applied.
 
-    Attributes:
-        seq: Sequence number of that record.
-        sessions: By id, in the order of submission.
-        goals: By id, in the order of submission.
-        session_count: Sessions ever submitted.
-        goal_count: Goals ever submitted.
-
-    Args:
-        forgets: Whether it drops what is long over.
+    Sessions and goals stand by id, in the order of submission; the counts are of all that were ever submitted.
+    `forgets`: it drops what is long over.
     """
 
     def __init__(self, *, forgets: bool = True) -> None:
@@ -150,10 +137,9 @@ class Ledger:
             seq=self.seq,
             session_count=self.session_count,
             goal_count=self.goal_count,
-            goals=[GoalImage(self.goals[id], self._spans[GOAL_PREFIX + id], id not in self._open) for id in goals],
+            goals=[KeptStatus(self.goals[id], self._spans[GOAL_PREFIX + id], id not in self._open) for id in goals],
             sessions=[
-                SessionImage(self.sessions[id], self._spans[id], id in self._finished)
-                for id in [*first, *self._finished]
+                KeptStatus(self.sessions[id], self._spans[id], id in self._finished) for id in [*first, *self._finished]
             ],
         )
 

@@ -12,7 +12,6 @@ After a power cut a name may stand in both places (the archived file counts), ne
 import contextlib
 import fcntl
 import os
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from phyagentos.store import segments
 from phyagentos.store.checkpoint import find_checkpoint_seq, read_ledger, write_checkpoint
 from phyagentos.store.follower import Position
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.partition_lock import hold_file
 
 PERIOD_RECORDS = 2000  # read by a start behind a checkpoint: some 25 ms
 PERIOD_S = 60.0
@@ -64,16 +64,20 @@ class Maintenance:
     def tidy(self, ledger: Ledger, position: Position) -> None:
         """Write a checkpoint of all records up to `position` and archive what it makes needless, unless just done.
 
-        Raises:
-            SyncFailedError: The disk did not confirm; what fails otherwise is left for the next time.
+        Raises SyncFailedError where the disk did not confirm; what fails otherwise is left for the next time.
         """
         begin_s = self._clock.now_s()
-        with _leave_for_next_time(), self._alone():
-            if position.seq > find_checkpoint_seq(self._folder):
-                self._make_durable(position)
-                write_checkpoint(self._folder, ledger, position, self._io, durable=self._durable)
-            if position.seq == find_checkpoint_seq(self._folder):  # else another process is ahead
-                archive_segments(self._folder, ledger.find_horizon(), position.seq, self._io, durable=self._durable)
+        try:
+            with hold_file(self._folder / LOCK_NAME, fcntl.LOCK_EX | fcntl.LOCK_NB):
+                if position.seq > find_checkpoint_seq(self._folder):
+                    self._make_durable(position)
+                    write_checkpoint(self._folder, ledger, position, self._io, durable=self._durable)
+                if position.seq == find_checkpoint_seq(self._folder):  # else another process is ahead
+                    archive_segments(self._folder, ledger.find_horizon(), position.seq, self._io, durable=self._durable)
+        except segments.SyncFailedError:
+            raise
+        except (OSError, ExecutionError):
+            pass
         end_s = self._clock.now_s()
         self._seq, self._segment, self._at_s = position.seq, position.segment, end_s
         self._not_before_s = end_s + (end_s - begin_s) / SHARE
@@ -97,38 +101,13 @@ class Maintenance:
             with os.fdopen(segments.open_segment(self._folder, position.segment), "rb") as file:
                 segments.sync_file(file.fileno(), self._io.fdatasync)
 
-    @contextlib.contextmanager
-    def _alone(self) -> Iterator[None]:
-        """Hold the lock of the maintenance; raises BlockingIOError when another process holds it."""
-        fd = os.open(self._folder / LOCK_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            yield
-        finally:
-            os.close(fd)
-
-
-@contextlib.contextmanager
-def _leave_for_next_time() -> Iterator[None]:
-    try:
-        yield
-    except segments.SyncFailedError:
-        raise
-    except (OSError, ExecutionError):
-        pass
-
 
 def archive_segments(
     folder: Path, horizon_seq: int, known_seq: int, file_io: segments.SystemIO, *, durable: bool
 ) -> list[str]:
     """Move every segment whose records all come before `horizon_seq`; the names moved, oldest first.
 
-    Args:
-        folder: Of the partition.
-        horizon_seq: First record of anything that is live or not over (`Ledger.find_horizon`).
-        known_seq: Last record that the horizon takes into account.
-        file_io: The calls that change the disk.
-        durable: Whether to wait for the disk.
+    That is the first record of anything live or not over (`Ledger.find_horizon`), of those up to `known_seq`.
     """
     moved: list[str] = []
     names = segments.list_segments(folder)

@@ -30,13 +30,9 @@ class PartitionLock:
         self._inode = (status.st_dev, status.st_ino)
 
     def acquire(self, meanwhile: Callable[[], object] = lambda: None) -> None:
-        """Wait for the lock.
+        """Wait for the lock; `meanwhile` is called between two tries, to save time with the lock.
 
-        Args:
-            meanwhile: Called between two tries, in place of work that would prolong the time with the lock.
-
-        Raises:
-            ExecutionError: `JOURNAL_LOCKED` after about ten seconds; `JOURNAL_MOVED` when another file stands there.
+        Raises ExecutionError: `JOURNAL_LOCKED` after about ten seconds; `JOURNAL_MOVED` when another file stands there.
         """
         if self._pid != os.getpid():  # a forked child shares the parent's lock, so it needs one of its own
             self._fd, self._pid = self._open(), os.getpid()
@@ -82,8 +78,13 @@ class PartitionLock:
         fcntl.flock(self._fd, fcntl.LOCK_UN)
 
     def announce(self, segment: str) -> None:
-        """Write down which segment is current from now on; call it with the lock held, before the segment appears."""
-        announce_segment(self._fd, segment)
+        """Write down which segment is current from now on; call it with the lock held, before the segment appears.
+
+        An empty name makes followers list the folder.
+        """
+        data = f"{segment}\n".encode() if segment else b""
+        os.pwrite(self._fd, data, 0)
+        os.ftruncate(self._fd, len(data))
 
     def close(self) -> None:
         """Close the file."""
@@ -103,21 +104,14 @@ def _choose_pause(waited_s: float) -> float:
 
 
 @contextlib.contextmanager
-def hold_lock(folder: Path, mode: int) -> Iterator[int]:
-    """Hold the partition's lock, shared or exclusive, through a descriptor of one's own."""
-    fd = os.open(folder / LOCK_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+def hold_file(path: Path, mode: int) -> Iterator[None]:
+    """Hold a lock file in a mode of `flock`; raises BlockingIOError where that does not wait for another process."""
+    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
         fcntl.flock(fd, mode)
-        yield fd
+        yield
     finally:
         os.close(fd)
-
-
-def announce_segment(lock_fd: int, segment: str) -> None:
-    """Write the name of the segment that is written from now on; an empty name makes followers list the folder."""
-    data = f"{segment}\n".encode() if segment else b""
-    os.pwrite(lock_fd, data, 0)
-    os.ftruncate(lock_fd, len(data))
 
 
 def read_announced(lock_fd: int) -> str:

@@ -66,12 +66,9 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         id: A session id, `goal:<goal id>`, `node:<goal id>/<node>` or `journal`.
         ev: What happened: a trigger of the lifecycle, `submit`, or a goal or node event.
         source: State before; None for everything but sessions, and for `submit`.
-        to: State after; None for everything but sessions.
         side: `agent`, `runtime` or `operator`.
         epoch: Fencing token in force after this record; None for goals and nodes.
-        at: UTC wall time.
         more: Records of the same batch that follow.
-        markdown: What stands below the first line.
     """
 
     seq: int

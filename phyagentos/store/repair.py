@@ -59,9 +59,6 @@ class Changed:
     """A segment that is written again.
 
     Attributes:
-        staged: The file that takes its place.
-        before: Hash of the file as it was found.
-        after: Hash of the file as it will be.
         is_relinked: Whether nothing was wrong with it: only the hash of the segment before changes.
         is_linked: Whether its front matter was as it should be.
     """
@@ -80,10 +77,7 @@ class Repair:
     """What is wrong with a partition and what was, or would be, done about it.
 
     Attributes:
-        cuts: Every place, in the order of the journal.
         sessions: Sessions, goals and nodes that the lost records were about, as far as known.
-        changed: Segments that are written again.
-        is_done: Whether anything was changed.
         aside: Copies of the files as they were found.
     """
 
@@ -112,11 +106,8 @@ class Repair:
 def repair_partition(folder: Path, *, accept_loss: bool, by: str, clock: Clock, file_io: SystemIO) -> Repair:
     """Repair a partition `sessions/<partition>`; `accept_loss` permits more than cutting a torn end.
 
-    With a torn end alone `is_done` is False: opening a `Journal` cuts it.
-
-    Raises:
-        ExecutionError: `JOURNAL_LOCKED`.
-        OSError: The disk refused; what was done so far does no harm, and the repair can be tried again.
+    With a torn end alone `is_done` is False: opening a `Journal` cuts it. Raises ExecutionError `JOURNAL_LOCKED`;
+    OSError where the disk refused: what was done so far does no harm, and the repair can be tried again.
     """
     with keep_still(folder) as lock:
         plan = _Plan(folder, by=by, clock=clock, file_io=file_io)
@@ -178,7 +169,9 @@ class _Plan:
     def carry_out(self, lock: PartitionLock) -> Repair:
         """Put the staged files in place, the newest first, and report it in a new segment."""
         lock.announce("")  # followers look at the folder from now on
-        forget_shortcuts(self._folder)
+        index = self._folder.parent.parent / ".cache"  # it and the checkpoint hold positions that are about to move
+        for path in (self._folder / CHECKPOINT, *index.glob(f"{self._folder.name}.sqlite*")):
+            path.unlink(missing_ok=True)
         aside: dict[str, Path] = {}
         for each in reversed(self._changed):
             if not each.is_relinked:
@@ -262,13 +255,6 @@ class _Plan:
         lock.announce(name)
         self._io.replace(staged, self._folder / f"{name}.md")
         sync_folder(self._folder, self._io)
-
-
-def forget_shortcuts(folder: Path) -> None:
-    """Remove the checkpoint and the index of a partition: both hold positions that are about to move."""
-    index = folder.parent.parent / ".cache"
-    for path in (folder / CHECKPOINT, *index.glob(f"{folder.name}.sqlite*")):
-        path.unlink(missing_ok=True)
 
 
 def _set_aside(path: Path) -> Path:

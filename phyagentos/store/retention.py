@@ -53,9 +53,7 @@ class RetentionReport:
     """What a clean-up did, or would do.
 
     Attributes:
-        thinned: Bundles, oldest first.
         sealed_late: Sessions whose bundles had no manifest and got one.
-        whole: How many bundles stay whole.
         bytes_before: What all evidence took, shared files counted once.
         bytes_over: How much remains above `max_bytes` and must not be removed.
         damaged: Sessions whose bundles do not match their manifests; nothing is removed from them.
@@ -80,9 +78,8 @@ def apply_retention(
 ) -> RetentionReport:
     """Thin what the policy allows, finish an interrupted clean-up, and drop large files that no bundle needs.
 
-    Raises:
-        ExecutionError: `EVIDENCE_BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
-            still names its files and the next clean-up goes on.
+    Raises ExecutionError: `EVIDENCE_BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
+    still names its files and the next clean-up goes on.
     """
     if dry_run:
         return _Cleaning(workspace, policy, clock).run(dry_run=True)
@@ -140,7 +137,11 @@ class _Cleaning:
     def run(self, *, dry_run: bool) -> RetentionReport:
         folders = {path.name: path for path in evidence_manifest.iter_bundles(self._workspace.evidence)}
         ended = {id: status for id, status in _find_ended(self._workspace, self._now).items() if id in folders}
-        self._read_manifests(folders[id] for id in ended)
+        for id in ended:
+            try:
+                self._manifests[id] = evidence_manifest.read_manifest(folders[id])
+            except ExecutionError:
+                self._damaged[id] = None
         unsealed = tuple(sorted(name for name, manifest in self._manifests.items() if manifest is None))
         if not dry_run:
             sealer = evidence_manifest.Sealer(self._workspace.evidence)
@@ -165,13 +166,6 @@ class _Cleaning:
             bytes_over=over,
             damaged=tuple(self._damaged),
         )
-
-    def _read_manifests(self, folders: Iterable[Path]) -> None:
-        for folder in folders:
-            try:
-                self._manifests[folder.name] = evidence_manifest.read_manifest(folder)
-            except ExecutionError:
-                self._damaged[folder.name] = None
 
     def _choose(self, succeeded: list[SessionStatus], folders: Mapping[str, Path]) -> None:
         """Decide what goes: first what is not to be kept, then from the oldest on until the rest fits."""

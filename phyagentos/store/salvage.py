@@ -30,9 +30,6 @@ class Gap:
     """Bytes that are no record, or records that are missing.
 
     Attributes:
-        offset: Position of the bytes in the file.
-        data: The bytes; empty when only numbers are missing.
-        first_seq: Number of the first record that is missing.
         lost: How many are missing; 0 when bytes were only added.
         is_torn: Whether it is the beginning of a batch that was never acknowledged, at the very end.
         is_exact: False when more may have been lost than is known.
@@ -56,11 +53,8 @@ class Survey:
     """One segment, read to its end whatever it holds.
 
     Attributes:
-        name: `2026-11-21.001`, by its file.
         front: As it stands there; None when it is not readable.
         expected: As it should be after the segments before.
-        pieces: What follows the front, in order.
-        last_seq: Number of the last record, lost ones counted.
         refusal: Why it cannot be read at all; empty when it can.
     """
 
@@ -180,14 +174,10 @@ def _choose_chain(frames: Sequence[_Frame], last_seq: int, limit: int | None) ->
 
 
 def _split(data: bytes, head: int, last_seq: int, limit: int | None, *, is_next: bool) -> list[Kept | Gap]:
-    """The intact runs of a segment and the gaps between them.
+    """The intact runs of a segment and the gaps between them; its records begin at `head`, behind number `last_seq`.
 
-    Args:
-        data: The file.
-        head: Where the records begin.
-        last_seq: Number of the record before.
-        limit: Number of the first record of a later segment, when known.
-        is_next: Whether that is the next one, so that all numbers before stand here.
+    `limit` is the number of the first record of a later segment, when known; `is_next`: of the next one, so that all
+    numbers before stand here.
     """
     frames: list[_Frame] = []
     position, seq = head, last_seq

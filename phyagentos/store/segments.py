@@ -6,7 +6,7 @@ A new one opens at midnight (UTC) or at 16 MB. Those in the archive precede thos
 import os
 import re
 import stat
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,9 +56,7 @@ class Front:
     """The front matter of a segment.
 
     Attributes:
-        lane: The name of the folder.
         name: `2026-11-21.001`, without suffix.
-        first_seq: Sequence number of its first record.
         prev: Name of the segment before, `none` for the first.
         prev_sha256: Hash of that file as sealed, `none` for the first.
     """
@@ -94,13 +92,13 @@ def choose_partition(folder: Path) -> str:
 
 def list_segments(folder: Path) -> list[str]:
     """Names of the segments in the partition, without suffix, oldest first."""
-    return _sort(_list_names(folder))
+    return sorted(_list_names(folder), key=_order)
 
 
 def list_all_segments(folder: Path) -> list[str]:
     """Names of the partition's segments, archived ones included, oldest first."""
     names = _list_names(folder)  # before the archive: one that is moved meanwhile is met at least once
-    return _sort({*names, *_list_archived(folder)})
+    return sorted({*names, *_list_archived(folder)}, key=_order)
 
 
 def find_next_segment(folder: Path, name: str) -> str | None:
@@ -158,10 +156,6 @@ def _list_archived(folder: Path) -> list[str]:
     return [path.stem for path in (folder.parent / ARCHIVE).glob(f"*/{folder.name}/*.md") if _NAME.fullmatch(path.name)]
 
 
-def _sort(names: Iterable[str]) -> list[str]:
-    return sorted(names, key=_order)
-
-
 def _order(name: str) -> tuple[str, int, str]:
     return name[:10], len(name), name  # .999 comes before .1000
 
@@ -190,9 +184,7 @@ def choose_next_name(current: str | None, today: str) -> str:
 def create_segment(folder: Path, front: Front, file_io: SystemIO, *, durable: bool) -> None:
     """Publish a whole segment: temporary file, fsync, rename. The writer syncs the folder first.
 
-    Raises:
-        SyncFailedError: The disk did not confirm.
-        OSError: Nothing appeared.
+    Raises SyncFailedError where the disk did not confirm, OSError where nothing appeared.
     """
     temporary = folder / f".{front.name}.tmp"
     write_file(temporary, front.encode(), file_io, durable=durable)

@@ -54,17 +54,10 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True):
     """A partition in numbers.
 
     Attributes:
-        segments: In the partition; `bytes` of them, too.
-        archived_segments: In the archive; `archived_bytes` of them, too.
         set_aside: Files of damaged bytes that were kept.
         records: Read, as far as the journal is whole.
-        seq: Number of the last of them.
         sha256: Hash of their headers and payloads.
         tail: `clean`, `torn`, or `damaged`: then everything here ends at the damage.
-        checkpoint_seq: Number the checkpoint stands at, 0 without one.
-        goals: How many were submitted.
-        sessions: How many are in each state.
-        largest: The largest history, None in an empty journal.
     """
 
     lane: str

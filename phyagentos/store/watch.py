@@ -9,7 +9,6 @@ import os
 import select
 from collections.abc import Collection, Iterable
 from pathlib import Path
-from types import TracebackType
 
 import inotify_simple
 
@@ -27,15 +26,10 @@ _Stamp = tuple[tuple[str, int, int], ...]
 
 
 class Watch:
-    """Watches folders (not what is below them) while the `with` block runs.
+    """Watches folders (not what is below them), which must exist, while the `with` block runs.
 
     It fits `multiprocessing.connection.wait`: `fileno` becomes readable with the first change, `drain` resets it.
-
-    Args:
-        folders: They must exist.
-        poll_s: How often names, sizes and times are compared as well [s].
-        clock: For the poll.
-        use_inotify: Off: only the poll works.
+    Names, sizes and times are compared every `poll_s` as well; without inotify only that.
     """
 
     def __init__(
@@ -62,9 +56,7 @@ class Watch:
         self._next_poll_s = self._clock.now_s() + self._poll_s
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._poller.unregister(self.fileno())
         if self._inotify is not None:
             self._inotify.close()

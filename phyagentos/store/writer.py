@@ -19,9 +19,7 @@ from phyagentos.store.segments import Front, SyncFailedError, SystemIO, create_s
 class SegmentWriter:
     """Appends to the last segment of a partition and begins new ones; its cursor stands at the partition's end.
 
-    Attributes:
-        segment: Name of the segment that is open for writing.
-        failure: Why nothing can be written any more.
+    `segment` is open for writing; `failure` is why nothing can be written any more.
     """
 
     def __init__(self, folder: Path, lock: PartitionLock, file_io: SystemIO, *, durable: bool) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from phyagentos.agent.memory.advice import Advice, NoAdvice
+from phyagentos.agent.memory.advisor import Advice, NoAdvice
 from phyagentos.protocol.sessions.means import Means, Preparation
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.strategy import Strategy
@@ -31,7 +31,7 @@ class Told(NoAdvice):
     def begin(self, graph, snapshot):
         return snapshot or "memory/7-abc"
 
-    def advise(self, session, world):
+    def advise(self, session):
         return self.advice if session.node == "red" else Advice()
 
 
@@ -154,3 +154,34 @@ def test_a_contract_by_other_means_keeps_conditions_and_limits(make_stage, write
     )
     _, _, (shoved,) = pursue(make_stage, write_graph(text), Means(skill="shove"))
     assert (shoved.hold, shoved.limits.timeout_s) == (("height(bottle) < 0.5",), 33.0)
+
+
+YELLOW = """
+      yellow:
+        after: [green]
+        skill: pick_and_place
+        target: arm
+        with: {object: yellow_cube, destination: blue_tray}
+    accept:"""
+
+
+@pytest.fixture
+def three(write_graph):
+    """Red and yellow in either order, red first as it is written."""
+    return write_graph(GRAPH.replace("BUDGET", "").replace("\n    accept:", YELLOW))
+
+
+def test_what_another_node_moves_anyway_is_waited_for_and_not_cleared(make_stage, three):
+    stage, report, (attempt,) = pursue(make_stage, three, Means(prepare=(CLEAR,)))
+    assert report.verdict == "success"
+    assert [session.node for session in stage.runtime.ran] == ["green", "yellow", "red"]
+    assert (attempt.skill, attempt.purpose) == ("pick_and_place", "")
+    journal = "".join(path.read_text() for path in stage.workspace.sessions.rglob("*.md"))
+    assert journal.count("yellow comes first: it moves yellow_cube, as lesson-1 wants") == 1
+
+
+def test_a_node_is_prepared_after_all_when_the_one_before_it_fails(make_stage, three):
+    failing = {f"yellow{n}": lambda world, session: Play(world=world, ended=Ended.STALLED) for n in ("", ".r1", ".r2")}
+    stage, _, ran = pursue(make_stage, three, Means(prepare=(CLEAR,)), {**failing, "red": move_away})
+    assert [session.skill for session in ran] == ["set_aside", "pick_and_place"]
+    assert stage.runtime.ran[-1].node == "red"

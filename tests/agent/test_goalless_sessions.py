@@ -7,7 +7,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.journal import Entry, Journal
-from phyagentos.store.views.renderer import Views
+from phyagentos.store.renderer import Views
 
 from .conftest import Play, put
 
@@ -27,7 +27,7 @@ class ByHand:
         self.stage, self.workspace = stage, stage.workspace
         self.agent = Journal(self.workspace.root, side=Side.AGENT, by="judge", clock=SystemClock(), durable=False)
         self.edits = EditIntake(self.workspace, SystemClock(), durable=False)
-        self.views = Views(self.workspace, self.agent.folder, SystemClock(), edits=self.edits)
+        self.views = Views(self.workspace, self.agent.folder, SystemClock(), self.edits)
 
     def drop(self, name):
         (self.workspace.inbox / "new" / f"{name}.yaml").write_text(REQUEST)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import msgspec
 import pytest
 
-from phyagentos.agent.repair.after_lookahead import revise_refused
+from phyagentos.agent.repair.foreseen import revise_refused
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.evidence import write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, Alternative, LookaheadResult

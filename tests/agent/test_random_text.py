@@ -23,9 +23,8 @@ from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.agent.repair.clearing import propose_clearing
 from phyagentos.agent.repair.looking import propose_looking
-from phyagentos.agent.repair.other_means import propose_other_skill, propose_other_target
+from phyagentos.agent.repair.other_means import propose_other_skill, propose_other_target, propose_resume_held
 from phyagentos.agent.repair.recovery_policies import GENERATORS
-from phyagentos.agent.repair.resume_held import propose_resume_held
 from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.codes import CODES
 from phyagentos.errors import Problem

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.recovery_parts.baselines import BlindRetry, FullRestart, NoRetry, RestartingRecovery
 from phyagentos.agent.judging.review import review_session
 from phyagentos.agent.judging.verifier import SessionVerifier
-from phyagentos.agent.memory.advice import Advice, NoAdvice
+from phyagentos.agent.memory.advisor import Advice, NoAdvice
 from phyagentos.agent.mission import goal_controller
 from phyagentos.cli.history import read_ledger
 from phyagentos.errors import Problem
@@ -390,7 +390,7 @@ def test_other_policies_run_in_the_same_mission_loop(make_stage, two, policy, ve
 
 def test_advice_of_memory_is_in_the_contract_and_told_with_its_source(make_stage, two):
     class Memory(NoAdvice):
-        def advise(self, session, world):
+        def advise(self, session):
             if session.node != "red":
                 return Advice()
             return Advice(strategy=Strategy(speed=0.25), reasons=("lesson-3: it slips",), sources=("lesson-3",))

@@ -13,10 +13,9 @@ from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.goals.spec import Budget
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import Alternative, AlternativeKind
-from phyagentos.agent.repair.budget import Left, compute_left
-from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.case import Case, Left, Miss, compute_left
+from phyagentos.agent.repair.other_means import propose_resume_held
 from phyagentos.agent.repair.recovery_policies import GraphRepair
-from phyagentos.agent.repair.resume_held import propose_resume_held
 from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor

@@ -6,7 +6,7 @@ import pytest
 import yaml
 from msgspec.structs import replace
 
-from phyagentos.agent.memory.features import Features
+from phyagentos.agent.memory.episodes import Features
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.memory.sequences import compose, find_starts
 from phyagentos.clock import SystemClock

@@ -38,8 +38,9 @@ from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.stop_signals import take_signals
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.truth import Truth
+from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.views.renderer import Views
+from phyagentos.store.renderer import Views
 from phyagentos.store.views.tasks import render_tasks
 
 GOAL = "tidy-7"
@@ -103,7 +104,7 @@ def test_no_word_of_a_goal_or_a_session_commands_the_terminal_or_stands_in_a_doc
         with RunConsole("tidy") as console:
             console.show(run.fold)
     texts = [stream.getvalue(), paos("why", id, "-w", run.workspace.root).out, render_tasks(run.fold.ledger)]
-    views = Views(run.workspace, run.pens[Side.RUNTIME].folder, run.clock)
+    views = Views(run.workspace, run.pens[Side.RUNTIME].folder, run.clock, EditIntake(run.workspace, run.clock))
     views.refresh()
     views.close()
     texts += [path.read_text() for path in run.workspace.root.glob("*.md")]

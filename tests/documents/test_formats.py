@@ -8,7 +8,7 @@ from phyagentos.protocol.documents.document import iter_blocks
 from phyagentos.protocol.sessions.lessons import Lesson, render_lessons
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 from phyagentos.store.document_registry import FORMATS, check_document
-from phyagentos.store.views.pristine import render_pristine
+from tools.write_reference import render_pristine
 
 LESSONS = """\
 ---

@@ -23,8 +23,9 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Scene, Session
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.journal import Entry, Journal
-from phyagentos.store.views.renderer import Views
+from phyagentos.store.renderer import Views
 from phyagentos.store.views.tasks import render_graph, render_tasks
 from tests.clocks import ManualClock
 
@@ -191,7 +192,7 @@ def workspace(tmp_path):
     )
     agent.commit([Entry("g.first", "verify"), Entry("g.first", "replan", {"reason": "why | not"})])
     agent.commit([submit("g.first.r1", parent="g.first", attempt=1)])
-    views = Views(place, agent.folder, clock)
+    views = Views(place, agent.folder, clock, EditIntake(place, clock))
     views.refresh(at_once=True)
     publish(place.task, render_tasks(views.ledger))
     views.close()

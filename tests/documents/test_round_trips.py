@@ -26,9 +26,9 @@ from phyagentos.protocol.world.environment import (
 )
 from phyagentos.protocol.world.relations import compute_relations
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.runtime_signal import render_runtime_signal
 from phyagentos.store.views.environment import render_environment
 from phyagentos.store.views.log import render_log
-from phyagentos.store.views.runtime_signal import render_runtime_signal
 from phyagentos.store.views.sessions import Page, render_page
 from phyagentos.store.views.tasks import render_tasks
 

@@ -15,8 +15,7 @@ from phyagentos.protocol.sessions.heartbeats import Heartbeat, is_process_alive,
 from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RequestState, RuntimeState
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal, take_signals
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.edits.signal_intake import SignalIntake
-from phyagentos.store.views.runtime_signal import PERIOD_S, RENEWAL_S, SILENCE_S, RuntimeSignal
+from phyagentos.store.runtime_signal import PERIOD_S, RENEWAL_S, SILENCE_S, RuntimeSignal
 from tests.clocks import ManualClock
 
 
@@ -186,8 +185,7 @@ by: ann
 @pytest.fixture
 def edited(workspace, clock):
     """A document that is rendered and can be edited: gives what rendering goes on after, for some seconds."""
-    edits = SignalIntake(workspace, clock)
-    signal = RuntimeSignal(workspace, clock, edits=edits)
+    signal = RuntimeSignal(workspace, clock)
     signal.refresh()
 
     def go_on(seconds=5.0):
@@ -198,7 +196,6 @@ def edited(workspace, clock):
 
     yield go_on
     signal.close()
-    edits.close()
 
 
 def test_a_request_that_is_written_into_the_document_becomes_a_signal(workspace, edited):
@@ -252,12 +249,10 @@ def test_other_changes_are_lost_with_the_next_rendering_and_ask_for_nothing(work
 
 
 def test_a_request_that_was_written_at_the_end_is_not_lost(workspace, clock):
-    edits = SignalIntake(workspace, clock)
-    signal = RuntimeSignal(workspace, clock, edits=edits)
+    signal = RuntimeSignal(workspace, clock)
     signal.refresh()
     workspace.runtime_signal.write_text(workspace.runtime_signal.read_text() + REQUEST)
     signal.close()
-    edits.close()
 
     assert len(list(workspace.signals.iterdir())) == 1
     assert read_signs(workspace).runtime is RuntimeState.ENDED

@@ -5,7 +5,7 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.journal import Journal
-from phyagentos.store.views.renderer import Views
+from phyagentos.store.renderer import Views
 
 
 class EditStand:
@@ -17,7 +17,7 @@ class EditStand:
             for side, by in ((Side.AGENT, "mission"), (Side.RUNTIME, "watchdog"), (Side.OPERATOR, "operator"))
         )
         self.edits = EditIntake(self.workspace, clock, durable=False)
-        self.views = Views(self.workspace, self.agent.folder, clock, edits=self.edits, period_s=period_s)
+        self.views = Views(self.workspace, self.agent.folder, clock, self.edits, period_s=period_s)
 
     @property
     def file(self):

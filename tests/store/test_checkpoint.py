@@ -137,7 +137,7 @@ def test_memory_holds_what_is_live_and_what_is_recent(open_journal, submit):
         agent.commit([Entry(f"s{number}", "cancel")])
     ledger = agent.open_ledger()
 
-    assert len(agent._cache.admission) < 60
+    assert len(agent._cache.admission._known) < 60
     assert len(ledger.sessions) == 50
     assert ledger.session_count == 300
 
@@ -315,7 +315,7 @@ def test_a_process_that_submits_nothing_forgets_too_and_recalls(open_journal, su
             operator.read_new()
             operator.commit([Entry("live", "amend", {"priority": number})])
 
-    assert len(operator._cache.admission) < 60
+    assert len(operator._cache.admission._known) < 60
     for id in ("s0", "s59", "s250", "s399"):
         with pytest.raises(IllegalTransition, match="in state 'cancelled'"):
             operator.commit([submit(id, goal="")])

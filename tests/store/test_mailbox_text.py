@@ -12,7 +12,7 @@ from phyagentos.protocol.sessions.estop import Latch, latch, read_latch, reset
 from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RequestState
 from phyagentos.protocol.sessions.stop_signals import Signal, SignalReader, drop_signal, take_signals
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.views.runtime_signal import RuntimeSignal
+from phyagentos.store.runtime_signal import RuntimeSignal
 from tests.clocks import ManualClock
 
 ODD = ["arm too close\x7f", "one \x9b, two \ufffe", "nothing \x00\x1b[0m", "half of \ud83d", "Gef\udce4\udcdf"]

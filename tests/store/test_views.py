@@ -15,9 +15,10 @@ from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
+from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.journal import Entry
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.views.renderer import Views
+from phyagentos.store.renderer import Views
 from phyagentos.store.views.sessions import FINISHED_SHOWN, render_sessions
 from phyagentos.store.views.tasks import render_graph, render_tasks
 
@@ -229,7 +230,7 @@ def test_the_graph_is_quoted_mermaid_coloured_by_state():
 
 def test_views_follow_the_journal_at_a_readable_rate(tmp_path, run, submit, clock):
     workspace = Workspace.create(tmp_path / "w", Library(()))
-    views = Views(workspace, run.folder, clock)
+    views = Views(workspace, run.folder, clock, EditIntake(workspace, clock))
 
     assert views.refresh() is True
     assert views.refresh() is False

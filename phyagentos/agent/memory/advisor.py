@@ -1,40 +1,87 @@
 """The advisor: what verified experience advises for a session before it is submitted. Paper section 4.3 (retrieval).
 
 Only the first attempt of a node is advised: a repair rests on fresher evidence. A copy of what was recalled for a
-session stays in its workspace, whatever becomes of the memory.
+session stays in its workspace, whatever becomes of the memory. Look-ahead (`repair.foreseen`) proposes in
+the same form.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 import msgspec
 
-from phyagentos.agent.memory import cautions, methodological, semantic
-from phyagentos.agent.memory.advice import NOTHING, Advice
 from phyagentos.agent.memory.cautions import Caution
-from phyagentos.agent.memory.features import Features, Surroundings
-from phyagentos.agent.memory.memory import Memory
-from phyagentos.agent.memory.retrieval import Found, Retrieval
+from phyagentos.agent.memory.episodes import Features, Surroundings
+from phyagentos.agent.memory.memory import Found, Memory, Retrieval
+from phyagentos.agent.memory.methodological import join_ways
 from phyagentos.agent.memory.semantic import Pattern
 from phyagentos.protocol.documents.markdown import publish
-from phyagentos.protocol.sessions.means import OWN_MEANS
+from phyagentos.protocol.sessions.means import OWN_MEANS, Means
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Risk, Scope
 from phyagentos.protocol.sessions.session import Session
-from phyagentos.protocol.sessions.strategy import OWN_WAY
-from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
 REMEMBERED = 4096  # answers that are kept until memory changes
 
 
-class MemoryAdvisor:
-    """Advises from memory; see `Advisor`.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Advice:
+    """Changes of a contract that experience or look-ahead proposes.
 
-    Args:
-        memory: The records.
-        surroundings: Kinds of things and bodies of targets.
-        copies: Folder for what is recalled, `<session>.json`; None keeps no copy.
+    Attributes:
+        threshold: Of the child's look-ahead; None for that of its node.
+        means: Other means, where they can be had in the present world.
+        otherwise: The advice where they cannot.
     """
+
+    strategy: Strategy = OWN_WAY
+    means: Means = OWN_MEANS
+    otherwise: "Advice | None" = None
+    reasons: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ()
+    threshold: float | None = None
+
+
+class Advisor(Protocol):
+    """The port: asked once for the first attempt of every node, before it is submitted."""
+
+    def begin(self, graph: str, snapshot: str) -> str:
+        """Advise a goal from one snapshot to its end; the name of that snapshot, empty without a memory.
+
+        `snapshot` is that which it has begun with; empty for a new goal, and the present one.
+        """
+
+    def advise(self, session: Session) -> Advice:
+        """Advice of experience about a contract, as compiled; where others have prepared it, with a parent."""
+
+
+class NoAdvice:
+    """The advisor without memory."""
+
+    def begin(self, graph: str, snapshot: str) -> str:
+        """Nothing."""
+        return ""
+
+    def advise(self, session: Session) -> Advice:
+        """Nothing."""
+        return NOTHING
+
+
+NOTHING = Advice()
+
+
+def apply_advice(session: Session, advice: Advice) -> Session:
+    """The contract with the advice in it; what a repair has chosen for this session wins over what is remembered."""
+    if not (advice.strategy or advice.reasons):
+        return session
+    strategy = session.strategy.join(advice.strategy)
+    return msgspec.structs.replace(session, strategy=strategy, advice=advice.reasons, advised_by=advice.sources)
+
+
+class MemoryAdvisor:
+    """Advises from memory; copies of what is recalled go to `<session>.json` in the folder `copies`, if any."""
 
     def __init__(self, memory: Memory, surroundings: Surroundings, copies: Path | None = None) -> None:
         self._memory, self._surroundings, self._copies = memory, surroundings, copies
@@ -51,9 +98,8 @@ class MemoryAdvisor:
         self._graph, self._snapshot = graph, snapshot if earlier is not None else now
         return self._snapshot
 
-    def advise(self, session: Session, world: Environment | None) -> Advice:
+    def advise(self, session: Session) -> Advice:
         """What was verified to help in its scope; nothing where nothing is known."""
-        del world  # kinds are known from the inventory before anything was seen
         experience = self._known.experience
         if not (experience.corrections or experience.patterns or experience.cautions):
             return NOTHING
@@ -77,14 +123,9 @@ class MemoryAdvisor:
         if advice.means:
             plain = [each for each in found if not each.lesson.means]
             advice = replace(advice, otherwise=self._join(plain, promoted, warned))
-        experience = known.experience
-        lessons = [each.lesson for each in found]
-        entries: list[MemoryEntry] = [
-            methodological.describe(each, experience.find_baseline(each), experience.seq) for each in lessons
-        ]
-        entries += map(cautions.describe, warned)
-        entries += [semantic.describe(promoted)] if promoted is not None else []
-        return advice, tuple(entries)
+        ids = [*(each.lesson.id for each in found), *(each.id for each in warned)]
+        ids += [promoted.id] if promoted is not None else []
+        return advice, tuple(filter(None, map(known.experience.find, ids)))
 
     def _join(self, found: Sequence[Found], promoted: Pattern | None, warned: Sequence[Caution]) -> Advice:
         """One advice of several lessons: of two that disagree the better one."""
@@ -101,7 +142,7 @@ class MemoryAdvisor:
             if is_other:
                 break
         lessons = [each.lesson for each in used]
-        ways = [methodological.join_ways(each.advice, each.means) for each in lessons]
+        ways = [join_ways(each.advice, each.means) for each in lessons]
         reasons = [f"{way}: lesson {each.lesson.id}, {each.because}" for way, each in zip(ways, used, strict=True)]
         sources = [each.id for each in lessons]
         if promoted is not None and not means and strategy.changed.isdisjoint(promoted.strategy.changed):

@@ -7,10 +7,9 @@ contract as a sentence. What helps against it is learned as any other correction
 import msgspec
 
 from phyagentos.agent.memory.episodes import Episode
-from phyagentos.agent.memory.intervals import Count
 from phyagentos.agent.memory.scopes import compute_id, compute_scope
-from phyagentos.protocol.sessions.lessons import Lesson
-from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing
+from phyagentos.agent.memory.semantic import Count
+from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 
 LATEST_KEPT = 5  # sessions and bundles that are named
 RARE = 0.1  # share of sessions that surely is not exceeded before a caution lapses
@@ -22,8 +21,6 @@ class Caution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         code: What happened (`ESTOPPED`, `HOLD_VIOLATED`, a broken limit).
         events: Sessions in the scope that it happened in, of all since the first.
-        sessions: The latest of them.
-        last_seq: Record of memory in which it happened last.
     """
 
     id: str
@@ -75,27 +72,3 @@ def judge(caution: Caution) -> tuple[Standing, str]:
     if caution.events.interval[1] < RARE:
         return Standing.EXPIRED, f"it is rare by now: {caution.events} sessions"
     return Standing.ACTIVE, ""
-
-
-def describe(caution: Caution) -> Lesson:
-    """The caution as an entry of LESSONS.md."""
-    where = caution.where
-    state, reason = judge(caution)
-    what = " ".join(filter(None, (where.object or "anything", f"to {where.destination}" if where.destination else "")))
-    return Lesson(
-        id=caution.id,
-        statement=f"{where.skill} of {what} by {where.target}: {caution.code} in {caution.events} sessions.",
-        scope=where,
-        evidence=caution.evidence,
-        supported=caution.events.successes,
-        contradicted=caution.events.trials - caution.events.successes,
-        confidence=round(caution.events.interval[0], 3),
-        state=state,
-        reason=reason,
-        note=caution.note,
-        by=caution.by or "memory",
-        objective=caution.objective,
-        cause=caution.code,
-        risk=Risk.HIGH,
-        verified_by=caution.sessions[-1] if caution.sessions else "",
-    )

@@ -10,12 +10,10 @@ from typing import TypeVar
 
 import msgspec
 
-from phyagentos.agent.memory.episodes import Episode, find_episode, find_key
+from phyagentos.agent.memory.episodes import Episode, Surroundings, find_episode, find_key
 from phyagentos.agent.memory.experience_log import Edit
-from phyagentos.agent.memory.features import Surroundings
 from phyagentos.agent.memory.memory import Memory
-from phyagentos.agent.memory.promotion import Rank
-from phyagentos.agent.memory.semantic import Pattern
+from phyagentos.agent.memory.semantic import Pattern, Rank
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, PhyAgentOSError
 from phyagentos.protocol.capabilities.registries import read_skill_registry, render_skills
@@ -41,13 +39,8 @@ UNSAID = "retracted by hand, without a reason"
 class EpisodeRecorder:
     """Records what the verdicts of a mission show; see `MissionObserver`.
 
-    Args:
-        memory: The records.
-        surroundings: Kinds of things and bodies of targets.
-        workspace: Holds the documents.
-        clock: For the exchange with editors.
-        report: Called with what could not be recorded; the mission goes on.
-        is_shared: Whether the memory stands outside the workspace.
+    `report` is called with what could not be recorded, and the mission goes on; a shared memory stands outside the
+    workspace.
     """
 
     def __init__(
@@ -187,13 +180,15 @@ def _compare(theirs: MemoryEntry, ours: MemoryEntry) -> list[Edit]:
 def renew_promoted(path: Path, patterns: Iterable[Pattern]) -> bool:
     """Write what is promoted now into the entries of SKILLRUNTIME.md; whether anything changed.
 
-    Raises:
-        DefinitionError: With every problem of the document; it stays as it is.
+    Raises DefinitionError with every problem of the document, which stays as it is.
     """
     ways: dict[str, list[PromotedWay]] = {}
     for each in sorted(patterns, key=lambda pattern: pattern.id):
         if each.trial.rank is Rank.PROMOTED and each.strategy and each.state is Standing.ACTIVE:
-            ways.setdefault(each.scope.skill, []).append(_describe(each))
+            where = {key: getattr(each.scope, key) for key in ("scene", "target", "object", "destination")}
+            strategy = msgspec.to_builtins(each.strategy)
+            way = PromotedWay(entry=each.id, strategy=strategy, rate=str(each.count), **where)
+            ways.setdefault(each.scope.skill, []).append(way)
     skills = read_skill_registry(path)
     renewed = []
     for skill in skills.values():
@@ -204,16 +199,3 @@ def renew_promoted(path: Path, patterns: Iterable[Pattern]) -> bool:
         return False
     publish(path, render_skills(renewed))
     return True
-
-
-def _describe(pattern: Pattern) -> PromotedWay:
-    scope = pattern.scope
-    return PromotedWay(
-        entry=pattern.id,
-        scene=scope.scene,
-        target=scope.target,
-        object=scope.object,
-        destination=scope.destination,
-        strategy=msgspec.to_builtins(pattern.strategy),
-        rate=str(pattern.count),
-    )

@@ -4,46 +4,114 @@ An episode repeats nothing of the evidence; it points there.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from phyagentos.agent.goals.selector import begins_with_holding
 from phyagentos.agent.judging.causes import CLASSES, Cause, CauseClass, find_refusal
-from phyagentos.agent.memory.features import Features, Surroundings
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.capabilities.placed_scenes import name_plain
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_roles
+from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.memory_entries import Embodiment, Risk
 from phyagentos.protocol.sessions.session import Ended, Execution, Session, SessionId, SessionStatus
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 
 JUDGED = frozenset({SessionState.SUCCEEDED, SessionState.FAILED, SessionState.REPLANNED})
 CAUSES_OF_SAFETY = frozenset(cause for cause, kind in CLASSES.items() if kind is CauseClass.SAFETY)
 _NO_SESSIONS: Mapping[SessionId, SessionStatus] = {}
 INTERRUPTIONS = frozenset({Cause.RUNNER_LOST, Cause.TARGET_LOST, Cause.CANCELLED})
+SMALL_M, LARGE_M = 0.03, 0.07  # longest half side of what a hand calls small and large
+
+
+class Features(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What a session is about; empty where the inventory does not know it."""
+
+    object: str = ""
+    object_kind: str = ""
+    object_color: str = ""
+    object_size: str = ""
+    destination: str = ""
+    destination_kind: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """Declarations of skills, inventories of scenes and bodies of targets, by name."""
+
+    skills: Mapping[str, SkillRuntime]
+    scenes: Mapping[str, Path]
+    targets: Mapping[str, TargetProfile]
+    _read: dict[str, SceneSpec | None] = field(default_factory=dict)
+
+    def describe(self, session: Session) -> Features:
+        """The features of a contract; what the inventory does not know stays empty."""
+        scene = self._find_scene(session.scene.name)
+        skill = self.skills.get(session.skill)
+        thing, place = (str(session.parameters.get(key, "")) for key in (find_roles(skill) if skill else ("", "")))
+        body = scene.bodies.get(thing) if scene else None
+        return Features(
+            object=thing,
+            object_kind=body.kind if body else "",
+            object_color=body.color if body else "",
+            object_size=_compute_size(body) if body else "",
+            destination=place,
+            destination_kind=_find_kind(scene, place),
+        )
+
+    def describe_target(self, name: str) -> Embodiment:
+        """The body of a target, as far as experience depends on it."""
+        profile = self.targets.get(name)
+        if profile is None:
+            return Embodiment()
+        gripper = profile.gripper
+        return Embodiment(
+            kind=profile.embodiment,
+            grip_width_m=gripper.max_width_m,
+            grip_force_n=gripper.force_n,
+            control_period_s=profile.control_period_s,
+        )
+
+    def _find_scene(self, placed: str) -> SceneSpec | None:
+        name = name_plain(placed)
+        if name not in self._read:
+            try:
+                self._read[name] = read_scene(self.scenes[name]) if name in self.scenes else None
+            except (DefinitionError, OSError):  # reported where the goal is linted
+                self._read[name] = None
+        return self._read[name]
+
+
+def _compute_size(body: Body) -> str:
+    longest_m = max(max(solid.size_m) for solid in body.shapes)
+    return "small" if longest_m < SMALL_M else "large" if longest_m > LARGE_M else "medium"
+
+
+def _find_kind(scene: SceneSpec | None, place: str) -> str:
+    if scene is None:
+        return ""
+    if place in scene.bodies:
+        return scene.bodies[place].kind
+    return "region" if place in scene.regions else ""
 
 
 class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One session, ended and judged.
 
     Attributes:
-        parent: The session that it revises, None for the first of a node.
         seed: Of the scene: sessions of one seed begin from the same start.
-        features: What it was about.
-        strategy: What was done differently from the skill's own way.
-        advised_by: Entries of memory that asked for that.
         verdict: By the evidence, also where the mode of verification let something else decide.
-        purpose: As the contract has it: `inspect` or `clear` when it prepared another attempt, empty for an attempt.
-        sensing: What the judgement rests on, `truth` or `perceived`.
         evidence: Bundle, relative to the workspace; its whole path where the memory is outside.
         judged_at: Wall time of the verdict, UTC; distinguishes sessions of one name in two workspaces.
-        graph: Name of its goal graph.
         begun: Wall time at which its goal was submitted, UTC: sessions of one run have the same.
-        parameters: Arguments of its skill.
         prepared: Whether sessions before it prepared it, and none was an attempt.
-        resumes: Whether its skill begins with the thing in the hand.
         risk: What was at stake; None in records of before.
-        safety: Codes of what stopped it or changed its commands for safety.
     """
 
     session: str

@@ -12,14 +12,13 @@ from phyagentos.agent.memory import cautions, methodological, semantic
 from phyagentos.agent.memory.cautions import Caution
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.experience_log import Edit, Event
-from phyagentos.agent.memory.intervals import Count
 from phyagentos.agent.memory.methodological import Correction, Failure
 from phyagentos.agent.memory.scopes import compute_id, compute_scope, find_mismatch, widen
-from phyagentos.agent.memory.semantic import Pattern
+from phyagentos.agent.memory.semantic import Count, Pattern, Rank
 from phyagentos.protocol.sessions.knowledge import Fact
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.means import Preparation
-from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
 CORRECTIONS_KEPT = 2_000
@@ -40,11 +39,8 @@ class Experience(msgspec.Struct, kw_only=True):
     """What memory knows after its records up to `seq`.
 
     Attributes:
-        seq: The latest record.
-        facts: Added by people, by id.
         known: Key of an episode -> its record, for those that were taken in last.
         baselines: Id of a scope -> first attempts in it, the skill's own way.
-        cautions: Safety events, by id.
     """
 
     seq: int = 0
@@ -73,10 +69,8 @@ class Experience(msgspec.Struct, kw_only=True):
 
     def list_lessons(self) -> list[Lesson]:
         """The entries of LESSONS.md: those in force by confidence, then what people retracted, then hypotheses."""
-        lessons = [
-            methodological.describe(each, self.find_baseline(each), self.seq) for each in self.corrections.values()
-        ]
-        lessons += map(cautions.describe, self.cautions.values())
+        lessons = [*map(self._describe_correction, self.corrections.values())]
+        lessons += map(_describe_caution, self.cautions.values())
         lessons.sort(key=lambda lesson: (_ORDER[lesson.state], -lesson.confidence, -lesson.supported, lesson.id))
         return lessons[:ENTRIES_MAX]
 
@@ -84,7 +78,33 @@ class Experience(msgspec.Struct, kw_only=True):
         """The entries of KNOWLEDGE.md: what people added, then what was counted most often."""
         counted = sorted(self.patterns.values(), key=lambda each: (-each.count.trials, each.id))
         facts = sorted(self.facts.values(), key=lambda fact: fact.id)
-        return [*facts, *map(semantic.describe, counted)][:ENTRIES_MAX]
+        return [*facts, *map(_describe_pattern, counted)][:ENTRIES_MAX]
+
+    def find(self, id: str) -> Lesson | Fact | None:
+        """An entry as LESSONS.md or KNOWLEDGE.md shows it."""
+        if (lesson := self.corrections.get(id)) is not None:
+            return self._describe_correction(lesson)
+        if (caution := self.cautions.get(id)) is not None:
+            return _describe_caution(caution)
+        pattern = self.patterns.get(id)
+        return _describe_pattern(pattern) if pattern is not None else self.facts.get(id)
+
+    def _describe_correction(self, lesson: Correction) -> Lesson:
+        state, reason = methodological.judge(lesson, self.seq)
+        where, advice = lesson.where, lesson.advice
+        what_helped = methodological.join_ways(advice or lesson.tried_way, lesson.means)
+        verb = "helps" if state is Standing.ACTIVE else "was tried"
+        return Lesson(
+            statement=f"When {where.skill} of {_name_things(where)} ends with {lesson.cause}, {what_helped} {verb}.",
+            **_describe(lesson, where, lesson.outcomes, state, reason),
+            objective=lesson.objective,
+            cause=lesson.cause,
+            advice=advice,
+            means=lesson.means,
+            risk=where.risk or Risk.NORMAL,
+            verified_by=lesson.chains[-1].corrected if lesson.chains else "",
+            baseline=str(self.find_baseline(lesson)),
+        )
 
     def _remember(self, episode: Episode) -> Iterator[str]:
         if episode.key in self.known:  # a session is experienced once
@@ -113,7 +133,10 @@ class Experience(msgspec.Struct, kw_only=True):
             _shrink(self.patterns, PATTERNS_KEPT)
             yield id
         if episode.is_first and episode.is_own_way:
-            self._count_baselines(episode)
+            scope = compute_scope(episode)
+            for each in dict.fromkeys((scope, widen(scope, _OF_THINGS), widen(scope, _OF_PLACES))):
+                name = _name(each)
+                self.baselines[name] = self.baselines.pop(name, Count()).add(success=episode.is_success)
         if episode.is_first:
             yield from self._apply(episode)
 
@@ -162,24 +185,17 @@ class Experience(msgspec.Struct, kw_only=True):
                 before, session=episode.session, strategy=episode.strategy
             )
 
-    def _count_baselines(self, episode: Episode) -> None:
-        scope = compute_scope(episode)
-        for each in dict.fromkeys((scope, widen(scope, _OF_THINGS), widen(scope, _OF_PLACES))):
-            name = _name(each)
-            self.baselines[name] = self.baselines.pop(name, Count()).add(success=episode.is_success)
-
     def _edit(self, edit: Edit) -> Iterator[str]:
         yield edit.entry
-        if (lesson := self.corrections.get(edit.entry)) is not None:
-            amended = edit.scope or lesson.amended
-            self.corrections[edit.entry] = msgspec.structs.replace(lesson, amended=amended, **_compute_changes(edit))
-        elif (caution := self.cautions.get(edit.entry)) is not None:
-            amended = edit.scope or caution.amended
-            self.cautions[edit.entry] = msgspec.structs.replace(caution, amended=amended, **_compute_changes(edit))
-        elif (pattern := self.patterns.get(edit.entry)) is not None:
-            self.patterns[edit.entry] = msgspec.structs.replace(pattern, **_compute_changes(edit))
-        elif (fact := self.facts.get(edit.entry)) is not None:
-            self.facts[edit.entry] = msgspec.structs.replace(fact, **_compute_changes(edit))
+        kinds: tuple[dict[str, Any], ...] = (self.corrections, self.cautions, self.patterns, self.facts)
+        known = next((each for each in kinds if edit.entry in each), None)
+        if known is not None:
+            changes: dict[str, Any] = {"by": edit.by}
+            changes |= {"state": Standing.RETRACTED, "reason": edit.reason} if edit.retracts else {}
+            changes |= {"note": edit.note} if edit.note else {}
+            can_amend = known is self.corrections or known is self.cautions
+            changes |= {"amended": edit.scope} if edit.scope is not None and can_amend else {}
+            known[edit.entry] = msgspec.structs.replace(known[edit.entry], **changes)
         elif edit.statement:
             self.facts[edit.entry] = Fact(
                 id=edit.entry,
@@ -191,13 +207,53 @@ class Experience(msgspec.Struct, kw_only=True):
             )
 
 
-def _compute_changes(edit: Edit) -> dict[str, Any]:
-    changes: dict[str, Any] = {"by": edit.by}
-    if edit.retracts:
-        changes |= {"state": Standing.RETRACTED, "reason": edit.reason}
-    if edit.note:
-        changes["note"] = edit.note
-    return changes
+def _describe(
+    entry: Correction | Caution | Pattern, scope: Scope, count: Count, state: Standing, reason: str
+) -> dict[str, Any]:
+    """What every entry of the two documents has."""
+    return {
+        "id": entry.id,
+        "scope": scope,
+        "evidence": entry.evidence,
+        "supported": count.successes,
+        "contradicted": count.trials - count.successes,
+        "confidence": round(count.interval[0], 3),
+        "state": state,
+        "reason": reason,
+        "note": entry.note,
+        "by": entry.by or "memory",
+    }
+
+
+def _describe_caution(caution: Caution) -> Lesson:
+    where, code = caution.where, caution.code
+    return Lesson(
+        statement=f"{where.skill} of {_name_things(where)} by {where.target}: {code} in {caution.events} sessions.",
+        **_describe(caution, where, caution.events, *cautions.judge(caution)),
+        objective=caution.objective,
+        cause=code,
+        risk=Risk.HIGH,
+        verified_by=caution.sessions[-1] if caution.sessions else "",
+    )
+
+
+def _describe_pattern(pattern: Pattern) -> Fact:
+    scope, count = pattern.scope, pattern.count
+    way = str(pattern.strategy) or "the skill's own way"
+    worst = max(pattern.causes, key=lambda cause: (pattern.causes[cause], cause), default="")
+    failing = f"; most often {worst}" if worst else ""
+    what = f"{scope.skill} of {_name_things(scope)} by {scope.target}, {way}"
+    return Fact(
+        statement=f"{what}: {count} first attempts succeed{failing}.",
+        **_describe(pattern, scope, count, pattern.state, pattern.reason),
+        strategy=pattern.strategy,
+        rate=str(count),
+        promoted=pattern.trial.rank is Rank.PROMOTED and pattern.state is Standing.ACTIVE,
+    )
+
+
+def _name_things(scope: Scope) -> str:
+    return f"{scope.object or 'anything'}{f' to {scope.destination}' if scope.destination else ''}"
 
 
 def _describe_preparation(episode: Episode, before: Failure) -> Preparation:

@@ -28,14 +28,7 @@ _OPENING, _CLOSING = "\n```yaml\n", "\n```\n"
 
 
 class Edit(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
-    """A person's statement about an entry; the latest on each matter holds.
-
-    Attributes:
-        entry: Id of the lesson or fact.
-        scope: Where it holds, instead of what was computed.
-        statement: Of a fact that a person adds.
-        source: Of a fact that a person adds.
-    """
+    """A person's statement about an entry; the latest on each matter holds."""
 
     entry: str
     retracts: bool = False
@@ -52,12 +45,7 @@ _KINDS: dict[str, type[Episode | Edit]] = {"episode": Episode, "edit": Edit}
 
 
 class LogPosition(msgspec.Struct, frozen=True):
-    """How far the records were read, and what stands there: other records at the same place are not these.
-
-    Attributes:
-        position: Behind the last record that was read.
-        mark: The last bytes before it.
-    """
+    """Behind the last record read, and the last bytes before: other records at the same place are not these."""
 
     position: Position
     mark: str
@@ -97,8 +85,7 @@ class ExperienceLog:
     def append(self, events: Sequence[Event]) -> None:
         """Record all of these, or none.
 
-        Raises:
-            ExecutionError: `JOURNAL_WRITE_FAILED`, `JOURNAL_NOT_DURABLE`, `JOURNAL_DAMAGED`, `JOURNAL_LOCKED`.
+        Raises ExecutionError: `JOURNAL_WRITE_FAILED`, `JOURNAL_NOT_DURABLE`, `JOURNAL_DAMAGED`, `JOURNAL_LOCKED`.
         """
         if not events:
             return
@@ -135,26 +122,22 @@ class ExperienceLog:
             follower.advance()
             writer.open(follower)
         records = [
-            self._make_record(event, follower.seq + 1 + index, len(events) - 1 - index, today)
+            Record(
+                seq=follower.seq + 1 + index,
+                id=event.session if isinstance(event, Episode) else event.entry,
+                ev="episode" if isinstance(event, Episode) else "edit",
+                by=self._by,
+                side=self._side.value,
+                at=today,
+                more=len(events) - 1 - index,
+                markdown=f"{_OPENING}{msgspec.json.encode(event).decode()}{_CLOSING}",  # JSON is YAML, and read fast
+            )
             for index, event in enumerate(events)
         ]
         data = encode_batch(records)
         writer.append(data, follower)
         follower.accept(data, records)
         return records
-
-    def _make_record(self, event: Event, seq: int, more: int, at: str) -> Record:
-        is_episode = isinstance(event, Episode)
-        return Record(
-            seq=seq,
-            id=event.session if isinstance(event, Episode) else event.entry,
-            ev="episode" if is_episode else "edit",
-            by=self._by,
-            side=self._side.value,
-            at=at,
-            more=more,
-            markdown=f"{_OPENING}{msgspec.json.encode(event).decode()}{_CLOSING}",  # JSON is YAML, and read in no time
-        )
 
 
 def _iter_events(records: Sequence[Record]) -> Iterator[tuple[int, Event]]:

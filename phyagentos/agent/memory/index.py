@@ -14,7 +14,7 @@ import msgspec
 from phyagentos.agent.memory.experience import Experience
 from phyagentos.agent.memory.experience_log import LogPosition
 from phyagentos.agent.memory.methodological import Correction
-from phyagentos.store.cache_file import CacheFile
+from phyagentos.store.index import CacheFile
 
 VERSION = 3  # of what stands in it: another one is thrown away
 _ANY = "any"  # of a lesson that no skill, or no thing, narrows
@@ -64,8 +64,7 @@ class LessonIndex(CacheFile):
     def find(self, skill: str, words: Iterable[str], limit: int) -> list[str] | None:
         """Ids of lessons about a skill (empty for any) and any of the words, the best match first.
 
-        Returns:
-            None where the index cannot answer.
+        None where the index cannot answer.
         """
         wanted = " OR ".join(_quote(word) for word in dict.fromkeys(words) if word.strip())
         parts = [f"skill: ({_quote(skill)} OR {_quote(_ANY)})"] if skill else []

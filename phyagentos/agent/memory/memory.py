@@ -1,29 +1,127 @@
-"""Memory: the records of experience, and what follows from them. Paper section 4.3."""
+"""Memory: the records of experience, what follows from them, and what that says of a case. Paper section 4.3.
 
+Retrieval by goal, scene, things, body and risk is ranked and bounded, and a function of the experience alone, so the
+same snapshot gives the same answers.
+"""
+
+import hashlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
+from phyagentos.agent.memory import cautions
+from phyagentos.agent.memory.cautions import Caution
+from phyagentos.agent.memory.episodes import CAUSES_OF_SAFETY
 from phyagentos.agent.memory.experience import Experience
 from phyagentos.agent.memory.experience_log import Event, ExperienceLog, LogPosition
 from phyagentos.agent.memory.index import LessonIndex
-from phyagentos.agent.memory.methodological import Correction
-from phyagentos.agent.memory.retrieval import Retrieval, find_seq
+from phyagentos.agent.memory.methodological import Correction, judge
+from phyagentos.agent.memory.scopes import find_mismatch, measure_width
+from phyagentos.agent.memory.semantic import Pattern, Rank
 from phyagentos.clock import Clock
 from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing
+from phyagentos.protocol.sessions.strategy import OWN_WAY
+
+FOUND_MAX = 5  # entries that are returned
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """A verified lesson that holds in a scope, and its counts in words."""
+
+    lesson: Correction
+    because: str
+
+
+class Retrieval:
+    """Answers from one experience."""
+
+    def __init__(self, experience: Experience) -> None:
+        self.experience = experience
+
+    def recall(self, scope: Scope, *, limit: int = FOUND_MAX) -> tuple[Found, ...]:
+        """Verified lessons that hold in a scope and do better than doing nothing, the most useful first.
+
+        At high risk a lesson about anything but safety must surely do better: by the lower end of its interval.
+        """
+        lessons = self.experience.corrections.values()
+        risk = Risk.HIGH if self.warn(scope) else scope.risk
+        near = (
+            lesson
+            for lesson in lessons
+            if (where := lesson.where).object in ("", scope.object) and where.destination in ("", scope.destination)
+        )  # cheap, and leaves few
+        found = [fit for lesson in near if (fit := self._weigh(lesson, scope, risk)) is not None]
+
+        def rank(fit: Found) -> tuple[int, bool, float, int, str]:
+            lesson, outcomes = fit.lesson, fit.lesson.outcomes
+            is_other_goal = bool(scope.goal) and scope.goal not in lesson.goals
+            return measure_width(lesson.where), is_other_goal, -outcomes.mean, -outcomes.trials, lesson.id
+
+        return tuple(sorted(found, key=rank)[:limit])
+
+    def warn(self, scope: Scope) -> tuple[Caution, ...]:
+        """Safety events on record where the scope holds, the latest first."""
+        found = [
+            each
+            for each in self.experience.cautions.values()
+            if not find_mismatch(each.where, scope, OWN_WAY) and cautions.judge(each)[0] is Standing.ACTIVE
+        ]
+        return tuple(sorted(found, key=lambda each: (-each.last_seq, each.id))[:FOUND_MAX])
+
+    def find_promoted(self, scope: Scope) -> Pattern | None:
+        """The way that has become the default in a scope, None when that is the skill's own or nothing is proved."""
+        promoted = [
+            pattern
+            for pattern in self.experience.patterns.values()
+            if pattern.trial.rank is Rank.PROMOTED
+            and pattern.strategy
+            and pattern.state is Standing.ACTIVE
+            and not find_mismatch(pattern.scope, scope, pattern.strategy)
+        ]
+        return max(promoted, key=lambda pattern: (pattern.count.interval[0], pattern.id), default=None)
+
+    @property
+    def snapshot(self) -> str:
+        """Name of all that memory knows: the same snapshot and seed give the same bits (`memory/412-9f…`)."""
+        digest = hashlib.blake2b(msgspec.json.encode(self.experience), digest_size=8).hexdigest()
+        return f"memory/{self.experience.seq}-{digest}"
+
+    @property
+    def version(self) -> str:
+        """Version of what memory knows; the same lessons in force give the same version."""
+        active = sorted(
+            (lesson.id, sorted(msgspec.to_builtins(lesson.advice).items(), key=str))
+            for lesson in self.experience.corrections.values()
+            if judge(lesson, self.experience.seq)[0] is Standing.ACTIVE
+        )
+        return f"memory/{self.experience.seq}-{hashlib.blake2b(repr(active).encode(), digest_size=4).hexdigest()}"
+
+    def _weigh(self, lesson: Correction, case: Scope, risk: Risk | None) -> Found | None:
+        """The lesson if it counts, holds in the case, and promises more than doing nothing."""
+        if find_mismatch(lesson.where, case, lesson.tried_way):
+            return None
+        if not (lesson.advice or lesson.means) or judge(lesson, self.experience.seq)[0] is not Standing.ACTIVE:
+            return None
+        outcomes, baseline = lesson.outcomes, self.experience.find_baseline(lesson)
+        is_risky = risk is Risk.HIGH and lesson.cause not in CAUSES_OF_SAFETY
+        if (outcomes.interval[0] if is_risky else outcomes.mean) <= baseline.mean:
+            return None
+        return Found(lesson=lesson, because=f"{outcomes} with it, {baseline} without")
+
+
+def find_seq(snapshot: str) -> int:
+    """The latest record of memory that a snapshot knows."""
+    return int(snapshot.removeprefix("memory/").partition("-")[0])
 
 
 class Memory(Retrieval):
-    """One memory; several workspaces may share it, also at the same time.
+    """One memory, with its records in `folder`; several workspaces may share it, also at the same time.
 
-    Args:
-        folder: Of its records, `memory/` of a workspace as a rule.
-        clock: For the time of records.
-        by: Name of the writer.
-        side: Of the writer.
-        durable: Whether to wait for the disk.
-
-    Raises:
-        ExecutionError: `JOURNAL_DAMAGED`.
+    Raises ExecutionError `JOURNAL_DAMAGED`.
     """
 
     def __init__(self, folder: Path, *, clock: Clock, by: str, side: Side = Side.AGENT, durable: bool = True) -> None:
@@ -51,11 +149,7 @@ class Memory(Retrieval):
         return changed
 
     def record(self, events: Sequence[Event]) -> set[str]:
-        """Record; ids of the entries that changed.
-
-        Raises:
-            ExecutionError: The disk refuses; nothing is recorded.
-        """
+        """Record all or, with an ExecutionError of the disk, nothing; ids of the entries that changed."""
         self._experience_log.append(events)
         return self.refresh()
 

@@ -10,12 +10,10 @@ from typing import Any
 import msgspec
 
 from phyagentos.agent.memory.episodes import Episode
-from phyagentos.agent.memory.intervals import Count
-from phyagentos.agent.memory.promotion import Trial
 from phyagentos.agent.memory.scopes import compute_id, compute_scope, measure_width, name_left_out, widen
-from phyagentos.protocol.sessions.lessons import Lesson
+from phyagentos.agent.memory.semantic import Count, Trial
 from phyagentos.protocol.sessions.means import OWN_MEANS, Means, Preparation
-from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
 CHAINS_KEPT = 5  # of failure and verified correction, the latest
@@ -28,14 +26,7 @@ DOUBTED_BELOW, DOUBTED_FROM = 0.4, 3  # share of outcomes that speak for it, onc
 class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A session that was not a success, and how it began: what a child may correct.
 
-    Attributes:
-        root: The first session of the same node, and its cause.
-        cause: Coded cause of the first failure.
-        objective: Of the first session.
-        begun: As of its episode: a child is of the same run.
-        scope: Of the first session.
-        parameters: Of the first session.
-        prepared: What was done for the node since.
+    All but `session` and `strategy` is of the first session of the node, `root`; `prepared` is what was done since.
     """
 
     session: str
@@ -62,18 +53,12 @@ class Correction(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A lesson while it is learned.
 
     Attributes:
-        id: Of its entry in LESSONS.md.
         values: Parts of the strategy that were the same every time.
         means: What was done by other means; parameters as in the latest success.
-        goals: Names of the goal graphs that it was verified in, the latest.
-        accidents: Sessions with it that a safety event met.
-        trial: First attempts that it advised, as the test of promotion sees them.
         labels: Lists of the strategy: key -> label -> in how many verified corrections it stood.
         tried: Children that followed a failure with it; a success verifies it.
-        applied: First attempts that it advised.
         cases: What is left open by the scope, as far as it was verified.
         last_seq: Record of memory that confirmed it last, or at which it was born.
-        amended: Scope that a person gave it instead.
     """
 
     id: str
@@ -215,35 +200,6 @@ def judge(correction: Correction, seq: int) -> tuple[Standing, str]:
     if correction.amended is None and measure_width(correction.scope) and len(correction.cases) < CASES_NEEDED:
         return Standing.HYPOTHESIS, "verified in one case only, not yet beyond it"
     return Standing.ACTIVE, ""
-
-
-def describe(correction: Correction, baseline: Count, seq: int) -> Lesson:
-    """The lesson as an entry of LESSONS.md at record `seq`; `baseline` counts first attempts without any correction."""
-    state, reason = judge(correction, seq)
-    where, advice = correction.where, correction.advice
-    what_helped = join_ways(advice or correction.tried_way, correction.means)
-    what = " ".join(filter(None, (where.object or "anything", f"to {where.destination}" if where.destination else "")))
-    verb = "helps" if state is Standing.ACTIVE else "was tried"
-    return Lesson(
-        id=correction.id,
-        statement=f"When {where.skill} of {what} ends with {correction.cause}, {what_helped} {verb}.",
-        scope=where,
-        evidence=correction.evidence,
-        supported=correction.outcomes.successes,
-        contradicted=correction.outcomes.trials - correction.outcomes.successes,
-        confidence=round(correction.outcomes.interval[0], 3),
-        state=state,
-        reason=reason,
-        note=correction.note,
-        by=correction.by or "memory",
-        objective=correction.objective,
-        cause=correction.cause,
-        advice=advice,
-        means=correction.means,
-        risk=where.risk or Risk.NORMAL,
-        verified_by=correction.chains[-1].corrected if correction.chains else "",
-        baseline=str(baseline),
-    )
 
 
 def join_ways(strategy: Strategy, means: Means) -> str:

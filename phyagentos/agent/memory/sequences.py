@@ -11,9 +11,9 @@ import yaml
 
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.experience_log import Event
+from phyagentos.agent.memory.memory import find_seq
 from phyagentos.agent.memory.methodological import Correction, judge
-from phyagentos.agent.memory.promotion import Rank
-from phyagentos.agent.memory.retrieval import find_seq
+from phyagentos.agent.memory.semantic import Rank
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.skill_runtimes import Learned, SkillRuntime
 from phyagentos.protocol.sessions.memory_entries import Standing

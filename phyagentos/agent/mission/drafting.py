@@ -9,7 +9,7 @@ import msgspec
 from phyagentos.agent.goals.compiler import Outputs, Revision, SessionCompiler
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.goal_judgement import Evidence
-from phyagentos.agent.memory.advice import NOTHING, Advisor, apply_advice
+from phyagentos.agent.memory.advisor import NOTHING, Advisor, apply_advice
 from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.foreseen import foresee
@@ -51,7 +51,7 @@ class Drafter:
         before = self.facts.get_sessions(node)
         if session.purpose or not all(status.contract.purpose for status in before):
             return session  # what a repair chose rests on fresher evidence
-        advice = self.advisor.advise(session, self.evidence.all.now)
+        advice = self.advisor.advise(session)
         if advice.means:
             step = foresee(self._make_case(node, session, before, fresh), advice.means)
             try:

@@ -16,7 +16,7 @@ from phyagentos.agent.goals.amendment import describe_node
 from phyagentos.agent.goals.compiler import Revision, SessionCompiler
 from phyagentos.agent.judging.goal_judgement import Evidence, carry_conditions, judge_goal
 from phyagentos.agent.judging.verifier import History, SessionVerifier
-from phyagentos.agent.memory.advice import Advisor
+from phyagentos.agent.memory.advisor import Advisor
 from phyagentos.agent.mission.changes import Changes
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts
@@ -24,6 +24,7 @@ from phyagentos.agent.mission.recovery import Recovery, is_look
 from phyagentos.agent.mission.task_document import TaskEdit
 from phyagentos.agent.mission.worklist import Worklist
 from phyagentos.agent.repair.case import join_evidence
+from phyagentos.agent.repair.clearing import PURPOSE as CLEARS
 from phyagentos.agent.repair.looking import LOOKS_MAX, settle
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.protocol.sessions.evidence import Bundle
@@ -33,6 +34,7 @@ from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
+from phyagentos.protocol.world.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 from phyagentos.store.ledger import Ledger
@@ -79,6 +81,7 @@ class GoalController:
         self._changes = Changes(facts=self._facts, drafter=self._drafter, evidence=evidence, recovery=self._recovery)
         self._conditional = tuple(name for name in self.graph.order if self.graph.nodes[name].is_conditional)
         self._file = self.status.file if self.goal in ledger.goals else ""
+        self._held: set[str] = set()  # ready nodes before which memory wants another one to be done
 
     @property
     def status(self) -> GoalStatus:
@@ -199,9 +202,9 @@ class GoalController:
         blocked: set[str] = set()
         for name in self.worklist.iter_changed():
             found = self._look_at(name, blocked)
-            if not found:
+            if not found and name not in self._held:
                 self.worklist.settle(name)
-            elif found[0].ev == GoalEvent.NODE_BLOCKED:
+            elif found and found[0].ev == GoalEvent.NODE_BLOCKED:
                 blocked.add(name)
                 self.worklist.touch(self.worklist.dag.find_next(name))
             entries += found
@@ -263,10 +266,35 @@ class GoalController:
             if isinstance(session, str):
                 entries.append(self._drafter.note(name, GoalEvent.NODE_BLOCKED, session))
                 continue
+            if why := self._find_earlier(session):
+                is_known = self.status.nodes[name].reason == why
+                entries += [] if is_known else [self._drafter.note(name, GoalEvent.NODE_WAITS, why)]
+                self._held.add(name)
+                continue
+            self._held.discard(name)
             ready = join(("everything before it is done", *session.advice))
             entries.append(self._drafter.note(name, GoalEvent.NODE_READY, ready))
             entries += self._drafter.submit(session, ("it has to be done again",), Relation.AGAIN)
         return entries
+
+    def _find_earlier(self, session: Session) -> str:
+        """Why a node is held where memory would clear a thing away for it: another node moves that thing anyway.
+
+        Empty where none does, or no session lives any more, so that a node is held back and never kept from its turn.
+        """
+        if session.purpose != CLEARS or session.parent is not None or not self.worklist.has_live():
+            return ""
+        things, later = {*map(str, session.parameters.values())}, self.worklist.dag.find_after(session.node)
+        for name in self.graph.order:
+            is_open = self._facts.get_state(name) in {*_OPEN, NodeState.ACTIVE}
+            if not is_open or name in {session.node, *later, *self._held}:
+                continue
+            accept = (text for text in self._drafter.compiler.compile_node(name).accept if "${" not in text)
+            for predicate in map(parse_predicate, accept):
+                thing = next(iter_entities(predicate), "")
+                if predicate.is_lasting and thing in things:
+                    return f"{name} comes first: it moves {thing}, as {', '.join(session.advised_by)} wants"
+        return ""
 
     def _keep_to_budget(self, entries: list[Entry]) -> list[Entry]:
         """The records without the sessions beyond the goal's budget; these block their nodes, or wait.

@@ -7,7 +7,7 @@ from typing import Any
 from phyagentos.agent.goals.dag import GoalDag
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.repair import looking
-from phyagentos.agent.repair.budget import Left, compute_left
+from phyagentos.agent.repair.case import Left, compute_left
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
 from phyagentos.protocol.sessions.session import GoalId, Session, SessionId, SessionStatus
 from phyagentos.protocol.sessions.tasks import NodeState

@@ -18,7 +18,7 @@ from phyagentos.agent.goals.compiler import SessionCompiler
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import SessionVerifier
-from phyagentos.agent.memory.advice import Advisor, NoAdvice
+from phyagentos.agent.memory.advisor import Advisor, NoAdvice
 from phyagentos.agent.mission.goal_controller import GoalController
 from phyagentos.agent.mission.report import MissionReport, build_report
 from phyagentos.agent.mission.task_document import TaskDocument

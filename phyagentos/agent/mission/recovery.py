@@ -17,9 +17,9 @@ from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts, is_forecast_refusal
 from phyagentos.agent.mission.planning_anew import Replanner
 from phyagentos.agent.repair import clearing, looking
-from phyagentos.agent.repair.after_lookahead import revise_refused
 from phyagentos.agent.repair.alternative import AlternativeKind
 from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.foreseen import revise_refused
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.agent.repair.regressions import find_lost_preconditions, find_regressions
 from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_requires

@@ -34,10 +34,7 @@ class Alternative:
     """One way to repair a node.
 
     Attributes:
-        effect: What it changes, in words.
         chance: That it meets the node's objective, 0..1.
-        sessions: Cost in sessions.
-        sim_time_s: Cost in simulated time [s].
         because: Why it is possible, or why it is not likely.
         revision: Of the child; None where there is none.
     """
@@ -92,11 +89,7 @@ def propose(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """The chosen alternative.
-
-    Attributes:
-        passed: The others, in the order of their worth, each with the reason against it.
-    """
+    """The chosen alternative, and the others in the order of their worth, each with the reason against it."""
 
     chosen: Alternative
     passed: tuple[tuple[Alternative, str], ...] = ()

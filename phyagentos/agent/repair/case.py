@@ -1,15 +1,16 @@
 """Input of a repair: a missed objective, the lineage of its node, and the remaining budget."""
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import msgspec
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.selector import Choice
+from phyagentos.agent.goals.spec import Budget
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
-from phyagentos.agent.repair.budget import Left
 from phyagentos.protocol.sessions.evidence import AFTER, Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import INTERRUPTED, Session, SessionStatus
@@ -17,16 +18,54 @@ from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion
 from phyagentos.protocol.world.environment import Environment
 
+BUDGET = "BUDGET"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Left:
+    """Remainder of a budget: sessions, simulated time of all together [s]; `needed` are those of nodes without one."""
+
+    sessions: float = math.inf
+    sim_time_s: float = math.inf
+    needed: int = 0
+
+    def find_excess(self, sessions: int, sim_time_s: float) -> str:
+        """Why such a cost exceeds the budget, empty when it does not."""
+        if sessions + self.needed > self.sessions:
+            asked = f"{sessions} more and {self.needed} for nodes not yet begun"
+            return f"{BUDGET}: {self.sessions:g} sessions are left, it takes {asked}"
+        if sim_time_s > self.sim_time_s:
+            return f"{BUDGET}: {self.sim_time_s:.1f} s are left, it takes {sim_time_s:.1f} s"
+        return ""
+
+    def find_end(self) -> str:
+        """Why no further session may begin, empty when one may."""
+        if self.sessions < 1:
+            return f"{BUDGET}: every session of the goal's budget is spent"
+        if self.sim_time_s <= 0.0:
+            return f"{BUDGET}: the simulated time of the goal's budget is spent, or granted to sessions that run"
+        return ""
+
+
+def compute_left(budget: Budget, sessions: Iterable[SessionStatus], needed: int = 0) -> Left:
+    """Remainder after these sessions."""
+    count, spent_s = 0, 0.0
+    for status in sessions:
+        count += 1
+        spent_s += status.execution.sim_time_s if status.execution else 0.0
+    return Left(
+        sessions=math.inf if budget.sessions is None else budget.sessions - count,
+        sim_time_s=math.inf if budget.sim_time_s is None else budget.sim_time_s - spent_s,
+        needed=needed,
+    )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Miss:
     """An objective that a session did not meet.
 
     Attributes:
-        reason: The cause as a sentence.
-        world: The latest snapshot, None when there is none.
         bundle: Evidence of the execution; None when preflight refused the session.
-        criteria: As judged; empty when nothing was judged.
         missing_evidence: Entities that must be seen again.
         codes: Coded findings of the execution, or of the preflight that refused the session.
     """
@@ -103,10 +142,8 @@ class Case:
     """One miss of one node.
 
     Attributes:
-        choice: Skill, target and parameters of its node.
         lineage: All sessions of the node, the oldest first; the last one has just ended.
         replans_left: Children with the same objective that the node may still have.
-        left: Remaining budget of the goal.
         protected: Entities that finished nodes have put where they belong.
         time_of: Skill -> mean simulated time of its sessions in this goal [s].
         recall: Evidence of an earlier session of the lineage; None where nothing was executed.

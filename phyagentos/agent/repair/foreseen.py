@@ -1,42 +1,45 @@
-"""Repair ahead: what verified experience says a first attempt needs, by the means that a repair would take.
+"""Repair ahead: what is known, before a first attempt begins, to be needed or to be missed.
 
-The step is a revision as any other: it keeps acceptance, conditions and limits of its node, and preflight checks it.
+Verified experience says what it needs, by the means that a repair would take; the step is a revision as any other: it
+keeps acceptance, conditions and limits of its node, and preflight checks it. After a look-ahead below its threshold the
+best of the rehearsed alternatives is tried. The first child keeps the threshold where that alternative meets it.
+Otherwise, and for further children, it is tried all the same: giving up achieves less than a failure that can be
+repaired.
 """
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 
 from phyagentos.agent.goals.compiler import Revision
-from phyagentos.agent.goals.selector import Choice, find_lacks, select
-from phyagentos.agent.goals.spec import Promise
+from phyagentos.agent.goals.selector import Choice, find_lacks
+from phyagentos.agent.memory.advisor import Advice
 from phyagentos.agent.repair import clearing, looking
 from phyagentos.agent.repair.alternative import SESSION_S
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.other_means import cover, find_false, find_promises
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.skill_runtimes import find_roles
+from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadResult, read_lookahead
 from phyagentos.protocol.sessions.means import Means, Preparation
-from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.world.environment import Environment
 
 NEAR_M = 0.16  # a thing that is farther from all that the session names is not in its way
 
 
 def foresee(case: Case, means: Means) -> Revision | None:
-    """The next step of a first attempt: a look, a preparation, or the attempt by other means.
+    """The next step of a first attempt by the means of a verified lesson: a look, a preparation, or the attempt.
 
-    Args:
-        case: Of the node, with the session as compiled, and those that have prepared it.
-        means: Of a verified lesson.
-
-    Returns:
-        None where the present world, the targets or the budget have no room for these means.
+    None where the present world, the targets or the budget have no room for them. `case` is that of the node, with the
+    session as compiled, and those that have prepared it.
     """
     done = [status.contract for status in case.lineage]
     cleared = [each for each in done if each.purpose == clearing.PURPOSE]
     parent = done[-1].id if done else None
     if case.world is None:
-        choice = _find_look(case) if not done else None
+        thing = case.session.parameters.get(find_roles(case.catalogue.skills[case.session.skill])[0])
+        choice = looking.find_look(case, thing) if not done else None  # for what the session is about
         return Revision(parent=None, choice=choice, purpose=looking.PURPOSE) if choice is not None else None
     for preparation in means.prepare[len(cleared) :]:
         choice = _find_preparation(case, case.world, preparation, cleared)
@@ -63,15 +66,6 @@ def _find_choice(case: Case, world: Environment, means: Means) -> Choice | None:
     if parameters is None or (means.skill and find_false(skill, parameters, world, session)):
         return None
     return Choice(skill=skill.skill, target=name, parameters=parameters, reasons=(f"verified: {means}",))
-
-
-def _find_look(case: Case) -> Choice | None:
-    """Where nothing was seen yet: a look for the thing that the session is about."""
-    thing = case.session.parameters.get(find_roles(case.catalogue.skills[case.session.skill])[0])
-    try:
-        return select(Promise(guarantees=f"visible({thing})"), case.session.target, {}, case.catalogue)
-    except DefinitionError:
-        return None
 
 
 def _find_preparation(
@@ -112,3 +106,31 @@ def _iter_near(case: Case, world: Environment, kind: str) -> Iterator[str]:
         if each.name not in kept
     ]
     return (name for distance_m, name in sorted(distances) if distance_m <= NEAR_M)
+
+
+def revise_refused(refused: SessionStatus, folder: Path) -> Advice | None:
+    """The best rehearsed alternative; None without a readable result in `folder`, the session's evidence."""
+    try:
+        result = read_lookahead(folder)
+    except ExecutionError:
+        return None
+    if result is None:
+        return None
+    own = Alternative(
+        strategy=refused.contract.strategy, samples=result.samples, succeeded=result.succeeded, causes=result.causes
+    )
+    best = max((own, *result.alternatives), key=lambda each: each.share)
+    is_enough = best.share >= result.threshold
+    return Advice(
+        strategy=best.strategy,
+        reasons=(_explain(own, best, result),),
+        threshold=None if is_enough and refused.contract.attempt == 0 else 0.0,
+    )
+
+
+def _explain(own: Alternative, best: Alternative, result: LookaheadResult) -> str:
+    ahead = f"{own.succeeded:.4g} of {own.samples} {result.cases} succeed, {result.threshold:.0%} are asked"
+    cause = f", mostly {own.likely_cause}" if own.likely_cause else ""
+    if best is own:
+        return f"look-ahead: {ahead}{cause}; none of {len(result.alternatives)} other ways is better, so it is tried"
+    return f"look-ahead: {ahead}{cause}; with {best.strategy} it is {best.succeeded:.4g} of {best.samples}"

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import msgspec
 
-from phyagentos.agent.goals.selector import select
+from phyagentos.agent.goals.selector import Choice, select
 from phyagentos.agent.goals.spec import Promise
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.diagnosis import diagnose_after_looking, find_object
@@ -33,15 +33,21 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
     if case.cause not in _UNCERTAIN or looks >= LOOKS_MAX or not wanted:
         return
     name = wanted[looks % len(wanted)]
-    try:
-        choice = select(Promise(guarantees=f"visible({name})"), case.session.target, {}, case.catalogue)
-    except DefinitionError:
-        return  # no skill looks
+    if (choice := find_look(case, name)) is None:
+        return
     effect = f"{choice.skill} looks for {name}, then the same criteria are judged again"
     because = f"it is unknown whether the objective was met, look {looks + 1} of {LOOKS_MAX}"
     time_s, child = case.time_of.get(choice.skill, SESSION_S / 3), {"purpose": PURPOSE, "lead": LEAD}
     child |= {"requires": (), "reasons": (case.explanation,)}  # it is there to find out
     yield propose(case, AlternativeKind.LOOK, choice, effect, _CHANCE * 0.5**looks, because, (1, time_s), **child)
+
+
+def find_look(case: Case, name: object) -> Choice | None:
+    """The session that makes an entity visible; None where no skill looks."""
+    try:
+        return select(Promise(guarantees=f"visible({name})"), case.session.target, {}, case.catalogue)
+    except DefinitionError:
+        return None
 
 
 def list_unseen(session: Session, world: Environment) -> list[str]:

@@ -8,9 +8,8 @@ from phyagentos.agent.repair.alternative import Alternative, AlternativeKind, De
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.clearing import propose_clearing
 from phyagentos.agent.repair.looking import propose_looking
-from phyagentos.agent.repair.other_means import propose_other_skill, propose_other_target
+from phyagentos.agent.repair.other_means import propose_other_skill, propose_other_target, propose_resume_held
 from phyagentos.agent.repair.repetition import find_repeated, find_unseen
-from phyagentos.agent.repair.resume_held import propose_resume_held
 from phyagentos.agent.repair.retrying import propose_retry
 
 Generator = Callable[[Case], Iterator[Alternative]]
@@ -29,7 +28,6 @@ class RepairPolicy(Protocol):
     """Decides how a node continues.
 
     Attributes:
-        name: Recorded with the goal.
         restores: Whether finished nodes whose achievement is lost are opened again.
     """
 

@@ -20,12 +20,6 @@ def find_regressions(
     """Finished nodes whose achievement no longer holds -> the fact that shows it.
 
     Only lasting facts count (`inside`, not `holding`), and none about an entity that a later node took up again.
-
-    Args:
-        finished: Node -> its latest succeeded session.
-        find_later: The nodes that wait for one, directly or not.
-        promises: Of the skills.
-        worlds: Of the observed targets.
     """
     regressions = {}
     for name, session in finished.items():

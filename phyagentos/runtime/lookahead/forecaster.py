@@ -35,8 +35,7 @@ class Forecaster(Protocol):
     def forecast(self, case: Case) -> Forecast:
         """What the session is likely to end in; the same for the same case.
 
-        Raises:
-            ExecutionError: `LOOKAHEAD_FAILED`, or another code, where it cannot say.
+        Raises ExecutionError `LOOKAHEAD_FAILED`, or another code, where it cannot say.
         """
 
 

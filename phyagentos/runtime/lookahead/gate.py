@@ -12,20 +12,14 @@ from phyagentos.protocol.sessions.evidence import write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadResult
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.runtime.lookahead.forecaster import LOOKAHEAD_FAILED, Case
-from phyagentos.runtime.lookahead.process import RehearsalProcess
+from phyagentos.runtime.lookahead.service import RehearsalProcess
 from phyagentos.runtime.perception.world_model import WORLD, WorldModel
 
 LOOKAHEAD_LOW = "LOOKAHEAD_LOW"
 
 
 class LookaheadGate:
-    """Requests a forecast, and refuses by it.
-
-    Args:
-        forecasts: Answers.
-        world: Makes the estimate.
-        evidence: Folder of all bundles.
-    """
+    """Requests a forecast from the estimate of the world, and refuses by it."""
 
     def __init__(self, *, forecasts: RehearsalProcess, world: WorldModel, evidence: Path) -> None:
         self._forecasts, self._world = forecasts, world
@@ -35,10 +29,7 @@ class LookaheadGate:
     def find_problems(self, session: Session, tree: str, should_stop: Callable[[], bool]) -> Sequence[Problem]:
         """Why a session must not start; nothing when it requires no look-ahead.
 
-        Args:
-            session: The contract.
-            tree: Of its plan; empty for a policy.
-            should_stop: Called several times a second.
+        `tree` is that of its plan, empty for a policy; `should_stop` is called several times a second.
         """
         self._result = None
         if session.lookahead is None:

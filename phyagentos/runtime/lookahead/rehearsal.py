@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 
 from phyagentos.clock import Clock
-from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.placed_scenes import read_placed
 from phyagentos.protocol.capabilities.targets import TargetProfile
@@ -67,18 +66,12 @@ class ControlRecording(FaultInjector):
         self.rows.append(physics.data.ctrl.copy())
         return []
 
-    def rewind(self) -> None:
-        """Empty it."""
-        self.rows.clear()
-        self.states.clear()
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rehearsal:
     """Result of a rehearsal.
 
     Attributes:
-        session: With the strategy that was rehearsed.
         start: mjSTATE_INTEGRATION at its beginning.
         controls: (n, n_servos) servo inputs, one row per physics step, the last ones at rest.
         states: (m, n_state) mjSTATE_FULLPHYSICS before every `STATE_STEPS`-th of these steps.
@@ -97,9 +90,14 @@ class Stage:
     """The imagined world of one estimate; its scene is loaded into the robot of a believed world."""
 
     def __init__(
-        self, robot: MujocoDriver, environment: Environment, profile: TargetProfile, limits: TargetLimits
+        self,
+        robot: MujocoDriver,
+        recording: ControlRecording,
+        environment: Environment,
+        profile: TargetProfile,
+        limits: TargetLimits,
     ) -> None:
-        self._robot, self._profile = robot, profile
+        self._robot, self.recording = robot, recording
         self.epochs = itertools.count(1)  # fencing tokens: the same session is rehearsed several times
         self.scene = Scene(name=environment.scene, seed=0, episode="imagined")
         self.handle = TargetSessionHandle(Loopback(ServedTarget(robot, ReceiveLog(None))), limits, sees_truth=True)
@@ -123,15 +121,9 @@ class Stage:
         return self.world.observe(WORLD)
 
 
-@dataclass(slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Rehearser:
-    """Rehearses sessions of one target.
-
-    Attributes:
-        folder: Of the robot's model.
-        planner: Its own, apart from the worker's.
-        clock: Bounds thinking.
-    """
+    """Rehearses sessions of one target; `folder` is that of the robot's model, the planner its own."""
 
     profile: TargetProfile
     folder: Path
@@ -140,13 +132,14 @@ class Rehearser:
     registry: LeafRegistry
     planner: Planner
     clock: Clock
-    recording: ControlRecording | None = None
 
     def open_stage(self, environment: Environment) -> Stage:
         """The imagined world of an estimate; raises ExecutionError `SCENE_OVERFULL` and others of building a scene."""
         believed = believe_scene(read_placed(self.library, environment.scene), environment)
-        robot = MujocoDriver(BelievedWorld(self.library, believed, self._make_recording), self.profile, self.folder)
-        return Stage(robot, environment, self.profile, self.limits)
+        recording = ControlRecording()
+        world = BelievedWorld(self.library, believed, lambda _episode, _seed: recording)
+        robot = MujocoDriver(world, self.profile, self.folder)
+        return Stage(robot, recording, environment, self.profile, self.limits)
 
     def rehearse(self, stage: Stage, session: Session, tree: str) -> Rehearsal:
         """Carry out a session's tree on a stage, from the estimate on."""
@@ -164,10 +157,8 @@ class Rehearser:
             world=stage.world,
         )
         skill = TreeSkillRuntime(build_tree(tree, session.parameters, context, self.library, self.registry), context)
-        recording = self.recording
-        if recording is None:
-            raise ExecutionError("NO_SCENE", "no stage is open; call open_stage() first")
-        recording.rewind()
+        stage.recording.rows.clear()
+        stage.recording.states.clear()
         loop = SessionLoop(
             handle=handle,
             context=context,
@@ -191,11 +182,7 @@ class Rehearser:
             outcome=outcome,
             trace=trace,
             start=stage.start,
-            controls=np.array(recording.rows),
-            states=np.array(recording.states),
+            controls=np.array(stage.recording.rows),
+            states=np.array(stage.recording.states),
             stage=stage,
         )
-
-    def _make_recording(self, _episode: str, _seed: int) -> ControlRecording:
-        self.recording = ControlRecording()
-        return self.recording

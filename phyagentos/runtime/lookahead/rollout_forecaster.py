@@ -1,20 +1,24 @@
 """The forecaster `rollouts`: a session is rehearsed as it is and, where that looks bad, with a few other strategies.
 
 Every strategy is judged in the same imagined worlds, so that two of them differ by their effect and not by chance.
+The search among them is greedy: the next is a remedy for the best one so far, by its most frequent cause.
 """
 
 import os
 from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
 import msgspec
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.placed_scenes import read_placed
-from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.sessions.lookahead import ROLLOUTS, Alternative, Forecast, LookaheadRequest
+from phyagentos.protocol.sessions.lookahead import ROLLOUTS, Alternative, Forecast
 from phyagentos.protocol.sessions.session import Ended, Session
+from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.trace import Role, find_label
 from phyagentos.protocol.settings.safety import get_target_limits, read_safety
 from phyagentos.protocol.world.environment import Environment
@@ -22,10 +26,8 @@ from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.lookahead.forecaster import LOOKAHEAD_FAILED, Case, ForecasterSite
 from phyagentos.runtime.lookahead.rehearsal import Rehearsal, Rehearser, Stage
-from phyagentos.runtime.lookahead.rollouts import Playback, find_cause
-from phyagentos.runtime.lookahead.sprt import is_decided
-from phyagentos.runtime.lookahead.strategies import Tried, propose
-from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_starts
+from phyagentos.runtime.lookahead.rollouts import Playback, find_cause, is_decided
+from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_start
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
@@ -33,6 +35,10 @@ from phyagentos.runtime.motion.tool_bounds import read_tool_bounds
 
 ALTERNATIVES_MAX = 5  # each costs as much as the contract's own way
 BATCH = 2  # rollouts between two looks at their count, whatever the number of threads
+SLOWER = 0.5  # at half the speed inertia is a quarter
+SLOWEST = 0.125  # a session that creeps meets its time limit instead
+
+Draw = Callable[[int], ImaginedStart]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,22 +52,26 @@ class RolloutForecaster:
     def forecast(self, case: Case) -> Forecast:
         """How often the session meets its contract from the estimate on, carried out by the tree of its skill.
 
-        Raises:
-            ExecutionError: `LOOKAHEAD_FAILED` without a tree.
+        Raises ExecutionError `LOOKAHEAD_FAILED` without a tree.
         """
         session, request, environment = case.session, case.request, case.environment
         if not case.tree:
             raise ExecutionError(LOOKAHEAD_FAILED, f"skill {session.skill!r} is no tree, so it cannot be rehearsed")
         spec = read_placed(self.rehearser.library, environment.scene)
         stage = self.rehearser.open_stage(environment)
-        worlds = _Worlds(stage, spec, environment, self.rehearser.profile, request)
-        first, rehearsal = self._try_out(session, worlds, case.tree)
+
+        @cache
+        def draw(number: int) -> ImaginedStart:
+            profile, seed = self.rehearser.profile, request.seed
+            return draw_start(stage.physics, stage.start, spec, environment, profile, seed=seed, number=number)
+
+        first, rehearsal = self._try_out(case, session, stage, draw)
         results, tried = [first], [_describe(first, rehearsal)]
         while results[-1].share < request.threshold and len(tried) <= ALTERNATIVES_MAX:
             if (strategy := propose(tried)) is None:
                 break
             other = msgspec.structs.replace(session, strategy=strategy)
-            result, attempt = self._try_out(other, worlds, case.tree, is_other=True)
+            result, attempt = self._try_out(case, other, stage, draw, is_other=True)
             results.append(result)
             tried.append(_describe(result, attempt))
         return Forecast(
@@ -73,22 +83,23 @@ class RolloutForecaster:
         )
 
     def _try_out(
-        self, session: Session, worlds: "_Worlds", tree: str, *, is_other: bool = False
+        self, case: Case, session: Session, stage: Stage, draw: Draw, *, is_other: bool = False
     ) -> tuple[Alternative, Rehearsal]:
-        """One strategy, in as many worlds as the decision takes.
+        """One strategy, in as many worlds as the decision takes; they are drawn on demand and shared by all.
 
         A strategy that fails even in the world as believed needs no rollouts; nor does an alternative that fails there.
         """
-        rehearsal = self.rehearser.rehearse(worlds.stage, session, tree)
+        rehearsal = self.rehearser.rehearse(stage, session, case.tree)
         if rehearsal.outcome.ended is not Ended.COMPLETED:
             return _count(session, [rehearsal.outcome.code or str(rehearsal.outcome.ended).upper()]), rehearsal
-        request, playback = worlds.request, Playback(rehearsal, self.threads)
+        request, playback = case.request, Playback(rehearsal, self.threads)
         nominal = playback.nominal
         if is_other and (cause := find_cause(nominal, nominal, rehearsal)):
             return _count(session, [cause]), rehearsal
         causes: list[str] = []
         while not causes or not is_decided(causes.count(""), len(causes), request.threshold, request.samples):
-            rollouts = playback.play(worlds.get(len(causes), len(causes) + BATCH))
+            numbers = range(len(causes), min(len(causes) + BATCH, request.samples))
+            rollouts = playback.play([draw(number) for number in numbers])
             causes += [find_cause(rollout, nominal, rehearsal) for rollout in rollouts]
         return _count(session, causes), rehearsal
 
@@ -114,33 +125,6 @@ def open_rollouts(site: ForecasterSite) -> RolloutForecaster:
     return RolloutForecaster(rehearser=rehearser, threads=len(os.sched_getaffinity(0)))
 
 
-class _Worlds:
-    """Worlds that agree with an estimate, drawn on demand and shared by all strategies."""
-
-    def __init__(
-        self, stage: Stage, spec: SceneSpec, environment: Environment, profile: TargetProfile, request: LookaheadRequest
-    ) -> None:
-        self.stage, self.request = stage, request
-        self._spec, self._environment, self._profile = spec, environment, profile
-        self._drawn: list[ImaginedStart] = []
-
-    def get(self, first: int, end: int) -> list[ImaginedStart]:
-        """Those from number `first` up to `end`, as far as the request allows."""
-        end, drawn = min(end, self.request.samples), len(self._drawn)
-        if end > drawn:
-            self._drawn += draw_starts(
-                self.stage.physics,
-                self.stage.start,
-                self._spec,
-                self._environment,
-                self._profile,
-                samples=end - drawn,
-                seed=self.request.seed,
-                first=drawn,
-            )
-        return self._drawn[first:end]
-
-
 def _count(session: Session, causes: list[str]) -> Alternative:
     """Rollouts of one strategy, counted; an empty cause is a success."""
     failures = Counter(cause for cause in causes if cause)
@@ -152,7 +136,7 @@ def _count(session: Session, causes: list[str]) -> Alternative:
     )
 
 
-def _describe(result: Alternative, rehearsal: Rehearsal) -> Tried:
+def _describe(result: Alternative, rehearsal: Rehearsal) -> "Tried":
     return Tried(
         strategy=result.strategy,
         share=result.share,
@@ -172,3 +156,64 @@ def _explain(environment: Environment, spec: SceneSpec, rehearsal: Rehearsal) ->
     if outcome.ended is not Ended.COMPLETED:
         notes.append(f"the rehearsal itself ended {outcome.ended} at {outcome.leaf or 'its start'}: {outcome.message}")
     return tuple(notes)
+
+
+class Tried(NamedTuple):
+    """A strategy that was rehearsed.
+
+    Attributes:
+        share: Of its rollouts, that met the contract, 0..1.
+    """
+
+    strategy: Strategy
+    share: float
+    cause: str
+    grasp: str
+    site: str
+
+
+def propose(tried: Sequence[Tried]) -> Strategy | None:
+    """The next strategy worth a rehearsal; None when nothing is left to try."""
+    known = {each.strategy for each in tried}
+    for each in sorted(tried, key=lambda each: -each.share):
+        for remedy in _REMEDIES.get(each.cause, ()):
+            strategy = remedy(each)
+            if strategy not in known:
+                return strategy
+    return None
+
+
+def _go_slower(tried: Tried) -> Strategy:
+    return tried.strategy.slow_down(SLOWER, SLOWEST)
+
+
+def _grasp_otherwise(tried: Tried) -> Strategy:
+    return tried.strategy.avoid(grasp=tried.grasp)
+
+
+def _arrive_otherwise(tried: Tried) -> Strategy:
+    """The same place from another side."""
+    return tried.strategy.avoid(site=tried.site)
+
+
+def _place_elsewhere(tried: Tried) -> Strategy:
+    """Another place: a label is `<site>.<yaw>`."""
+    return tried.strategy.avoid(site=tried.site.partition(".")[0])
+
+
+_Remedies = tuple[Callable[[Tried], Strategy], ...]
+_UNPLANNED: _Remedies = (_grasp_otherwise, _place_elsewhere, lambda tried: tried.strategy.avoid_nothing())
+_REMEDIES: Mapping[str, _Remedies] = {
+    "GRASP_MISSED": (_grasp_otherwise,),
+    "GRASP_LOST": (_go_slower, _grasp_otherwise),
+    "LOAD_LOST": (_go_slower, _grasp_otherwise, _place_elsewhere),
+    "PLACED_WRONG": (_place_elsewhere, _go_slower, _grasp_otherwise),
+    "OBJECT_MOVED": (_arrive_otherwise, _place_elsewhere, _grasp_otherwise, _go_slower),
+    "WITHOUT_EFFECT": (_grasp_otherwise,),
+    "CONSTRAINT_VIOLATED": (_go_slower, _place_elsewhere, _grasp_otherwise),
+    "HOLD_VIOLATED": (_go_slower, _place_elsewhere, _grasp_otherwise),
+    "STILL_HELD": (_place_elsewhere,),
+    **dict.fromkeys(("STALLED", "PROTECTIVE_STOP"), (_go_slower,)),
+    **dict.fromkeys(("COLLISION_STOP", "TARGET_LIMIT"), (_grasp_otherwise, _place_elsewhere, _go_slower)),
+    **dict.fromkeys(("NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE"), _UNPLANNED),
+}

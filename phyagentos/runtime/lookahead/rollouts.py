@@ -2,9 +2,17 @@
 
 The raw states become snapshots by the code that also makes the observation of a real session. The recording is not
 corrected on the way: a leaf that would have measured a held thing anew does not, so a chance is estimated rather too
-low than too high.
+low than too high. Until the robot first comes near a thing, worlds differ only in where things are, so that a world is
+composed of the recorded robot and the drawn things.
+
+Enough rollouts have been seen when Wald's sequential probability ratio test on their successes says so ("Sequential
+Tests of Statistical Hypotheses", 1945, doi:10.1214/aoms/1177731118). Two chances are distinguished, one below the
+threshold and one above it; in between the share decides when the requested rollouts are used up. Clear cases take a
+few.
 """
 
+import copy
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -21,22 +29,21 @@ from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.lookahead.estimate import SETTLE_S, Array
 from phyagentos.runtime.lookahead.rehearsal import STATE_STEPS, Rehearsal, Stage
-from phyagentos.runtime.lookahead.shared_prefix import SharedPrefix
 from phyagentos.runtime.lookahead.uncertainty import ImaginedStart
 
 SAMPLE_S = 0.1  # conditions are sampled as in a real session, at 10 Hz of simulated time
 _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
+NEAR_M = 0.03  # more than what a pose is wrong by, at three standard deviations of a thing that is seen badly
+ERROR = 0.1  # chance of stopping on the wrong side at most, of each kind; whole rollouts make it less
+BELOW, ABOVE = 0.2, 0.1  # how far from the threshold the two chances lie at most
+TINY = 1e-6  # keeps logarithms finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rollout:
-    """Samples of one imagined world.
+    """Samples of one imagined world: what was held, and the world after its things had come to rest and at the end.
 
-    Attributes:
-        held: Names of what was held, at each sample.
-        initial: After the things had come to rest.
-        terminal: At the end.
-        violated: The first condition that did not hold all through; empty when all did.
+    `violated` is the first condition that did not hold all through; empty when all did.
     """
 
     held: tuple[tuple[str, ...], ...]
@@ -46,13 +53,9 @@ class Rollout:
 
 
 class Playback:
-    """One recording, for any number of worlds.
+    """One recording, for any number of worlds; the number of threads changes no bit of the result.
 
-    Args:
-        threads: Of `mujoco.rollout`; they change no bit of the result.
-
-    Attributes:
-        nominal: The rehearsal itself, sampled as every world is.
+    `nominal` is the rehearsal itself, sampled as every world is.
     """
 
     def __init__(self, rehearsal: Rehearsal, threads: int = 1) -> None:
@@ -156,3 +159,77 @@ def _has_moved(name: object, rollout: Rollout) -> bool:
     if before is None or after is None:
         return False
     return float(np.linalg.norm(np.subtract(after.pose.position_m, before.pose.position_m))) > MOVED_M
+
+
+class SharedPrefix:
+    """The beginning that all worlds of a recording share: `steps` physics steps that need not be played.
+
+    Drawn things take `settle_steps` to come to rest, before anything is near them. With conditions that must hold all
+    through, nothing is left out.
+    """
+
+    def __init__(self, rehearsal: Rehearsal, settle_steps: int) -> None:
+        self._model = rehearsal.stage.physics.model
+        self._bodies = [self._model.body(entity.name).id for entity in rehearsal.stage.physics.entities]
+        index = 0 if rehearsal.session.hold else self._find_near(rehearsal.states) - -(-settle_steps // STATE_STEPS)
+        self.steps = max(0, index) * STATE_STEPS
+        self._state = rehearsal.states[index] if index > 0 else None
+        joints = np.flatnonzero(np.isin(self._model.jnt_bodyid, self._bodies))
+        self._joints: list[int] = joints.tolist()
+
+    def put(self, state: Array) -> Array:
+        """The mjSTATE_FULLPHYSICS of a world after the head start, from that at its beginning."""
+        if self._state is None:
+            return state
+        model = self._model
+        drawn, ahead = mujoco.MjData(model), mujoco.MjData(model)
+        mujoco.mj_setState(model, drawn, state, _FULL)
+        mujoco.mj_setState(model, ahead, self._state, _FULL)
+        for joint in self._joints:
+            q, v = _find_places(model, joint)
+            ahead.qpos[q], ahead.qvel[v] = drawn.qpos[q], drawn.qvel[v]
+        put = np.zeros_like(state)
+        mujoco.mj_getState(model, ahead, put, _FULL)
+        return put
+
+    def _find_near(self, states: Array) -> int:
+        """Index of the first state in which the robot is near a thing; that of the last one when none is."""
+        model = copy.copy(self._model)
+        of_things = np.isin(model.geom_bodyid, self._bodies)
+        model.geom_margin[of_things] += NEAR_M
+        data = mujoco.MjData(model)
+        for index, state in enumerate(states):
+            mujoco.mj_setState(model, data, state, _FULL)
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_collision(model, data)
+            is_thing = of_things[data.contact.geom[: data.ncon]]
+            if (is_thing[:, 0] != is_thing[:, 1]).any():
+                return index
+        return len(states) - 1
+
+
+def _find_places(model: mujoco.MjModel, joint: int) -> tuple[slice, slice]:
+    """Where the position and the velocity of a joint are."""
+    q, v = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+    is_free = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
+    return slice(q, q + (7 if is_free else 1)), slice(v, v + (6 if is_free else 1))
+
+
+def is_decided(successes: int, trials: int, threshold: float, most: int) -> bool:
+    """Whether more rollouts would hardly change on which side of the threshold (0..1) a chance is.
+
+    There was at least one trial; after `most` of them it is decided in any case.
+    """
+    is_enough = successes >= threshold * trials
+    left = most - trials
+    if left <= 0 or successes >= threshold * most or successes + left < threshold * most:
+        return True
+    room = min(1.0, threshold / BELOW, (1.0 - threshold) / (2.0 * ABOVE))  # near 0 and 1 the two chances draw together
+    low, high = threshold - room * BELOW, threshold + room * ABOVE
+    ratio = successes * _log_ratio(high, low) + (trials - successes) * _log_ratio(1.0 - high, 1.0 - low)
+    bound = math.log((1.0 - ERROR) / ERROR)
+    return ratio >= bound if is_enough else ratio <= -bound
+
+
+def _log_ratio(above: float, below: float) -> float:
+    return math.log(max(above, TINY) / max(below, TINY))

@@ -33,57 +33,36 @@ STIFFNESS_SHARE = 0.05  # of the arm's servos
 
 @dataclass(frozen=True, slots=True)
 class ImaginedStart:
-    """One of the worlds that agree with the estimate.
-
-    Attributes:
-        model: With its own weights, frictions and gains.
-        state: mjSTATE_FULLPHYSICS at the beginning.
-    """
+    """A world that agrees with the estimate: a model with its own weights, and its mjSTATE_FULLPHYSICS."""
 
     model: mujoco.MjModel
     state: Array
 
 
-def draw_starts(
+def draw_start(
     physics: Physics,
     start: Array,
     spec: SceneSpec,
     environment: Environment,
     profile: TargetProfile,
     *,
-    samples: int,
     seed: int,
-    first: int = 0,
-) -> list[ImaginedStart]:
-    """Draw worlds; the same seed gives the same worlds, each by its number alone.
+    number: int,
+) -> ImaginedStart:
+    """Draw one of the worlds around an estimate at rest (mjSTATE_INTEGRATION); the model of `physics` is copied.
 
-    Args:
-        physics: Of the believed world; its model is copied.
-        start: mjSTATE_INTEGRATION of the estimate, at rest.
-        spec: The inventory, with its spans.
-        environment: The estimate.
-        profile: The robot.
-        samples: How many.
-        seed: Root of every draw.
-        first: Number of the first of them.
+    The same seed gives the same worlds, each by its number alone.
     """
-    scratch = mujoco.MjData(physics.model)
-    mujoco.mj_setState(physics.model, scratch, start, mujoco.mjtState.mjSTATE_INTEGRATION)
-    qpos = np.array(scratch.qpos)
-    starts = []
-    for index in range(first, first + samples):
-        rng = np.random.default_rng(compute_seed(seed, "lookahead", index))
-        model = copy.copy(physics.model)
-        data = mujoco.MjData(model)
-        mujoco.mj_setState(model, data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
-        data.qpos[:] = qpos
-        _draw_robot(model, profile, rng)
-        _draw_things(model, data, spec, environment, _find_pads(model, profile), rng)
-        state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
-        mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        mujoco.mj_setConst(model, data)  # what follows from the masses; it uses the data as scratch
-        starts.append(ImaginedStart(model, state))
-    return starts
+    rng = np.random.default_rng(compute_seed(seed, "lookahead", number))
+    model = copy.copy(physics.model)
+    data = mujoco.MjData(model)
+    mujoco.mj_setState(model, data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
+    _draw_robot(model, profile, rng)
+    _draw_things(model, data, spec, environment, _find_pads(model, profile), rng)
+    state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    mujoco.mj_setConst(model, data)  # what follows from the masses; it uses the data as scratch
+    return ImaginedStart(model, state)
 
 
 def _draw_robot(model: mujoco.MjModel, profile: TargetProfile, rng: np.random.Generator) -> None:
@@ -108,11 +87,10 @@ def _draw_things(
 ) -> None:
     shift = rng.normal(0.0, 1.0, 2) * CALIBRATION_STD_M[environment.sensing]
     for name, body in spec.bodies.items():
-        draws = rng.normal(0.0, 1.0, 3), rng.uniform(-1.0, 1.0, 2), rng.uniform(0.0, 1.0, 2)
+        place, shares, ranks = rng.normal(0.0, 1.0, 3), rng.uniform(-1.0, 1.0, 2), rng.uniform(0.0, 1.0, 2)
         entity = environment.entities.get(name)
         if entity is None or body.fixed:
             continue
-        place, shares, ranks = draws
         if entity.held_by is None:  # what is held is where the fingers are
             _displace(model, data, name, place * _compute_deviation(entity, environment.sensing), shift)
         _weigh(model, name, body, pads, shares, ranks)

@@ -28,8 +28,6 @@ class Refused:
 
     Attributes:
         line: Of the edited file, counted from 1.
-        about: The session, or what else it concerns.
-        possible: What could be done instead.
         text: As it was written, word for word.
     """
 

@@ -26,14 +26,7 @@ _REFUSALS = (IllegalTransition, Fenced, IllegalEvent, DefinitionError, ValueErro
 
 
 class EditIntake:
-    """Takes edits of one workspace in.
-
-    Args:
-        workspace: Whose.
-        clock: For waiting editors and for wall times.
-        adopts: Whether it also finishes what ended processes left half done.
-        durable: See `Journal`.
-    """
+    """Takes edits of one workspace in; `adopts`: it also finishes what ended processes left half done."""
 
     def __init__(self, workspace: Workspace, clock: Clock, *, adopts: bool = True, durable: bool = True) -> None:
         self.file = SharedFile(workspace.sessions_document, workspace.edits, clock, on_unfit=self._refuse_unfit)
@@ -52,14 +45,6 @@ class EditIntake:
         if self._rejections.notes and self._clock.now_s() - self._noted_at_s > NOTES_S:
             self._rejections.forget_notes()
         return self._rejections.notes
-
-    def is_touched(self) -> bool:
-        """Whether SESSIONS.md was changed since it was put there."""
-        return self.file.is_touched()
-
-    def put(self, text: str) -> bool:
-        """Put a rendering there; see `SharedFile.put`."""
-        return self.file.put(text)
 
     def close(self) -> None:
         """Close the files."""
@@ -86,15 +71,9 @@ class EditIntake:
         return results
 
     def take_text(self, text: str, history: History, *, is_whole: bool = True) -> Merge:
-        """Merge one edited document and record what it asks for.
+        """Merge one edited document and record what it asks for; `is_whole`: its editor finished it.
 
-        Args:
-            text: All of it.
-            history: The fold, and what was rendered before.
-            is_whole: Whether its editor finished it.
-
-        Returns:
-            What was recorded, and what was refused (only what no earlier save of the same text was refused for).
+        Of what was refused, only that which no earlier save of the same text was refused for is returned.
         """
         try:
             return self._merge_text(text, history, self._source, is_whole=is_whole)

@@ -123,8 +123,7 @@ def parse_form(text: str, source: str, line: int = 1) -> Located:
 def read_contract(located: Located, path: Address, id: str) -> Session:
     """The session that a form asks for; `id` is the heading or file name, which the form may repeat.
 
-    Raises:
-        DefinitionError: With one problem per violation, each at file:line:column.
+    Raises DefinitionError with one problem per violation, each at file:line:column.
     """
     owner = located.data
     for step in path:

@@ -98,9 +98,7 @@ def read_request(path: Path) -> tuple[form.Request, Located]:
 def plan_request(path: Path, sessions: Mapping[SessionId, SessionStatus]) -> Entry | None:
     """The record that a file asks for; None when it is recorded already. The file's name is the default session id.
 
-    Raises:
-        DefinitionError: With every problem, each at file:line:column.
-        Impossible: When the state of the session forbids it.
+    Raises DefinitionError with every problem at file:line:column; Impossible when the state of the session forbids it.
     """
     request, located = read_request(path)
     match request:

@@ -5,6 +5,7 @@ It is only ever appended to, and durable before the edit is gone.
 
 import hashlib
 import os
+import re
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
@@ -74,8 +75,7 @@ def format_refusal(refused: Refused, source: str) -> str:
 
 
 def _render(refused: Refused, source: str, at: str) -> str:
-    longest = max((len(run) for run in _iter_ticks(refused.text)), default=0)
-    fence = "`" * max(4, longest + 1)
+    fence = "`" * max([4, *(len(run) + 1 for run in re.findall("`+", refused.text))])
     text = refused.text if refused.text.endswith("\n") else f"{refused.text}\n"
     return (
         f"## {at} {source}:{refused.line}\n\n"
@@ -84,17 +84,6 @@ def _render(refused: Refused, source: str, at: str) -> str:
         f"- **Possible:** {refused.possible}.\n\n"
         f"{fence}text\n{text}{fence}\n\n"
     )
-
-
-def _iter_ticks(text: str) -> list[str]:
-    runs, run = [], ""
-    for letter in f"{text} ":
-        if letter == "`":
-            run += letter
-        elif run:
-            runs.append(run)
-            run = ""
-    return runs
 
 
 def _shorten(text: str) -> str:

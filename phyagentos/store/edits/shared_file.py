@@ -46,14 +46,9 @@ class _Kept:
 
 
 class SharedFile:
-    """One such file; belongs to one thread.
+    """One such file; belongs to one thread. `aside` is a folder on the same file system, for versions that came out.
 
-    Args:
-        path: The file.
-        aside: Folder on the same file system, for versions that came out.
-        clock: For the times above.
-        swap: How two files are exchanged.
-        on_unfit: Called with what stood there and is no regular file, or a huge one, and the reason; it is kept aside.
+    `on_unfit` is called with what stood there and is no regular file, or a huge one, and the reason; it is kept aside.
     """
 
     def __init__(
@@ -93,7 +88,12 @@ class SharedFile:
     @contextlib.contextmanager
     def hold(self, *, wait: bool) -> Iterator[bool]:
         """Keep every other process from swapping, waiting for the lock if asked; yields whether that succeeded."""
-        fd = self._open_lock()
+        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
+        try:
+            fd = os.open(self._lock_file, flags, 0o644)
+        except FileNotFoundError:  # a clean-up removed the folder
+            self._aside.mkdir(parents=True, exist_ok=True)
+            fd = os.open(self._lock_file, flags, 0o644)
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
             yield True
@@ -101,14 +101,6 @@ class SharedFile:
             yield False
         finally:
             os.close(fd)
-
-    def _open_lock(self) -> int:
-        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
-        try:
-            return os.open(self._lock_file, flags, 0o644)
-        except FileNotFoundError:  # a clean-up removed the folder
-            self._aside.mkdir(parents=True, exist_ok=True)
-            return os.open(self._lock_file, flags, 0o644)
 
     def put(self, text: str) -> bool:
         """Swap a rendering in, unless another process holds or replaces the file; whether it is in place."""
@@ -134,15 +126,15 @@ class SharedFile:
     def take(self, handle: Callable[[bytes, bool], None], *, at_once: bool = False) -> None:
         """Hand over every finished version of another writer, each once.
 
-        Args:
-            handle: Called with the contents and whether they have their end mark; what it raises leaves the version
-                where it is.
-            at_once: Wait for no editor (at the end of a run); unfinished versions stay aside for the next process.
+        `handle` is called with the contents and whether they have their end mark. What `handle` raises leaves the
+        version where it is. `at_once` waits for no editor (at the end of a run); unfinished versions stay aside for the
+        next process.
         """
         self._kept = [kept for kept in self._kept if self._examine(kept, handle, at_once=at_once)]
 
     def _put(self, data: bytes) -> bool:
-        fresh = self._write_aside(data)
+        fresh = self._choose_name()
+        fresh.write_bytes(data)  # the folder is there: its lock is held
         stamp, digest = _read_stamp(fresh), _hash(data)
         os.pwrite(self._last_fd, digest, 0)  # before the swap: a wrong one costs a comparison; in place: no ext4 flush
         try:
@@ -250,11 +242,6 @@ class SharedFile:
             path = self._aside / f"{self._owner}-{self._number:08d}.md"
             if not path.exists():
                 return path
-
-    def _write_aside(self, data: bytes) -> Path:
-        path = self._choose_name()
-        path.write_bytes(data)  # the folder is there: its lock is held
-        return path
 
 
 def _read_stamp(path: Path) -> Stamp:

@@ -21,12 +21,9 @@ STATUS = 500  # references, about as much as a status takes that no earlier rend
 
 
 class History:
-    """Follows a journal and remembers what each session was.
+    """Follows a journal and remembers what each session was, in up to `kept` references.
 
-    Args:
-        partition: Folder of the journal.
-        on_record: Called with each record, once it is applied.
-        kept: How much the remembered renderings may take [references].
+    `on_record` is called with each record, once it is applied.
     """
 
     def __init__(
@@ -48,9 +45,7 @@ class History:
     def share(self, ledger: Ledger, follow: Callable[[], None]) -> None:
         """Use the fold of another owner in this thread, so that no record is read and applied twice.
 
-        Args:
-            ledger: The fold.
-            follow: Brings it up to date; calls `take_in` with each record it applies.
+        `follow` brings it up to date; it calls `take_in` with each record it applies.
         """
         follow()
         self.read_new()  # at least as far as the fold of the other

@@ -6,25 +6,35 @@ The same text is an input: what a person changes in it is merged by `edits`.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import PurePosixPath
 from typing import Any
 
 import msgspec
 
 from phyagentos.protocol.documents.body_codec import render_yaml
 from phyagentos.protocol.documents.document import FrontMatter
-from phyagentos.protocol.documents.markdown import escape_label, flatten, render_front, render_row, render_table
+from phyagentos.protocol.documents.markdown import (
+    escape_label,
+    flatten,
+    format_value,
+    render_front,
+    render_link,
+    render_row,
+    render_table,
+)
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState, render_mermaid
 from phyagentos.protocol.sessions.session import Ended, SessionId, SessionStatus
-from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.protocol.sessions.verdicts import Attempt, Criterion
 from phyagentos.protocol.world.idealisations import format_idealisations
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.views.criteria import render_criteria
 
 FINISHED_SHOWN = 50
 END_MARK = "<!-- end of view -->\n"
 NOTE_MARK = "> **Refused:** "  # begins each line about a refused edit
 
 _COLUMNS = ("session", "state", "verdict", "execution", "skill", "target", "objective")
+_MARKS = {Truth.TRUE: "yes", Truth.FALSE: "**no**", Truth.UNKNOWN: "*unknown*"}
 _INTRODUCTION = """# Sessions
 
 A view of the journal in `sessions/`, which is the truth. Three records never stand for each other: `execution` (did the
@@ -134,6 +144,26 @@ def describe_attempt(attempt: Attempt) -> str:
     cause = f" ({attempt.cause})" if attempt.cause else ""
     reason = f": {attempt.reason.rstrip('.')}" if attempt.reason else ""
     return f"{attempt.verdict}{cause}{reason}."
+
+
+def render_criteria(criteria: Sequence[Criterion], folder: str = "") -> str:
+    """Judged criteria, one row each; empty without any. Evidence links into the bundle `folder`, if given."""
+    if not criteria:
+        return ""
+    rows = (
+        (
+            f"`{each.text}`",
+            each.kind,
+            _MARKS[each.truth],
+            each.because,
+            ", ".join(f"{name} = {format_value(value)}" for name, value in each.measured.items()),
+            render_link(str(PurePosixPath(folder) / each.evidence), each.evidence)
+            if folder and each.evidence
+            else each.evidence,
+        )
+        for each in criteria
+    )
+    return render_table(("criterion", "kind", "holds", "because", "measured", "evidence"), rows) + "\n"
 
 
 def _format(status: SessionStatus) -> str:

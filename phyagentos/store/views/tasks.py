@@ -13,8 +13,7 @@ from phyagentos.protocol.documents.markdown import (
 from phyagentos.protocol.sessions import tasks
 from phyagentos.protocol.sessions.session import SessionId
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.views.criteria import render_criteria
-from phyagentos.store.views.sessions import END_MARK
+from phyagentos.store.views.sessions import END_MARK, render_criteria
 
 GOALS_SHOWN = 20  # that have their verdict; the others are all shown
 NODES_DRAWN = 150  # more than a person can follow, and close to what a forge still draws

@@ -5,8 +5,7 @@ from itertools import count
 import msgspec
 import pytest
 
-from phyagentos.agent.memory.episodes import Episode
-from phyagentos.agent.memory.features import Features
+from phyagentos.agent.memory.episodes import Episode, Features
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.memory.scopes import compute_scope
 from phyagentos.protocol.sessions.memory_entries import Embodiment

@@ -2,8 +2,7 @@
 
 import pytest
 
-from phyagentos.agent.memory.episodes import find_episode
-from phyagentos.agent.memory.features import Surroundings
+from phyagentos.agent.memory.episodes import Surroundings, find_episode
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.memory_entries import Risk, Standing
 from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus

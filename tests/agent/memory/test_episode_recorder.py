@@ -10,8 +10,8 @@ import pytest
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.memory.advisor import MemoryAdvisor
 from phyagentos.agent.memory.episode_recorder import EpisodeRecorder
+from phyagentos.agent.memory.episodes import Surroundings
 from phyagentos.agent.memory.experience_log import Edit
-from phyagentos.agent.memory.features import Surroundings
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
@@ -142,9 +142,9 @@ def test_a_goal_that_goes_on_is_advised_from_the_snapshot_that_it_began_with(lab
     memory.record([Edit(entry=lesson.id, retracts=True, reason="meanwhile, in another run", by="a person")])
     advisor = MemoryAdvisor(memory, lab.surroundings)
     assert advisor.begin("tidy", "") == memory.snapshot
-    assert not advisor.advise(first, None).strategy
+    assert not advisor.advise(first).strategy
     assert advisor.begin("tidy", begun) == begun
-    assert advisor.advise(first, None).sources == (lesson.id,)
+    assert advisor.advise(first).sources == (lesson.id,)
     memory.close()
 
 

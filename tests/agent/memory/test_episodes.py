@@ -3,8 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from phyagentos.agent.memory.episodes import find_episode
-from phyagentos.agent.memory.features import Surroundings
+from phyagentos.agent.memory.episodes import Surroundings, find_episode
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import ALREADY_MET, Ended, Execution, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict

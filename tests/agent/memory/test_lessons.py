@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from phyagentos.agent.memory import methodological
-from phyagentos.agent.memory.intervals import Count
+from phyagentos.agent.memory.semantic import Count
 from phyagentos.protocol.sessions.memory_entries import Embodiment, Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict

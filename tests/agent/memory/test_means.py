@@ -2,7 +2,7 @@
 
 from msgspec.structs import replace
 
-from phyagentos.agent.memory.features import Features
+from phyagentos.agent.memory.episodes import Features
 from phyagentos.protocol.sessions.means import Means, Preparation
 from phyagentos.protocol.sessions.memory_entries import Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy

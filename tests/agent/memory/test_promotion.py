@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from phyagentos.agent.memory.promotion import ALPHA, P_BAD, P_GOOD, STARTS_MIN, Rank, Trial
+from phyagentos.agent.memory.semantic import ALPHA, P_BAD, P_GOOD, STARTS_MIN, Rank, Trial
 
 from .conftest import SLOW, ask, make_episode
 

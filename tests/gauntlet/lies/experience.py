@@ -37,7 +37,7 @@ SABOTAGES = (
         lie="A way becomes the default after so many starts, however often it failed.",
         edits=(
             Edit(
-                "phyagentos.agent.memory.promotion",
+                "phyagentos.agent.memory.semantic",
                 "if ratio >= PROMOTES and len(starts) >= STARTS_MIN:",
                 "if len(starts) >= STARTS_MIN:",
             ),

@@ -18,15 +18,13 @@ from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.execution.leaf_registry import build_registry
-from phyagentos.runtime.lookahead.estimate import believe_scene
+from phyagentos.runtime.lookahead.estimate import believe_scene, stand_up_sunk
 from phyagentos.runtime.lookahead.forecaster import Case
 from phyagentos.runtime.lookahead.rehearsal import Rehearser
-from phyagentos.runtime.lookahead.resolve_penetration import stand_up_sunk
 from phyagentos.runtime.lookahead.rollout_forecaster import BATCH, RolloutForecaster
-from phyagentos.runtime.lookahead.rollouts import Playback, find_cause
+from phyagentos.runtime.lookahead.rollouts import Playback, SharedPrefix, find_cause
 from phyagentos.runtime.lookahead.service import ForecastService
-from phyagentos.runtime.lookahead.shared_prefix import SharedPrefix
-from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_starts
+from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_start
 from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
@@ -100,7 +98,8 @@ def foresee(rehearser, session, request, environment, threads=1, tree="pick_and_
 
 def draw(rehearser, stage, environment, samples, seed=5):
     spec = read_scene(rehearser.library.get_scene(environment.scene))
-    return draw_starts(stage.physics, stage.start, spec, environment, rehearser.profile, samples=samples, seed=seed)
+    estimate = (stage.physics, stage.start, spec, environment, rehearser.profile)
+    return [draw_start(*estimate, seed=seed, number=number) for number in range(samples)]
 
 
 def copy_start(stage):

@@ -7,7 +7,7 @@ from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.lookahead.forecaster import Case
 from phyagentos.runtime.lookahead.gate import LookaheadGate
-from phyagentos.runtime.lookahead.process import RehearsalProcess
+from phyagentos.runtime.lookahead.service import RehearsalProcess
 
 WORLD = Environment(time_s=0.4, scene="tabletop/waiter", episode="e", revision=1, sensing="truth", entities={})
 SLOWER = Alternative(strategy=Strategy(speed=0.5), samples=16, succeeded=15)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from phyagentos.runtime.lookahead.sprt import is_decided
+from phyagentos.runtime.lookahead.rollouts import is_decided
 
 
 def run_test(outcomes, threshold, batch=2):

@@ -1,18 +1,20 @@
 """RUNTIME_SIGNAL.md and the health in TARGETS.md: liveness, what each worker does, what was requested.
 
-Rendered by the process of the watchdog, at most twice a second, without fsync.
+Rendered by the process of the watchdog, at most twice a second, without fsync. Of edits an added section `## Request`
+becomes a file of `signals/`; other changes are lost.
 """
 
+import os
+import re
 from pathlib import Path
-from typing import Protocol
 
 import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.protocol.capabilities.registries import publish_health
 from phyagentos.protocol.capabilities.targets import Health, TargetHealth
-from phyagentos.protocol.documents.document import Front
-from phyagentos.protocol.documents.markdown import format_moment, publish, render_block, render_front, render_table
+from phyagentos.protocol.documents.document import Front, iter_blocks
+from phyagentos.protocol.documents.markdown import format_moment, render_block, render_front, render_table
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, is_process_alive, read_heartbeats
 from phyagentos.protocol.sessions.runtime_signal import (
@@ -25,12 +27,18 @@ from phyagentos.protocol.sessions.runtime_signal import (
 )
 from phyagentos.protocol.sessions.stop_signals import list_waiting, read_signal
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.edits.reading import decode
+from phyagentos.store.edits.shared_file import SharedFile
 from phyagentos.store.views.sessions import END_MARK
 
 PERIOD_S = 0.5  # between two documents, at least
 RENEWAL_S = 10.0  # and at most
 SILENCE_S = 2.0  # twenty periods of the writer: the heartbeat of a worker that holds a session does not advance
 REQUESTS_SHOWN = 20
+REQUEST = "Request"  # heading of a request
+_REQUEST = re.compile(rf"^## {REQUEST}[ \t]*$", re.MULTILINE)
+_NEXT = re.compile(r"^## ", re.MULTILINE)
+_AT = re.compile(r"^at: \S.*$", re.MULTILINE)
 _IN_TROUBLE = frozenset({Health.SILENT, Health.LOST})
 
 _FOLDERS = {"done": RequestState.TAKEN, "rejected": RequestState.REJECTED, "new": RequestState.WAITING}
@@ -81,29 +89,15 @@ def _format_worker(sign: WorkerSign) -> tuple[str, ...]:
     )
 
 
-class SignalEdits(Protocol):
-    """Puts RUNTIME_SIGNAL.md where people edit it, and takes out what they ask for; see `edits.signal_intake`."""
-
-    def put(self, text: str) -> bool:
-        """Put a rendering there, unless an editor is just replacing it; whether it was done."""
-
-    def is_touched(self) -> bool:
-        """Whether the document was changed since it was put there."""
-
-    def take(self, *, at_once: bool = False) -> None:
-        """Turn what was asked for into requests."""
-
-
 class RuntimeSignal:
-    """Keeps RUNTIME_SIGNAL.md and the health in TARGETS.md in step with heartbeats and requests.
+    """Keeps RUNTIME_SIGNAL.md and the health in TARGETS.md in step with heartbeats and requests."""
 
-    Without `edits`, edits of RUNTIME_SIGNAL.md are overwritten.
-    """
-
-    def __init__(self, workspace: Workspace, clock: Clock, *, edits: SignalEdits | None = None) -> None:
-        self._edits = edits
-        self._workspace = workspace
-        self._clock = clock
+    def __init__(self, workspace: Workspace, clock: Clock) -> None:
+        self._workspace, self._clock = workspace, clock
+        self._file = SharedFile(workspace.runtime_signal, workspace.edits / "signals", clock)
+        self._file.adopt()
+        self._known: set[tuple[str, str]] = set()
+        self._number = 0
         self._published_at_s = -PERIOD_S
         self._published: Signs | None = None
         self._health: dict[str, Health] = {}
@@ -117,20 +111,18 @@ class RuntimeSignal:
         now_s = self._clock.now_s()
         age_s = now_s - self._published_at_s
         if age_s >= PERIOD_S:
-            if self._edits is not None:
-                self._edits.take()
+            self._file.take(self._take_requests)
             signs = self._read(now_s, RuntimeState.RUNNING)
-            is_touched = self._edits is not None and self._edits.is_touched()
-            is_new = self._published is None or not _is_same(signs, self._published)
-            if is_new or is_touched or age_s >= RENEWAL_S:
+            is_new = self._published is None or msgspec.structs.replace(self._published, at=signs.at) != signs
+            if is_new or age_s >= RENEWAL_S or self._file.is_touched():
                 self._publish(signs, now_s)
 
     def close(self) -> None:
         """Publish that the runtime has ended; call it when no worker is left."""
         now_s = self._clock.now_s()
         self._publish(self._read(now_s, RuntimeState.ENDED), now_s)
-        if self._edits is not None:
-            self._edits.take(at_once=True)
+        self._file.take(self._take_requests, at_once=True)
+        self._file.close()
 
     def _read(self, now_s: float, runtime: RuntimeState) -> Signs:
         workers = {
@@ -154,10 +146,7 @@ class RuntimeSignal:
         return Health.SILENT if beat.session and now_s - latest[1] > SILENCE_S else Health.READY
 
     def _publish(self, signs: Signs, now_s: float) -> None:
-        text = render_runtime_signal(signs)
-        if self._edits is None:
-            publish(self._workspace.runtime_signal, text)
-        elif not self._edits.put(text):
+        if not self._file.put(render_runtime_signal(signs)):
             return
         self._published, self._published_at_s = signs, now_s
         health = {name: sign.health for name, sign in signs.workers.items()}
@@ -172,10 +161,40 @@ class RuntimeSignal:
             publish_health(self._workspace.target_registry, changed)
         self._health = health
 
+    def _take_requests(self, data: bytes, _is_whole: bool) -> None:
+        text = decode(data)
+        shown = _AT.search(text)
+        for request in find_requests(text):
+            edit = (shown[0] if shown else "", request)  # a second save of the same text asks for nothing new
+            if edit not in self._known:
+                self._known.add(edit)
+                self._drop(request)
 
-def _is_same(a: Signs, b: Signs) -> bool:
-    """Whether two are equal but for their time."""
-    return (a.runtime, a.workers, a.requests) == (b.runtime, b.workers, b.requests)
+    def _drop(self, request: str) -> None:
+        """One request as a file; it appears whole or not at all."""
+        signals = self._workspace.signals
+        stamp = self._clock.wall_iso().replace(":", "").replace(".", "")
+        while True:
+            self._number += 1
+            name = f"{stamp}-{os.getpid()}-edit-{self._number}.yaml"
+            path = signals / name
+            if not path.exists():
+                break
+        signals.mkdir(parents=True, exist_ok=True)
+        temporary = signals.parent / f".{name}.tmp"
+        temporary.write_text(request, encoding="utf-8", errors="backslashreplace")
+        temporary.replace(path)
+
+
+def find_requests(text: str) -> list[str]:
+    """The YAML of each `## Request` section; all of its text where it holds no complete block."""
+    requests = []
+    for match in _REQUEST.finditer(text):
+        following = _NEXT.search(text, match.end())
+        section = text[match.end() : following.start() if following else len(text)].replace(END_MARK, "")
+        block = next(iter_blocks(f"## {REQUEST}\n{section}"), None)
+        requests.append(block.yaml if block is not None else f"{section.strip()}\n")
+    return requests
 
 
 def _read_change(folder: Path) -> int:

@@ -3,13 +3,13 @@
 It follows the journal itself, so it can run in any process, or shares that process's fold.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
 
 from phyagentos.clock import Clock
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
 from phyagentos.store.views.history import History
@@ -20,47 +20,19 @@ SHARE = 0.01  # of the time at most
 CLOSING_TURNS = 3  # an edit comes out with the first rendering, is shown by the second
 
 
-class SessionEdits(Protocol):
-    """Puts SESSIONS.md where people edit it, and takes in what they wrote; see `edits.edit_intake`."""
-
-    @property
-    def notes(self) -> Sequence[str]:
-        """One line for each edit that was refused lately."""
-
-    def take(self, history: History, *, at_once: bool = False) -> bool:
-        """Deal with the edits that arrived; whether anything was recorded or refused."""
-
-    def is_touched(self) -> bool:
-        """Whether SESSIONS.md was changed since it was put there."""
-
-    def put(self, text: str) -> bool:
-        """Put a rendering there, unless an editor keeps it from changing; whether it was done."""
-
-
 class Views:
-    """Renders the views of one workspace.
-
-    Args:
-        workspace: Where they are published.
-        partition: Folder of the journal to follow (`Journal.folder`).
-        clock: For the rate.
-        edits: Where edits of SESSIONS.md are taken in; without one they are overwritten.
-        period_s: Shortest time between two renderings [s].
-    """
+    """Renders the views of one workspace from the journal in `partition`, every `period_s` at most."""
 
     def __init__(
         self,
         workspace: Workspace,
         partition: Path,
         clock: Clock,
+        edits: EditIntake,
         *,
-        edits: SessionEdits | None = None,
         period_s: float = PERIOD_S,
     ) -> None:
-        self._workspace = workspace
-        self._clock = clock
-        self._edits = edits
-        self._period_s = period_s
+        self._workspace, self._clock, self._edits, self._period_s = workspace, clock, edits, period_s
         self._log = LogTail()
         self._history = History(partition, on_record=self._log.take)
         self._published_seq = -1
@@ -82,14 +54,13 @@ class Views:
     def refresh(self, *, at_once: bool = False) -> bool:
         """Take in what changed and publish it, within the period only if `at_once`; whether anything was written."""
         self._history.read_new()
-        is_edited = self._edits is not None and (
-            self._edits.take(self._history, at_once=at_once) or self._edits.is_touched()
-        )
+        is_edited = self._edits.take(self._history, at_once=at_once) or self._edits.file.is_touched()
         begin_s = self._clock.now_s()
         is_early = begin_s < self._due_at_s and not at_once
         if not is_edited and (is_early or self.ledger.seq == self._published_seq):
             return False
-        if self._put_sessions():
+        page = self._history.build_page(self._edits.notes)
+        if self._edits.file.put(self._history.render(page)):
             self._published_seq = self.ledger.seq
         publish(self._workspace.log, self._log.render(self.ledger.seq))
         cost_s = self._clock.now_s() - begin_s
@@ -102,11 +73,3 @@ class Views:
             if not self.refresh(at_once=True):
                 break
         self._history.close()
-
-    def _put_sessions(self) -> bool:
-        notes = self._edits.notes if self._edits is not None else ()
-        text = self._history.render(self._history.build_page(notes))
-        if self._edits is not None:
-            return self._edits.put(text)
-        publish(self._workspace.sessions_document, text)
-        return True
