@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from enum import StrEnum
 
-from phyagentos.agent.judging.causes import CLASSES, Cause, CauseClass
+from phyagentos.agent.judging.causes import Cause, CauseClass
 from phyagentos.codes import CODES, Phase
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.lifecycle import SessionState
@@ -55,7 +55,7 @@ def classify(status: SessionStatus, *, is_policy: bool) -> str:
 
 def classify_cause(cause: str) -> Taxon:
     """The kind of a cause, as a verdict names it."""
-    return _OF_CLASS.get(CLASSES.get(Cause(cause), CauseClass.OTHER), Taxon.EXECUTION)
+    return _OF_CLASS.get(Cause(cause).kind, Taxon.EXECUTION)
 
 
 def classify_problems(problems: Sequence[Problem]) -> Taxon:

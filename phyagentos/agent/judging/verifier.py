@@ -234,7 +234,7 @@ def _explain_success(bundle: Bundle, criteria: Sequence[Criterion]) -> str:
 def _explain(diagnosis: Diagnosis, criteria: Sequence[Criterion]) -> str:
     worst = next((criterion for criterion in criteria if criterion.truth is Truth.FALSE), None)
     worst = worst or next((criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN), None)
-    text = f"{diagnosis.layer}: {diagnosis.fact}."
+    text = f"{diagnosis.cause.layer}: {diagnosis.fact}."
     if worst is not None and worst.text not in diagnosis.fact:
         text += f" {worst.text} is {worst.truth}: {worst.because}."
     return text

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.agent.goals.selector import begins_with_holding
-from phyagentos.agent.judging.causes import CLASSES, Cause, CauseClass, find_refusal
+from phyagentos.agent.judging.causes import Cause, CauseClass, find_refusal
 from phyagentos.agent.memory.features import Features, Surroundings
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.memory_entries import Embodiment, Risk
@@ -18,7 +18,7 @@ from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
 
 JUDGED = frozenset({SessionState.SUCCEEDED, SessionState.FAILED, SessionState.REPLANNED})
-CAUSES_OF_SAFETY = frozenset(cause for cause, kind in CLASSES.items() if kind is CauseClass.SAFETY)
+CAUSES_OF_SAFETY = frozenset(cause for cause in Cause if cause.kind is CauseClass.SAFETY)
 _NO_SESSIONS: Mapping[SessionId, SessionStatus] = {}
 INTERRUPTIONS = frozenset({Cause.RUNNER_LOST, Cause.TARGET_LOST, Cause.CANCELLED})
 
