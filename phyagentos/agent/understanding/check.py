@@ -1,10 +1,14 @@
-"""Checks of a wanted goal: names, what things are fit for, what skills bring about, contradictions.
+"""The goal of a request, and its checks: names, what things are fit for, what skills bring about, contradictions.
 
 The same for both understanders: what a model writes passes no easier than what the grammar makes.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterator, Sequence
+from itertools import accumulate
+from typing import Any
 
+from phyagentos.agent.goals.spec import NAME_MAX
 from phyagentos.agent.goals.wanted import WantedGoal
 from phyagentos.agent.understanding.understanding import Lack, LackKind
 from phyagentos.agent.understanding.vocabulary import ROLE, Vocabulary, iter_literals
@@ -15,17 +19,30 @@ from phyagentos.protocol.world.predicates.predicate import Predicate, parse_pred
 
 _Literal = tuple[bool, syntax.Call]  # whether it is to be true
 _PLACES = ("inside", "on", "at")  # a thing is at one of each kind
-_OPPOSITES = {"open": "closed", "closed": "open", "upright": "fallen", "fallen": "upright"}
-_MOVERS = frozenset({*_PLACES, "near", "holding", "open", "closed", "upright"})  # what comes true by moving a thing
+OPPOSITES = {"open": "closed", "closed": "open", "upright": "fallen", "fallen": "upright"}
+_MOVERS = {*_PLACES, "near", "holding", "open", "closed", "upright"}  # what comes true by moving a thing
+_DEMANDS = {  # of each argument what is to be true of the thing
+    **dict.fromkeys(("on", "at", "near", "upright"), ("movable",)),
+    **dict.fromkeys(("open", "closed"), ("opens",)),
+    "inside": ("movable", "has_interior"),
+    "holding": ("", "movable"),
+    "contains": ("has_interior",),
+}
 
 
-_DEMANDS: Mapping[str, tuple[tuple[int, str], ...]] = {  # argument -> what is to be true of the thing
-    "inside": ((0, "movable"), (1, "has_interior")),
-    "holding": ((1, "movable"),),
-    "open": ((0, "opens"),),
-    "closed": ((0, "opens"),),
-    "contains": ((0, "has_interior"),),
-} | dict.fromkeys(("on", "at", "near", "upright"), ((0, "movable"),))
+def make_goal(request: str, vocabulary: Vocabulary, **parts: Any) -> WantedGoal:
+    """The goal of a request with its constraints, steps and acceptance."""
+    objective, targets = " ".join(request.split()), {ROLE: vocabulary.robot}
+    return WantedGoal.model_validate(
+        {"goal": name_goal(request), "objective": objective, "scene": vocabulary.scene, "targets": targets, **parts}
+    )
+
+
+def name_goal(request: str) -> str:
+    """A name for the goal of a request: its first words."""
+    names = accumulate(re.findall(r"[a-z0-9]+", request.lower()), "{}_{}".format)
+    name = max((each for each in names if len(each) <= NAME_MAX // 2), key=len, default="")
+    return name if re.match(r"[a-z]", name) else f"goal_{name}".strip("_")
 
 
 def find_lacks(goal: WantedGoal, vocabulary: Vocabulary) -> tuple[Lack, ...]:
@@ -64,9 +81,8 @@ def _find_unknown(predicate: Predicate, goal: WantedGoal, vocabulary: Vocabulary
 
 def _find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[Lack]:
     """Things of a predicate that cannot be used so, with those that can."""
-    for index, fact in _DEMANDS.get(call.name, ()):
-        term = call.terms[index] if index < len(call.terms) else None
-        if isinstance(term, syntax.Name) and not getattr(vocabulary.things[term.text], fact):
+    for term, fact in zip(call.terms, _DEMANDS.get(call.name, ()), strict=False):
+        if fact and isinstance(term, syntax.Name) and not getattr(vocabulary.things[term.text], fact):
             possible = tuple(name for name, thing in vocabulary.things.items() if getattr(thing, fact))
             yield Lack(kind=LackKind.FIT, words=syntax.render(call), possible=possible)
     names = [term.text for term in call.terms if isinstance(term, syntax.Name)]
@@ -83,7 +99,7 @@ def _find_incapable(formula: syntax.Formula, vocabulary: Vocabulary) -> Iterator
     for is_true, call in iter_literals(formula):
         name = call.name if is_true else f"not {call.name}"
         is_ended = not is_true and call.name in _PLACES and any(each in able for each in _PLACES)
-        is_flipped = not is_true and _OPPOSITES.get(call.name) in able
+        is_flipped = not is_true and OPPOSITES.get(call.name) in able
         if name not in able and not is_ended and not is_flipped and name != "not moved":
             yield Lack(kind=LackKind.CAPABILITY, words=name, possible=tuple(able))
 
@@ -97,7 +113,8 @@ def _iter_clashes(group: Sequence[syntax.Formula], constraints: Sequence[syntax.
     for index, one in enumerate(wanted):
         for other in (*wanted[index + 1 :], *always):
             if _excludes(one, other) or _excludes(other, one):
-                yield f"{_render(one)} and {_render(other)}"
+                pair = (call if is_true else syntax.Not(call) for is_true, call in (one, other))
+                yield " and ".join(map(syntax.render, pair))
 
 
 def _excludes(one: _Literal, other: _Literal) -> bool:
@@ -108,12 +125,7 @@ def _excludes(one: _Literal, other: _Literal) -> bool:
     if call.name == second.name == "on" and call.terms == second.terms[::-1]:
         return is_true and is_other_true
     if call.terms[:1] == second.terms[:1] and is_true and is_other_true:
-        return second.name == _OPPOSITES.get(call.name) or (call.name == second.name and call.name in _PLACES)
+        return second.name == OPPOSITES.get(call.name) or (call.name == second.name and call.name in _PLACES)
     keeps = second.name == "moved" and not is_other_true
     moves = call.name in _MOVERS and (is_true or call.name in _PLACES)
     return keeps and moves and call.terms[1 if call.name == "holding" else 0] == second.terms[0]
-
-
-def _render(literal: _Literal) -> str:
-    is_true, call = literal
-    return syntax.render(call if is_true else syntax.Not(call))

@@ -3,58 +3,53 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol
+from typing import Protocol, Self
 
 from phyagentos.agent.goals.wanted import WantedGoal
 from phyagentos.agent.understanding.vocabulary import Vocabulary
 
 
-class QuestionKind(StrEnum):
+class _Kind(StrEnum):
+    """A kind, with what a person is told of it before or after the words that it is about."""
+
+    told: str
+
+    def __new__(cls, value: str, told: str) -> Self:
+        kind = str.__new__(cls, value)
+        kind._value_, kind.told = value, told
+        return kind
+
+
+class QuestionKind(_Kind):
     """What a request leaves open."""
 
-    WHICH = "which"
-    """One thing is meant, and several fit."""
-    WHERE = "where"
-    """A place is meant for each of several things, and which for which is not said."""
-    HOW_MANY = "how_many"
-    """An amount is not said."""
-    ORDER = "order"
-    """What comes on what is not said."""
-    READING = "reading"
-    """The sentence can be read in several ways, which differ as goals."""
+    WHICH = "which", "Several fit; which one is"
+    WHERE = "where", "Which place is meant by"
+    HOW_MANY = "how_many", "How many, or which, are"
+    ORDER = "order", "In which order, from below, is"
+    READING = "reading", "It can be read in several ways:"
 
 
-class LackKind(StrEnum):
+class LackKind(_Kind):
     """Why a request cannot be met here."""
 
-    WORD = "word"
-    """A word is neither of the language of requests nor of this scene."""
-    SENTENCE = "sentence"
-    """Each word is known, the sentence is not."""
-    THING = "thing"
-    """Nothing here is called so, or not so many."""
-    FIT = "fit"
-    """The thing is there, and cannot be used so: it is fixed, has no interior, or no joint."""
-    CAPABILITY = "capability"
-    """No skill guarantees it."""
-    CONTRADICTION = "contradiction"
-    """Two parts of the request cannot both hold."""
-    PAST = "past"
-    """Nothing was done before that could be meant."""
-    GOAL = "goal"
-    """It says what must not happen, and nothing that shall."""
-    MODEL = "model"
-    """The model gave no goal that passes the checks, within its limits."""
+    WORD = "word", "is no word of this scene or of requests"
+    SENTENCE = "sentence", "is not understood as a sentence"
+    THING = "thing", "is not here"
+    FIT = "fit", "is not possible with this thing"
+    CAPABILITY = "capability", "is what no skill here brings about"
+    CONTRADICTION = "contradiction", "cannot hold together"
+    PAST = "past", "means something done before, and nothing was"
+    GOAL = "goal", "says nothing that shall come true"
+    MODEL = "model", "is what the model's answers came to"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """One thing to ask back.
+    """One thing to ask back, about some words of the request; any number may be answered where it has no candidates.
 
     Attributes:
         key: What an answer refers to: the words, and where they begin.
-        words: The words of the request that it is about.
-        candidates: What may be answered; empty where any number may.
     """
 
     kind: QuestionKind
@@ -65,13 +60,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lack:
-    """One thing that is missing.
-
-    Attributes:
-        words: The word, the name or the predicate that it is about.
-        nearest: The known name most like it; empty where none is.
-        possible: What would be possible instead.
-    """
+    """One thing that is missing: a word, name or predicate, the known one most like it, and what would be possible."""
 
     kind: LackKind
     words: str
@@ -118,10 +107,4 @@ class Understander(Protocol):
     """Makes a goal of a request."""
 
     def understand(self, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding:
-        """The goal of a request, or why there is none.
-
-        Args:
-            request: One or more sentences.
-            vocabulary: All that the request can be about.
-            answers: Key of a question -> the candidate that was chosen.
-        """
+        """The goal of a request, or why there is none; `answers` maps keys of questions to the chosen candidates."""
