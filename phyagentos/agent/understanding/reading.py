@@ -6,7 +6,7 @@ reading, so that a sentence with two meanings is found out instead of decided by
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import prod
 from pathlib import Path
@@ -45,10 +45,9 @@ _SHORT = (  # contractions and spellings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Readings:
-    """What was read.
+    """What was read: a tree for each reading.
 
     Attributes:
-        trees: One for each reading; empty where there is none.
         stop: Where the sentence stopped to be one, its words from there on.
         unknown: Words of no meaning here, each with the nearest known one.
         unsaid: Words of manner, which no predicate says.
@@ -58,7 +57,7 @@ class Readings:
     trees: tuple[Tree[Token], ...] = ()
     stop: str = ""
     unknown: Mapping[str, str]
-    unsaid: tuple[str, ...] = ()
+    unsaid: tuple[str, ...]
 
 
 def read_request(request: str, vocabulary: Vocabulary) -> Readings:
@@ -68,23 +67,25 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings:
         text = re.sub(pattern, spelt, text)
     adjectives, nouns = vocabulary.list_words()
     parser, words = _build_parser(adjectives, nouns, tuple(vocabulary.postures))
-    unsaid = tuple(re.findall(_alternatives(_read_lexicon()["manner"]), text))
-    courtesy = {word for word in _read_lexicon()["courtesy"] if word not in words or " " in word}
-    text = re.sub(_alternatives([*courtesy, *_read_lexicon()["manner"]]), " ", text)
+    courtesy, manner = (_read_phrases()[name] for name in ("courtesy", "manner"))
+    unsaid = tuple(re.findall(_alternatives(manner), text))
+    idle = (phrase for phrase in courtesy if phrase not in words or " " in phrase)
+    text = re.sub(_alternatives((*idle, *manner)), " ", text)
     text = " ".join(text.split()).strip(" ,;")
     content = sorted({word for word in words if len(word) >= LEAST_NEAR} | adjectives | nouns)
-    unknown = {each: find_nearest(each, content) or "" for each in _WORD.findall(text) if each not in words}
-    unknown = {word: near for word, near in unknown.items() if not re.fullmatch(r"[\d.]+|[+-]", word)}
-    if unknown or len(text) > MOST_LETTERS:
-        return Readings(text=text, unknown=unknown, stop=text[MOST_LETTERS:], unsaid=unsaid)
+    strange = (word for word in _WORD.findall(text) if word not in words and not re.fullmatch(r"[\d.]+|[+-]", word))
+    unknown = {word: find_nearest(word, content) or "" for word in strange}
+    read = Readings(text=text, unknown=unknown, stop=text[MOST_LETTERS:], unsaid=unsaid)
+    if unknown or read.stop:
+        return read
     try:
         forest = parser.parse(text)
     except UnexpectedEOF:
-        return Readings(text=text, unknown={}, unsaid=unsaid)
+        return read
     except UnexpectedInput as error:
-        return Readings(text=text, unknown={}, stop=text[error.pos_in_stream :], unsaid=unsaid)
+        return replace(read, stop=text[error.pos_in_stream :])
     trees = CollapseAmbiguities().transform(forest) if _count_readings(forest) <= MOST_READINGS else ()
-    return Readings(text=text, trees=tuple(dict.fromkeys(trees)), unknown={}, unsaid=unsaid)
+    return replace(read, trees=tuple(dict.fromkeys(trees)))
 
 
 def _count_readings(tree: Tree[Token]) -> int:
@@ -101,29 +102,21 @@ def pluralise(noun: str) -> str:
     return f"{noun[:-1]}ves" if noun.endswith("lf") else f"{noun}s"
 
 
-def _inflect(verb: str) -> tuple[str, ...]:
-    """A verb with its third person and its participle."""
-    third = pluralise(verb)
-    if re.fullmatch(r"[^aeiou]*[aeiou][^aeiouwxy]", verb):
-        return verb, third, f"{verb}{verb[-1]}ing"
-    return verb, third, f"{verb[:-1] if re.search('[^e]e$', verb) else verb}ing"
+def _inflect(phrase: str) -> list[str]:
+    """A phrase; where a `*` marks its verb also with the third person and the participle."""
+    verb, marked, rest = phrase.partition("*")
+    if not marked:
+        return [phrase]
+    stem = verb[:-1] if re.search("[^e]e$", verb) else verb
+    stem = f"{verb}{verb[-1]}" if re.fullmatch(r"[^aeiou]*[aeiou][^aeiouwxy]", verb) else stem
+    return [f"{form}{rest}" for form in (verb, pluralise(verb), f"{stem}ing")]
 
 
 @lru_cache(maxsize=1)
-def _read_lexicon() -> dict[str, tuple[str, ...]]:
+def _read_phrases() -> dict[str, list[str]]:
     """Terminal -> its phrases, verbs inflected."""
-    lexicon = {}
-    for name, phrases in read_lexicon().items():
-        if not isinstance(phrases, list):
-            continue
-        forms = (
-            " ".join((form, *rest)).replace(" , ", ", ")
-            for phrase in phrases
-            for verb, *rest in [phrase.split()]
-            for form in (_inflect(verb[:-1]) if verb.endswith("*") else (verb,))
-        )
-        lexicon[name] = tuple(dict.fromkeys(forms))
-    return lexicon
+    lists = ((name, phrases) for name, phrases in read_lexicon().items() if isinstance(phrases, list))
+    return {name: [form for phrase in phrases for form in _inflect(phrase)] for name, phrases in lists}
 
 
 def _alternatives(phrases: Iterable[str]) -> str:
@@ -144,8 +137,8 @@ def _build_parser(
         "elliptic": adjectives - nouns,
         "posture": {posture.replace("_", " ") for posture in postures} or {"-"},
     }
-    terminals = {name: phrases for name, phrases in _read_lexicon().items() if name.isupper()}
-    terminals |= {name.upper(): tuple(sorted(words)) for name, words in scene.items()}
+    terminals = {name: phrases for name, phrases in _read_phrases().items() if name.isupper()}
+    terminals |= {name.upper(): sorted(words) for name, words in scene.items()}
     grammar = (_FOLDER / "request.lark").read_text(encoding="utf-8")
     lines = [f"{name}: /{_alternatives(phrases)}/" for name, phrases in sorted(terminals.items())]
     parser = Lark(
