@@ -321,7 +321,7 @@ class Clauses(Discourse):
 
     def _read_keep(self, clause: Node, things: Node, kept: Node) -> list[str]:
         if kept.data in read_lexicon()["meanings"]:
-            is_end = has_token(clause, "leave") and kept.data in {"is_open", "is_closed"}  # so it is left, at the end
+            is_end = has_token(clause, "leave") and kept.data in {"open", "close"}  # so it is left, at the end
             return self._say(str(kept.data), things, constraint=not is_end)
         names = self.resolve(things, Slot.ANY).names
         places = self._find_places(kept)
