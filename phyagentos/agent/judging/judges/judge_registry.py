@@ -6,6 +6,7 @@ such a judge raises, or answers with anything but criteria, its answer is unknow
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib.metadata import entry_points
 
 from phyagentos.agent.judging.causes import Cause
@@ -19,12 +20,7 @@ from phyagentos.protocol.settings.verification import JUDGE_ENTRY_POINTS, JudgeO
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgeSettings:
-    """Settings of a judge.
-
-    Attributes:
-        options: Those of the block `options` for this judge.
-        address: Where the block stands, for messages.
-    """
+    """Settings of a judge; `options` are those for it alone, `address` is for messages."""
 
     verification: Verification
     clock: Clock
@@ -37,7 +33,6 @@ class JudgeDefinition:
     """One judge.
 
     Attributes:
-        name: As written in the settings.
         open: Makes it; raises DefinitionError for unusable settings.
         is_costly: Whether it is asked last, and only while nothing is false.
     """
@@ -66,11 +61,13 @@ class JudgeRegistry:
             try:
                 definition = point.load()
             except Exception as error:  # foreign code
-                self.register(_make_unloadable(point.name, f"{type(error).__name__}: {error}"))
-                continue
+                reason = f"{type(error).__name__}: {error}"
+                definition = JudgeDefinition(
+                    name=point.name, open=partial(_refuse, point.name, reason), description=f"Does not load: {reason}"
+                )
             if not isinstance(definition, JudgeDefinition) or definition.name != point.name:
                 raise ValueError(f"entry point {point.value!r} is no JudgeDefinition of the name {point.name!r}")
-            self.register(_make_closed(definition))
+            self.register(replace(definition, open=partial(_open_foreign, definition)))
 
     def names(self) -> list[str]:
         """Every name, sorted."""
@@ -82,13 +79,10 @@ class JudgeRegistry:
         Raises:
             DefinitionError: `UNKNOWN_JUDGE` for each unregistered name.
         """
-        problems = [
-            Problem.unknown("UNKNOWN_JUDGE", address, name, self._definitions)
-            for name in names
-            if name not in self._definitions
-        ]
-        if problems:
-            raise DefinitionError(problems)
+        if unknown := [name for name in names if name not in self._definitions]:
+            raise DefinitionError(
+                [Problem.unknown("UNKNOWN_JUDGE", address, each, self._definitions) for each in unknown]
+            )
         return [self._definitions[name] for name in dict.fromkeys(names)]
 
 
@@ -110,23 +104,18 @@ class ForeignJudge:
             criteria: tuple[object, ...] = tuple(self.other.judge(bundle))
         except Exception as error:  # foreign code; the session must be judged
             return [self._fail(f"the judge raised {type(error).__name__}: {error}")]
-        known = [each for each in criteria if isinstance(each, Criterion)]
-        if len(known) == len(criteria):
-            return known
-        strangers = sorted({type(each).__name__ for each in criteria if not isinstance(each, Criterion)})
-        return [self._fail(f"the judge answered with {', '.join(strangers)}")]
+        if strangers := sorted({type(each).__name__ for each in criteria if not isinstance(each, Criterion)}):
+            return [self._fail(f"the judge answered with {', '.join(strangers)}")]
+        return [each for each in criteria if isinstance(each, Criterion)]
 
     def _fail(self, because: str) -> Criterion:
         return make_unknown(self.kind, self.kind, "", because, failure=Cause.JUDGE_FAILED)
 
 
-def _make_unloadable(name: str, reason: str) -> JudgeDefinition:
-    def open(settings: JudgeSettings) -> Judge:
-        found = f"judge {name!r}, whose package does not load: {reason}"
-        raise DefinitionError.of("UNKNOWN_JUDGE", settings.address, found, "a package that loads")
-
-    return JudgeDefinition(name=name, open=open, description=f"Does not load: {reason}")
+def _open_foreign(definition: JudgeDefinition, settings: JudgeSettings) -> Judge:
+    return ForeignJudge(definition.open(settings), definition.name)
 
 
-def _make_closed(definition: JudgeDefinition) -> JudgeDefinition:
-    return replace(definition, open=lambda settings: ForeignJudge(definition.open(settings), definition.name))
+def _refuse(name: str, reason: str, settings: JudgeSettings) -> Judge:
+    found = f"judge {name!r}, whose package does not load: {reason}"
+    raise DefinitionError.of("UNKNOWN_JUDGE", settings.address, found, "a package that loads")
