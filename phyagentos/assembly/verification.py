@@ -3,11 +3,10 @@
 import os
 from collections.abc import Callable, Sequence
 
-from phyagentos.agent.judging.judges.holds import HoldJudge
 from phyagentos.agent.judging.judges.judge import Judge
 from phyagentos.agent.judging.judges.judge_registry import JudgeDefinition, JudgeRegistry, JudgeSettings
 from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
-from phyagentos.agent.judging.judges.metrics import MetricJudge
+from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
 from phyagentos.agent.judging.judges.vision import VisionJudge
 from phyagentos.agent.judging.verifier import SessionVerifier

@@ -8,8 +8,7 @@ import pytest
 
 from phyagentos.agent.judging.causes import Cause, Layer
 from phyagentos.agent.judging.diagnosis import diagnose
-from phyagentos.agent.judging.judges.holds import HoldJudge
-from phyagentos.agent.judging.judges.metrics import MetricJudge
+from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.agent.repair.case import Miss

@@ -10,11 +10,13 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.selector import ANY
+from phyagentos.agent.judging.judges.judge import make_unknown
 from phyagentos.agent.judging.judges.predicates import evaluate_on
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.documents.schema import read_text
@@ -33,11 +35,9 @@ _NEVER: Age = (sys.maxsize, "")
 
 @dataclass(slots=True)
 class Seen:
-    """The first and the latest snapshot of some sessions.
+    """The world before the first and after the latest of some sessions, with their ages; None before any was observed.
 
     Attributes:
-        initial: The world before the first session, None before any was observed.
-        now: The world after the latest.
         now_file: File of `now`, relative to the workspace.
     """
 
@@ -61,11 +61,6 @@ class Evidence:
 
     Sessions are judged in the order of their end, so that order is also the age of their snapshots. The time of the
     world is not: it begins anew when a simulated world was lost.
-
-    Attributes:
-        root: The workspace.
-        all: Snapshots of every session.
-        by_target: Snapshots of the sessions on one target.
     """
 
     def __init__(self, root: Path) -> None:
@@ -100,25 +95,16 @@ class Evidence:
         return shown if shown.episode == episode else None
 
     def _read(self, status: SessionStatus, with_course: bool) -> Bundle:
-        execution = status.execution
+        session, execution = status.contract, status.execution
         if execution is None:
-            id = status.contract.id
-            raise ExecutionError("EXECUTION_MISSING", f"session {id} is {status.state} and was never executed")
+            raise ExecutionError("EXECUTION_MISSING", f"session {session.id} is {status.state} and was never executed")
         folder = self.root / execution.evidence
         try:
-            return read_bundle(folder, status.contract, execution, with_course=with_course)
+            return read_bundle(folder, session, execution, with_course=with_course)
         except ExecutionError as error:
-            explained = msgspec.structs.replace(execution, message=f"{execution.message} {error}".strip())
-            return Bundle(
-                folder=folder,
-                session=status.contract,
-                execution=explained,
-                before=None,
-                after=None,
-                holds=(),
-                trace=(),
-                events=(),
-            )
+            execution = msgspec.structs.replace(execution, message=f"{execution.message} {error}".strip())
+            nothing: dict[str, Any] = {"before": None, "after": None, "holds": (), "trace": (), "events": ()}
+            return Bundle(folder=folder, session=session, execution=execution, **nothing)
 
 
 def carry_conditions(
@@ -131,11 +117,10 @@ def carry_conditions(
     if now is None:
         return ()
     begun = {
-        text: before
+        text: evidence.read(status, with_course=False).before
         for text, status in find_unseen_holds(session, lineage).items()
-        if (before := evidence.read(status, with_course=False).before) is not None
     }
-    return judge_carried(session, now, begun)
+    return judge_carried(session, now, {text: before for text, before in begun.items() if before is not None})
 
 
 def judge_carried(session: Session, now: Environment, begun: Mapping[str, Environment]) -> tuple[Criterion, ...]:
@@ -160,13 +145,7 @@ def find_unseen_holds(session: Session, lineage: Iterable[SessionStatus]) -> dic
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """The verdict of a goal.
-
-    Attributes:
-        reason: One sentence.
-        criteria: The goal's own acceptance, and its constraints but those on metrics.
-        now: The latest snapshot.
-    """
+    """The verdict of a goal, by its own acceptance and its constraints but those on metrics, in the latest snapshot."""
 
     verdict: Verdict
     reason: str
@@ -215,22 +194,13 @@ def _judge(text: str, kind: str, graph: GoalGraph, evidence: Evidence) -> Criter
                 worlds[" and ".join(names)] = _join(together)
     targets = {choice.target for choice in graph.choices.values()}
     only = targets.pop() if len(targets) == 1 else None
-    agreed = graph.spec.interchangeable
-    answers = {
-        target: evaluate_on(
-            predicate.text,
-            kind,
-            View(now=seen.now, initial=seen.initial, target=only, interchangeable=agreed),
-            seen.now_file,
-        )
-        for target, seen in worlds.items()
-        if seen.now is not None
-    }
-    if not answers:
-        return Criterion(text=predicate.text, kind=kind, truth=Truth.UNKNOWN, because="no session left a snapshot")
-    if len({criterion.truth for criterion in answers.values()}) > 1:
-        because = ", ".join(
-            f"{criterion.truth} in the world of {target}" for target, criterion in sorted(answers.items())
-        )
-        return Criterion(text=predicate.text, kind=kind, truth=Truth.UNKNOWN, because=because)
-    return answers[max(worlds, key=lambda target: worlds[target].latest or (0, ""))]
+    answers = {}
+    for target, seen in worlds.items():
+        assert seen.now is not None  # by what was chosen above
+        view = View(now=seen.now, initial=seen.initial, target=only, interchangeable=graph.spec.interchangeable)
+        answers[target] = evaluate_on(predicate.text, kind, view, seen.now_file)
+    truths = {criterion.truth for criterion in answers.values()}
+    if len(truths) == 1:
+        return answers[max(worlds, key=lambda target: worlds[target].latest or (0, ""))]
+    told = (f"{criterion.truth} in the world of {target}" for target, criterion in sorted(answers.items()))
+    return make_unknown(predicate.text, kind, "", ", ".join(told) or "no session left a snapshot")

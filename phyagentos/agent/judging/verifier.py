@@ -12,10 +12,9 @@ import msgspec
 
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.diagnosis import Diagnosis, diagnose
-from phyagentos.agent.judging.judges.holds import HoldJudge
 from phyagentos.agent.judging.judges.judge import ADVISORY_KINDS, Judge, make_unknown
 from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
-from phyagentos.agent.judging.judges.metrics import MetricJudge
+from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
 from phyagentos.protocol.sessions.evidence import Bundle, refer_to
 from phyagentos.protocol.sessions.evidence_manifest import get_shown_name
