@@ -22,11 +22,10 @@ Seen = Sequence[tuple[LookEntry, Environment]]
 
 
 class JudgedAgain(msgspec.Struct, frozen=True, kw_only=True):
-    """A session, perceived and judged again.
+    """A session, perceived and judged again on so many looks.
 
     Attributes:
         verdict: Of the criteria; replanning is not weighed again.
-        looks: How many looks were perceived again.
         criteria: Preconditions, acceptance and hold conditions as they are now.
         differences: From the record; empty when equal.
     """
@@ -39,13 +38,7 @@ class JudgedAgain(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def judge_again(bundle: Bundle, seen: Seen, verifier: SessionVerifier, decision: Attempt | None) -> JudgedAgain:
-    """Judge a session on its looks.
-
-    Args:
-        bundle: As the session left it.
-        seen: Its looks, perceived again.
-        verifier: Judges both times.
-        decision: The judgement that decided; None for a session without one.
+    """Judge a session on its looks, perceived again, and compare that with the judgement that decided, if any.
 
     Raises:
         ExecutionError: `LOOK_MISSING`: the bundle does not hold the look of a snapshot.
@@ -54,12 +47,11 @@ def judge_again(bundle: Bundle, seen: Seen, verifier: SessionVerifier, decision:
     attempt = verifier.judge(again, History())
     criteria = (*_judge_requires(again), *attempt.criteria)
     recorded = (*_judge_requires(bundle), *verifier.judge(bundle, History()).criteria)
-    decided = decision.criteria if decision is not None else ()
-    differences = [*_compare_snapshots(bundle, again), *holds]
-    for each in (recorded, decided):
-        differences += _compare_criteria(each, criteria)
-    if decision is not None and decision.found is not None and _is_met(decision) != _is_met(attempt):
-        differences.append(f"verdict: {attempt.found}, was {decision.found}")
+    decided = (*recorded, *(decision.criteria if decision is not None else ()))
+    differences = [*_compare_snapshots(bundle, again), *holds, *_compare_criteria(decided, criteria)]
+    found, was = attempt.found or attempt.verdict, decision.found if decision is not None else None
+    if was is not None and (was is Verdict.SUCCESS) != (found is Verdict.SUCCESS):
+        differences.append(f"verdict: {attempt.found}, was {was}")
     return JudgedAgain(
         session=bundle.session.id,
         verdict=attempt.verdict,
@@ -86,9 +78,8 @@ def _replace_snapshots(bundle: Bundle, seen: Seen) -> tuple[Bundle, list[str]]:
             continue
         found = parse_predicate(entry.text).evaluate(bundle.session.make_view(world, before, entry.metrics))
         if entry.role is LookRole.WORST and entry.text in holds:
-            holds[entry.text] = msgspec.structs.replace(
-                holds[entry.text], truth=found.truth, measured=found.measured, because=found.because
-            )
+            now = {"truth": found.truth, "measured": found.measured, "because": found.because}
+            holds[entry.text] = msgspec.structs.replace(holds[entry.text], **now)
         elif entry.role is LookRole.UNKNOWN and found.truth is not Truth.UNKNOWN:
             differences.append(f"hold {entry.text} at {entry.time_s:.3f} s: {found.truth}, was unknown")
     again = msgspec.structs.replace(again, holds=tuple(holds.values()))
@@ -106,8 +97,7 @@ def _compare_criteria(recorded: Iterable[Criterion], again: Iterable[Criterion])
     """Criteria with another truth or measurement now."""
     known = {(criterion.kind, criterion.text): criterion for criterion in again}
     for was in recorded:
-        now = known.get((was.kind, was.text))
-        if now is None:
+        if (now := known.get((was.kind, was.text))) is None:
             yield f"{was.kind} {was.text}: not judged again, was {was.truth}"
         elif (now.truth, now.measured) != (was.truth, was.measured):
             yield f"{was.kind} {was.text}: {now.truth} {now.measured}, was {was.truth} {was.measured}"
@@ -122,7 +112,3 @@ def _compare_snapshots(bundle: Bundle, again: Bundle) -> Iterable[str]:
         other = [name for name in names if was.entities.get(name) != now.entities.get(name)]
         if other:
             yield f"{file}: {', '.join(other)} perceived otherwise"
-
-
-def _is_met(attempt: Attempt) -> bool:
-    return (attempt.found or attempt.verdict) is Verdict.SUCCESS

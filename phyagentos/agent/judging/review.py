@@ -3,6 +3,7 @@
 A session without a goal has no node and so no budget: it succeeds or fails, and another attempt is a new session.
 """
 
+import contextlib
 from collections.abc import Sequence
 
 import msgspec
@@ -26,32 +27,18 @@ _TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.UNVERIFIED: "skip"}
 def judge_goalless_sessions(
     workspace: Workspace, journal: Journal, verifier: SessionVerifier | None = None
 ) -> list[tuple[SessionId, Attempt]]:
-    """Judge every session without a goal that awaits a verdict, the longest waiting first.
-
-    Args:
-        workspace: With the evidence.
-        journal: Opened for the agent's side.
-        verifier: The default one when None.
-
-    Returns:
-        The verdicts that were recorded.
-    """
-    verifier = verifier or SessionVerifier()
+    """Judge every session without a goal that awaits a verdict, the longest waiting first; what was recorded."""
     judged = []
     live = fold_partition(journal.folder).live_sessions()
-    waiting = [each for each in live if not each.contract.goal and each.state in _WAITING]
-    for status in waiting:
-        bundle = Evidence(workspace.root).read(status)
+    for status in (each for each in live if not each.contract.goal and each.state in _WAITING):
+        id, bundle = status.contract.id, Evidence(workspace.root).read(status)
         lessons = find_lessons(workspace.lessons, status.contract, bundle.before or bundle.after)
-        attempt = verifier.judge(bundle, History(lessons=lessons))
-        trigger = _TRIGGERS.get(attempt.verdict, "refuse")
-        verdict = Entry(status.contract.id, trigger, {"attempt": attempt}, status.epoch)
-        begin = [] if status.state == SessionState.VERIFYING else [Entry(status.contract.id, "verify")]
-        try:
+        attempt = (verifier or SessionVerifier()).judge(bundle, History(lessons=lessons))
+        verdict = Entry(id, _TRIGGERS.get(attempt.verdict, "refuse"), {"attempt": attempt}, status.epoch)
+        begin = [] if status.state == SessionState.VERIFYING else [Entry(id, "verify")]
+        with contextlib.suppress(IllegalTransition):  # judged or cancelled by another process meanwhile
             journal.commit([*begin, verdict])
-        except IllegalTransition:  # judged or cancelled by another process meanwhile
-            continue
-        judged.append((status.contract.id, attempt))
+            judged.append((id, attempt))
     return judged
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from phyagentos.agent.judging.judges.judge import make_unknown
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.evidence import Bundle
-from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadResult, read_lookahead
+from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, read_lookahead
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.truth import Truth
 
@@ -27,21 +27,16 @@ class LookaheadJudge:
             result = read_lookahead(bundle.folder)
         except ExecutionError as error:
             return [make_unknown(KIND, KIND, LOOKAHEAD, str(error))]
-        return [] if result is None or (result.withheld and not result.samples) else [_judge(result)]
-
-
-def _judge(result: LookaheadResult) -> Criterion:
-    text = f"{KIND} >= {result.threshold:g}"
-    if result.samples <= 0:
-        return make_unknown(text, KIND, LOOKAHEAD, "no rollout came to an end")
-    because = f"{result.succeeded:.4g} of {result.samples} {result.cases} met the acceptance"
-    if result.likely_cause:
-        because += f"; the others failed with {', '.join(f'{c} ({n:.4g})' for c, n in sorted(result.causes.items()))}"
-    return Criterion(
-        text=text,
-        kind=KIND,
-        truth=Truth.TRUE if not result.is_low else Truth.FALSE,
-        measured={"share": round(result.share, 4), "samples": result.samples, "cost_ms": round(result.cost_ms, 1)},
-        evidence=LOOKAHEAD,
-        because=because,
-    )
+        if result is None or (result.withheld and not result.samples):
+            return []
+        text = f"{KIND} >= {result.threshold:g}"
+        if result.samples <= 0:
+            return [make_unknown(text, KIND, LOOKAHEAD, "no rollout came to an end")]
+        because = f"{result.succeeded:.4g} of {result.samples} {result.cases} met the acceptance"
+        if result.likely_cause:
+            others = ", ".join(f"{cause} ({number:.4g})" for cause, number in sorted(result.causes.items()))
+            because += f"; the others failed with {others}"
+        truth = Truth.FALSE if result.is_low else Truth.TRUE
+        measured: dict[str, float | str | bool] = {"share": round(result.share, 4), "samples": result.samples}
+        measured["cost_ms"] = round(result.cost_ms, 1)
+        return [Criterion(text=text, kind=KIND, truth=truth, measured=measured, evidence=LOOKAHEAD, because=because)]
