@@ -19,7 +19,7 @@ from phyagentos.agent.planning.graph_file import render_mermaid, write_graph
 from phyagentos.agent.planning.planned import PlannedGoal, Unsolvable, plan_goal
 from phyagentos.agent.planning.wanted_file import read_wanted
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
-from phyagentos.agent.understanding.model import ModelLimits, ModelUnderstander, replay_answers, write_answers
+from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers, write_answers
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
@@ -76,7 +76,7 @@ def ask(
     library = open_library()
     catalogue = Catalogue.read(library)
     vocabulary = _read_vocabulary(library, catalogue, scene, robot)
-    limits = ModelLimits(time_s=model_time, tokens=model_tokens, price=model_price, cost=model_cost)
+    limits = {"time_s": model_time, "tokens": model_tokens, "price": model_price, "cost": model_cost}
     model = _open_model(model_answers, request, vocabulary.scene, limits)
     understood = _understand(request, vocabulary, model, _parse_answers(answer or ()), is_asked=not as_json)
     if not isinstance(understood, Understood):
@@ -115,7 +115,7 @@ def _read_vocabulary(library: Library, catalogue: Catalogue, scene: str | None, 
     return Vocabulary.read(catalogue, scene, past, robot or find_robot(catalogue, graphs, scene))
 
 
-def _open_model(answers: Path | None, request: str, scene: str, limits: ModelLimits) -> ModelUnderstander | None:
+def _open_model(answers: Path | None, request: str, scene: str, limits: dict[str, Any]) -> ModelUnderstander | None:
     """Recorded answers, else the endpoint that the environment names; else none."""
     if answers is not None:
         complete, name = replay_answers(answers, request, scene), str(answers)
@@ -126,7 +126,7 @@ def _open_model(answers: Path | None, request: str, scene: str, limits: ModelLim
         complete, name = endpoint.complete, endpoint.name
     else:
         return None
-    return ModelUnderstander(name=name, complete=complete, clock=SystemClock(), limits=limits)
+    return ModelUnderstander(name=name, complete=complete, clock=SystemClock(), **limits)
 
 
 def _parse_answers(texts: Sequence[str]) -> dict[str, str]:
@@ -238,13 +238,6 @@ def _show(understood: Understood, planned: PlannedGoal, *, mermaid: bool) -> Non
 
 def _describe(understood: Understood, planned: PlannedGoal, graph: Path | None) -> dict[str, Any]:
     """All that was understood, as plain data."""
-    return {
-        "understood": True,
-        "goal": understood.goal.model_dump(mode="json"),
-        "reasons": understood.reasons,
-        "left_out": dict(understood.left_out),
-        "unsaid": understood.unsaid,
-        "chosen": understood.chosen,
-        "sessions": [step.name for step in planned.steps],
-        "graph": str(graph) if graph is not None else None,
-    }
+    goal, sessions = understood.goal.model_dump(mode="json"), [step.name for step in planned.steps]
+    more = {"goal": goal, "sessions": sessions, "graph": str(graph) if graph is not None else None}
+    return {"understood": True} | asdict(understood) | more

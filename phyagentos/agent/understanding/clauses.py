@@ -91,7 +91,7 @@ class Clauses(Discourse):
             owner = thing.part_of if slot is Slot.OPENS and not thing.opens and thing.part_of else name
             if rule == "press" and self.get(owner).opens != "slide":
                 self.lack(LackKind.FIT, name)
-            texts.append(meaning["form"].format(owner))
+            texts.append(meaning["form"].format(owner, at="inside" if thing.has_interior else "on"))
         return self._keep(texts) if constraint else texts
 
     def _keep(self, texts: Iterable[str]) -> list[str]:
@@ -229,9 +229,6 @@ class Clauses(Discourse):
             self.reasons.append(f"no number is said: most of {held}, as cameras miss some of a pile")
         return [f"contains({name}, {poured.number or int(SEEN_SHARE * held)})" for name in receivers if held]
 
-    def _read_clear(self, _: Node, things: Node, *_state: Node) -> list[str]:
-        return [f"not {self._relate('*', name)}" for name in self.resolve(things, Slot.VESSEL).names]
-
     def _read_wipe(self, _: Node, things: Node, *tools: Node) -> list[str]:
         for tool in tools:  # a goal says what is clean then, and not with what
             self.resolve_one(tool, Slot.MOVED)
@@ -292,8 +289,8 @@ class Clauses(Discourse):
 
     # states that are wished for, or reached
 
-    def _read_wish_state(self, clause: Node, things: Node, state: Node) -> list[str]:
-        return self._read_clear(clause, things) if state.data == "is_empty" else self._say(str(state.data), things)
+    def _read_wish_state(self, _: Node, things: Node, state: Node) -> list[str]:
+        return self._say(str(state.data), things)
 
     def _read_wish_contains(self, clause: Node, *parts: Node) -> list[str]:
         loose, vessel = parts if has_token(clause, "there") else parts[::-1]

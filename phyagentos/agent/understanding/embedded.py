@@ -1,9 +1,6 @@
 """The embedded understander: a grammar over the words of the scene. Knows no model and no network."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-
-from typing_extensions import override
 
 from phyagentos.agent.goals.wanted import WantedGoal
 from phyagentos.agent.understanding.check import find_lacks, make_goal
@@ -17,7 +14,6 @@ from phyagentos.agent.understanding.understanding import (
     LackKind,
     Question,
     QuestionKind,
-    Understander,
     Understanding,
     Understood,
 )
@@ -27,12 +23,11 @@ from phyagentos.protocol.world.predicates.predicate import find_entities
 READING = "reading"  # key of the question which of several readings is meant
 
 
-@dataclass(frozen=True, slots=True)
-class EmbeddedUnderstander(Understander):
+class EmbeddedUnderstander:
     """Reads a request by the grammar; what it does not know is asked or refused, never skipped."""
 
-    @override
     def understand(self, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding:
+        """The goal of a request, or why there is none; `answers` maps keys of questions to the chosen candidates."""
         read = read_request(request, vocabulary)
         if read.unknown:
             lacks = (Lack(kind=LackKind.WORD, words=word, nearest=near) for word, near in read.unknown.items())

@@ -12,7 +12,6 @@ from typing import Literal
 
 import msgspec
 import pydantic
-from typing_extensions import override
 
 from phyagentos.agent.context.context import Section, build_context
 from phyagentos.agent.understanding.check import find_lacks, make_goal
@@ -23,7 +22,6 @@ from phyagentos.agent.understanding.understanding import (
     LackKind,
     Question,
     QuestionKind,
-    Understander,
     Understanding,
     Understood,
 )
@@ -47,30 +45,6 @@ _SYSTEM = (
     "missing. Never guess. Answer with one JSON object of the schema, with exactly one of `goal`, `questions` and "
     "`missing`."
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModelLimits:
-    """What one request may cost.
-
-    Attributes:
-        rounds: Answers at most, the corrected ones included.
-        time_s: Of all answers, by the wall clock [s].
-        tokens: Of all questions and answers.
-        price: Of a million tokens, in any currency.
-        cost: Of all, in the same currency; bounds nothing where the price is 0.
-    """
-
-    rounds: int = 3
-    time_s: float = 60.0
-    tokens: int = 24_000
-    price: float = 0.0
-    cost: float = 0.0
-
-    @property
-    def most_tokens(self) -> int:
-        """By number and cost."""
-        return min(self.tokens, int(1e6 * self.cost / self.price)) if self.price > 0.0 else self.tokens
 
 
 class ModelGoal(Authored):
@@ -121,12 +95,17 @@ class AnswerFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ModelUnderstander(Understander):
-    """Asks a model until its goal passes the checks, or the limits are reached.
+class ModelUnderstander:
+    """Asks a model until its goal passes the checks, or the limits of one request are reached.
 
     Attributes:
         name: Of the model, as recorded.
         complete: As `OpenAiEndpoint.complete`.
+        rounds: Answers at most, the corrected ones included.
+        time_s: Of all answers, by the wall clock [s].
+        tokens: Of all questions and answers.
+        price: Of a million tokens, in any currency.
+        cost: Of all, in the same currency; bounds nothing where the price is 0.
         kept: Every answer, in order.
         shown: Every context that the model was shown, by its SHA-256.
     """
@@ -134,25 +113,30 @@ class ModelUnderstander(Understander):
     name: str
     complete: Callable[..., Completion]
     clock: Clock
-    limits: ModelLimits = field(default_factory=ModelLimits)
+    rounds: int = 3
+    time_s: float = 60.0
+    tokens: int = 24_000
+    price: float = 0.0
+    cost: float = 0.0
     kept: list[Completion] = field(default_factory=list)
     shown: dict[str, str] = field(default_factory=dict)
 
-    @override
     def understand(self, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding:
+        """As `EmbeddedUnderstander.understand`."""
+        tokens = min(self.tokens, int(1e6 * self.cost / self.price)) if self.price > 0.0 else self.tokens
         try:
-            context = build_context("plan", _describe(request, vocabulary, answers), self.limits.most_tokens)
+            context = build_context("plan", _describe(request, vocabulary, answers), tokens)
         except DefinitionError as error:  # the request alone is longer than the limits allow
             return _refuse(LackKind.MODEL, str(error))
         self.shown[context.sha256] = context.text
         messages = [{"role": "system", "content": _SYSTEM}, {"role": "user", "content": context.text}]
         started_s, spent, problems = self.clock.now_s(), 0, ["no answer within the limits"]
-        for _ in range(self.limits.rounds):
+        for _ in range(self.rounds):
             asked = sum(len(message["content"]) for message in messages) // LETTERS_A_TOKEN
-            room = min(ANSWER_TOKENS, self.limits.most_tokens - spent - asked)
-            left_s = self.limits.time_s - (self.clock.now_s() - started_s)
+            room = min(ANSWER_TOKENS, tokens - spent - asked)
+            left_s = self.time_s - (self.clock.now_s() - started_s)
             if room <= 0 or left_s <= 0.0:
-                problems.append(f"stopped at {spent} tokens, {self.limits.time_s - left_s:.0f} s")
+                problems.append(f"stopped at {spent} tokens, {self.time_s - left_s:.0f} s")
                 break
             try:
                 found = self.complete(messages, max_tokens=room, response_format=RESPONSE_FORMAT, timeout_s=left_s)

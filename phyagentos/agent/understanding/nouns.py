@@ -87,7 +87,7 @@ class Discourse:
     def ask(self, kind: QuestionKind, phrase: Node, candidates: Iterable[str], about: str = "") -> tuple[str, ...]:
         """The answer to a question, or nothing and the question noted."""
         words, possible = f"{about} {self.quote(phrase)}".strip(), tuple(candidates)
-        key = f"{words}@{phrase.meta.start_pos}"
+        key = f"{words}@{_list_tokens(phrase)[0].start_pos}"
         if (answer := self.answers.get(key)) in possible:
             return (str(answer),)
         self.questions.append(Question(kind=kind, key=key, words=words, candidates=possible))
@@ -95,7 +95,8 @@ class Discourse:
 
     def quote(self, tree: Node) -> str:
         """The words of a part of the request."""
-        return self.text[tree.meta.start_pos : tree.meta.end_pos]
+        tokens = _list_tokens(tree)
+        return self.text[tokens[0].start_pos : tokens[-1].end_pos]
 
     def get(self, name: str) -> Thing:
         """A thing by its name."""
@@ -317,6 +318,11 @@ class Discourse:
         """Those that stand in or on any of some things as the scene begins; where none is said it is the table."""
         has_surface = any(self.get(name).kind in SURFACES for name in owners)
         return [thing for thing in found if thing.stands in owners or (not thing.stands and has_surface)]
+
+
+def _list_tokens(tree: Node) -> list[Token]:
+    """All words of a phrase; its `meta` is lost where a part of it has several readings."""
+    return list(tree.scan_values(lambda each: isinstance(each, Token)))
 
 
 def list_children(tree: Node) -> list[Node]:

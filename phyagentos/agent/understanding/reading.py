@@ -146,7 +146,6 @@ def _build_parser(
         parser="earley",
         lexer="dynamic",
         ambiguity="explicit",
-        propagate_positions=True,
         maybe_placeholders=False,
     )
     known = {word for terminal in parser.terminals for word in re.findall(r"[a-z][a-z'-]*", terminal.pattern.value)}

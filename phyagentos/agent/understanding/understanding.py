@@ -1,12 +1,11 @@
-"""The port of understanders, and what they answer: a goal, questions, or what is missing. Paper section 3.3."""
+"""What understanders of requests answer: a goal, questions, or what is missing. Paper section 3.3."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol, Self
+from typing import Self
 
 from phyagentos.agent.goals.wanted import WantedGoal
-from phyagentos.agent.understanding.vocabulary import Vocabulary
 
 
 class _Kind(StrEnum):
@@ -101,10 +100,3 @@ class Impossible:
 
 
 Understanding = Understood | Ambiguous | Impossible
-
-
-class Understander(Protocol):
-    """Makes a goal of a request."""
-
-    def understand(self, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding:
-        """The goal of a request, or why there is none; `answers` maps keys of questions to the chosen candidates."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from phyagentos.agent.understanding.model import ModelLimits, ModelUnderstander, replay_answers, write_answers
+from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers, write_answers
 from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, LackKind, Understood
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
@@ -43,9 +43,7 @@ def serve():
 
 def ask(server, request=REQUEST, vocabulary=None, *, key="", answers=None, **limits):
     endpoint = OpenAiEndpoint(url=server.url, model="m-1", key=key)
-    understander = ModelUnderstander(
-        name=endpoint.name, complete=endpoint.complete, clock=SystemClock(), limits=ModelLimits(**limits)
-    )
+    understander = ModelUnderstander(name=endpoint.name, complete=endpoint.complete, clock=SystemClock(), **limits)
     return understander.understand(request, vocabulary or get_vocabulary(), answers or {})
 
 
