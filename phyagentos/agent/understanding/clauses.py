@@ -326,9 +326,6 @@ class Clauses(Discourse):
         found = ((name, self._find_place(name, kept, places)) for name in names)
         return self._keep(self._locate(name, kept, place) for name, place in found if place)
 
-    def _read_never(self, _: Node, forbidden: Node) -> list[str]:
-        return self._read_texts(forbidden)
-
     def _read_never_put(self, _: Node, things: Node, dest: Node) -> list[str]:
         names = self.resolve(things, Slot.MOVED, forbids=True).names
         places = self._find_places(dest).names
