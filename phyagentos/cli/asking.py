@@ -154,7 +154,6 @@ def _understand(
 
 
 def _put(question: Question) -> str:
-    """The answer to a question in the terminal."""
     print_note(f"{question.kind.told} {question.words!r}")
     for number, candidate in enumerate(question.candidates, 1):
         print_note(f"  {number}  {candidate}")
@@ -237,7 +236,6 @@ def _show(understood: Understood, planned: PlannedGoal, *, mermaid: bool) -> Non
 
 
 def _describe(understood: Understood, planned: PlannedGoal, graph: Path | None) -> dict[str, Any]:
-    """All that was understood, as plain data."""
     goal, sessions = understood.goal.model_dump(mode="json"), [step.name for step in planned.steps]
     more = {"goal": goal, "sessions": sessions, "graph": str(graph) if graph is not None else None}
     return {"understood": True} | asdict(understood) | more

@@ -94,7 +94,6 @@ def _judge_requires(bundle: Bundle) -> list[Criterion]:
 
 
 def _compare_criteria(recorded: Iterable[Criterion], again: Iterable[Criterion]) -> Iterable[str]:
-    """Criteria with another truth or measurement now."""
     known = {(criterion.kind, criterion.text): criterion for criterion in again}
     for was in recorded:
         if (now := known.get((was.kind, was.text))) is None:
@@ -104,7 +103,6 @@ def _compare_criteria(recorded: Iterable[Criterion], again: Iterable[Criterion])
 
 
 def _compare_snapshots(bundle: Bundle, again: Bundle) -> Iterable[str]:
-    """Entities that are perceived otherwise now."""
     for file, was, now in ((BEFORE, bundle.before, again.before), (AFTER, bundle.after, again.after)):
         if was is None or now is None:
             continue

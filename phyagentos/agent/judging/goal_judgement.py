@@ -30,7 +30,6 @@ from phyagentos.protocol.world.predicates.predicate import View, has_metric, par
 from phyagentos.protocol.world.truth import Truth
 
 Age = tuple[int, str]
-_NEVER: Age = (sys.maxsize, "")
 
 
 @dataclass(slots=True)
@@ -44,14 +43,14 @@ class Seen:
     initial: Environment | None = None
     now: Environment | None = None
     now_file: str = AFTER
-    oldest: Age | None = None
-    latest: Age | None = None
+    oldest: Age = (sys.maxsize, "")
+    latest: Age = (-1, "")
 
     def take_in(self, age: Age, bundle: Bundle) -> None:
         """Include the snapshots of one more session."""
-        if bundle.before is not None and (self.oldest is None or age < self.oldest):
+        if bundle.before is not None and age < self.oldest:
             self.oldest, self.initial = age, bundle.before
-        if bundle.after is not None and (self.latest is None or age > self.latest):
+        if bundle.after is not None and age > self.latest:
             self.latest, self.now = age, bundle.after
             self.now_file = f"{bundle.execution.evidence}/{AFTER}"
 
@@ -173,9 +172,7 @@ def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str])
 
 
 def _join(seen: Sequence[Seen]) -> Seen:
-    """The first and the latest of several snapshots of one world."""
-    first = min(seen, key=lambda each: each.oldest or _NEVER)
-    last = max(seen, key=lambda each: each.latest or (0, ""))
+    first, last = min(seen, key=lambda each: each.oldest), max(seen, key=lambda each: each.latest)
     return Seen(initial=first.initial, now=last.now, now_file=last.now_file, oldest=first.oldest, latest=last.latest)
 
 
@@ -201,6 +198,6 @@ def _judge(text: str, kind: str, graph: GoalGraph, evidence: Evidence) -> Criter
         answers[target] = evaluate_on(predicate.text, kind, view, seen.now_file)
     truths = {criterion.truth for criterion in answers.values()}
     if len(truths) == 1:
-        return answers[max(worlds, key=lambda target: worlds[target].latest or (0, ""))]
+        return answers[max(worlds, key=lambda target: worlds[target].latest)]
     told = (f"{criterion.truth} in the world of {target}" for target, criterion in sorted(answers.items()))
     return make_unknown(predicate.text, kind, "", ", ".join(told) or "no session left a snapshot")

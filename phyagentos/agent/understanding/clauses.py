@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from phyagentos.agent.understanding.check import OPPOSITES
 from phyagentos.agent.understanding.nouns import (
     Discourse,
     Named,
@@ -19,8 +18,8 @@ from phyagentos.agent.understanding.nouns import (
     has_token,
     list_children,
 )
-from phyagentos.agent.understanding.understanding import LackKind, QuestionKind
-from phyagentos.agent.understanding.vocabulary import ROLE, read_lexicon
+from phyagentos.agent.understanding.understanding import OPPOSITES, LackKind, QuestionKind
+from phyagentos.agent.understanding.vocabulary import REGION, ROLE, read_lexicon
 from phyagentos.protocol.world.predicates.predicate import find_entities
 
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
@@ -32,8 +31,6 @@ class Clauses(Discourse):
     """Predicates of a plan, collected clause by clause.
 
     Attributes:
-        constraints: What must hold all through.
-        left_out: Thing -> the place that it lacks.
         placed: Things that the latest placement has put.
         again: Whether the goal before is meant, and things that this time are excepted.
     """
@@ -128,7 +125,6 @@ class Clauses(Discourse):
         return self._say(self._verb, things)
 
     def _read_wish_place(self, placing: Node, things: Node, *more: Node, heaps: bool = False) -> list[str]:
-        """Each object at its place."""
         self._verb = "put"
         dest = next(each for each in more if each.data not in {"source", "except"})
         objects = self.resolve(things, Slot.MOVED)
@@ -184,7 +180,6 @@ class Clauses(Discourse):
         return next(iter(names if len(names) < 2 else self.ask(kind, dest, names, about=name)), "")
 
     def _locate(self, name: str, dest: Node, place: str) -> str:
-        """The predicate that says that a thing is at a place."""
         if dest.data == "beside":
             return f"near({name}, {place})"
         if dest.data in {"into", "inside_it"}:
@@ -234,8 +229,8 @@ class Clauses(Discourse):
             self.resolve_one(tool, Slot.MOVED)
             self.unsaid.append(f"with {self.quote(tool)}")
         names = self.resolve(things, Slot.VESSEL).names
-        if any(not self.get(name).is_region for name in names):
-            regions = (thing.name for thing in self.list_fitting(Slot.ANY) if thing.is_region)
+        if any(self.get(name).kind != REGION for name in names):
+            regions = (thing.name for thing in self.list_fitting(Slot.ANY) if thing.kind == REGION)
             names = self.ask(QuestionKind.WHICH, things, regions)
         self._wiped = names[0] if len(names) == 1 else ""
         return [f"not inside(*, {name})" for name in names]

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 
 from phyagentos.agent.goals.wanted import WantedGoal
-from phyagentos.agent.understanding.check import find_lacks, make_goal
 from phyagentos.agent.understanding.clauses import Clauses, finish
 from phyagentos.agent.understanding.nouns import Node, list_children
 from phyagentos.agent.understanding.reading import Readings, read_request
@@ -16,6 +15,8 @@ from phyagentos.agent.understanding.understanding import (
     QuestionKind,
     Understanding,
     Understood,
+    find_lacks,
+    make_goal,
 )
 from phyagentos.agent.understanding.vocabulary import Vocabulary
 from phyagentos.protocol.world.predicates.predicate import find_entities
@@ -50,7 +51,6 @@ class EmbeddedUnderstander:
 def _interpret(
     tree: Node, read: Readings, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]
 ) -> Understanding:
-    """What one reading means."""
     said = Clauses(text=read.text, vocabulary=vocabulary, answers=answers)
     steps, accept = finish(said.read_plan(list_children(tree)[0]))
     constraints = tuple(said.constraints)

@@ -58,7 +58,6 @@ class Discourse:
     """What was said so far, and what was found to be open or missing.
 
     Attributes:
-        answers: Key of a question -> candidate.
         recent: Things that each clause named, the latest clause last.
         moved: Everything that some clause puts somewhere, in order.
         heads: The last noun of each slot.

@@ -27,6 +27,7 @@ from phyagentos.protocol.world.predicates import syntax
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 
+REGION = "region"
 ROLE = "robot"  # of the target in goals of requests
 FRAME_M = 0.35  # how far the middle of a lid, a door or a drawer is from that of its frame at most
 LOOSE = "ball"  # one of the nameless contents of a vessel
@@ -39,7 +40,7 @@ class Thing:
     """A listed body or a region, as requests can name it; what it does not have is empty.
 
     Attributes:
-        kind: Class of thing; `region` for a named region.
+        kind: Class of thing; `REGION` for a space rather than a body.
         words: Words that may stand before its noun: of its name, its colour, its material, and of what it is part of.
         heads: Nouns that mean it: its kind, and the last word of its name.
         opens: `slide` or `hinge`.
@@ -59,11 +60,6 @@ class Thing:
     part_of: str = ""
     stands: str = ""
     contents: int = 0
-
-    @property
-    def is_region(self) -> bool:
-        """Whether it is a space rather than a body."""
-        return self.kind == "region"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +94,7 @@ class Vocabulary:
         things = {name: _read_thing(spec, name, body) for name, body in bodies.items()}
         for name, region in spec.regions.items():
             words = frozenset((*name.split("_"), *(region.body or "").split("_"))) - {""}
-            things[name] = Thing(name=name, kind="region", words=words, heads=_find_heads(name), has_interior=True)
+            things[name] = Thing(name=name, kind=REGION, words=words, heads=_find_heads(name), has_interior=True)
         postures = (each for _, profile in sorted(catalogue.targets.items()) for each in profile.postures)
         return cls(
             scene=scene,

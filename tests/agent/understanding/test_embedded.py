@@ -5,9 +5,15 @@ from dataclasses import replace
 import pytest
 
 from phyagentos.agent.goals.wanted import WantedGoal
-from phyagentos.agent.understanding.check import name_goal
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
-from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, LackKind, QuestionKind, Understood
+from phyagentos.agent.understanding.understanding import (
+    Ambiguous,
+    Impossible,
+    LackKind,
+    QuestionKind,
+    Understood,
+    name_goal,
+)
 from phyagentos.agent.understanding.vocabulary import find_robot
 
 from .conftest import CUBES, get_vocabulary, read_catalogue

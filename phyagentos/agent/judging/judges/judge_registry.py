@@ -43,47 +43,31 @@ class JudgeDefinition:
     description: str = ""
 
 
-class JudgeRegistry:
-    """Judges by name."""
+def add_installed(known: dict[str, JudgeDefinition]) -> None:
+    """Add judges of installed packages to those known by name; one that does not load raises when it is opened.
 
-    def __init__(self) -> None:
-        self._definitions: dict[str, JudgeDefinition] = {}
+    Raises:
+        ValueError: A name is taken, or what is announced is no judge of that name.
+    """
+    for point in sorted(entry_points(group=JUDGE_ENTRY_POINTS), key=lambda point: point.name):
+        try:
+            found = point.load()
+        except Exception as error:  # foreign code
+            reason = f"{type(error).__name__}: {error}"
+            refuse = partial(_refuse, point.name, reason)
+            found = JudgeDefinition(name=point.name, open=refuse, description=f"Does not load: {reason}")
+        if not isinstance(found, JudgeDefinition) or found.name != point.name:
+            raise ValueError(f"entry point {point.value!r} is no JudgeDefinition of the name {point.name!r}")
+        if point.name in known:
+            raise ValueError(f"judge {point.name!r} is registered already")
+        known[point.name] = replace(found, open=partial(_open_foreign, found))
 
-    def register(self, definition: JudgeDefinition) -> None:
-        """Add one; raises ValueError when the name is taken."""
-        if definition.name in self._definitions:
-            raise ValueError(f"judge {definition.name!r} is registered already")
-        self._definitions[definition.name] = definition
 
-    def register_installed(self) -> None:
-        """Add judges of installed packages; one that does not load raises when it is opened."""
-        for point in sorted(entry_points(group=JUDGE_ENTRY_POINTS), key=lambda point: point.name):
-            try:
-                definition = point.load()
-            except Exception as error:  # foreign code
-                reason = f"{type(error).__name__}: {error}"
-                definition = JudgeDefinition(
-                    name=point.name, open=partial(_refuse, point.name, reason), description=f"Does not load: {reason}"
-                )
-            if not isinstance(definition, JudgeDefinition) or definition.name != point.name:
-                raise ValueError(f"entry point {point.value!r} is no JudgeDefinition of the name {point.name!r}")
-            self.register(replace(definition, open=partial(_open_foreign, definition)))
-
-    def names(self) -> list[str]:
-        """Every name, sorted."""
-        return sorted(self._definitions)
-
-    def get(self, names: Sequence[str], address: str) -> list[JudgeDefinition]:
-        """Those of these names, in this order, each once.
-
-        Raises:
-            DefinitionError: `UNKNOWN_JUDGE` for each unregistered name.
-        """
-        if unknown := [name for name in names if name not in self._definitions]:
-            raise DefinitionError(
-                [Problem.unknown("UNKNOWN_JUDGE", address, each, self._definitions) for each in unknown]
-            )
-        return [self._definitions[name] for name in dict.fromkeys(names)]
+def choose_judges(known: Mapping[str, JudgeDefinition], names: Sequence[str], address: str) -> list[JudgeDefinition]:
+    """Those of these names, in this order, each once; raises DefinitionError `UNKNOWN_JUDGE` for each other name."""
+    if unknown := [name for name in names if name not in known]:
+        raise DefinitionError([Problem.unknown("UNKNOWN_JUDGE", address, each, known) for each in unknown])
+    return [known[name] for name in dict.fromkeys(names)]
 
 
 @dataclass(frozen=True, slots=True)
