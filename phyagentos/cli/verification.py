@@ -71,8 +71,8 @@ def _verify_from_frames(
     workspace: Workspace, status: SessionStatus, verifier: "SessionVerifier", *, as_json: bool
 ) -> int:
     """Exit code 0 where what is perceived and judged again is equal to what was recorded."""
-    from phyagentos.agent.judging.from_frames import judge_again
     from phyagentos.agent.judging.goal_judgement import Evidence
+    from phyagentos.agent.judging.review import judge_again
     from phyagentos.assembly.from_frames import perceive_again
 
     seen = perceive_again(workspace, status)
