@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 import yaml
@@ -30,6 +30,7 @@ from phyagentos.agent.understanding.understanding import (
 )
 from phyagentos.agent.understanding.vocabulary import Vocabulary, find_robot
 from phyagentos.assembly.scene_start import draw_start
+from phyagentos.cli import mission_run
 from phyagentos.cli.arguments import AsJson, TrustPython, open_library
 from phyagentos.cli.lint import lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
@@ -39,9 +40,6 @@ from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.network.chat import OpenAiEndpoint
 from phyagentos.protocol.capabilities.library import Library
-
-if TYPE_CHECKING:
-    from phyagentos.cli.mission_run import Order
 
 ASKED = Path("asked")  # goals and graphs of requests, below the working directory
 WANTED_SUFFIX = ".goal.yaml"
@@ -71,8 +69,6 @@ def ask(
     as_json: AsJson = False,
 ) -> int:
     """Make a goal of a request in words, plan it, show the graph and, once approved, run it."""
-    from phyagentos.cli.mission_run import Order  # late: it brings both planes
-
     library = open_library()
     catalogue = Catalogue.read(library)
     vocabulary = _read_vocabulary(library, catalogue, scene, robot)
@@ -93,7 +89,7 @@ def ask(
     if graph is not None:
         print_note(f"wrote {graph}")
         if yes or (not as_json and _is_approved()):
-            order = Order(graph=graph, seed=seed, workspace=workspace, as_json=as_json)
+            order = mission_run.Order(graph=graph, seed=seed, workspace=workspace, as_json=as_json)
             order = replace(order, pictures=not no_pictures, trusts_python=trust_python)
             return _run(understood, planned, order)
         print_note(f"not approved, nothing was run; next: paos run {graph}")
@@ -191,14 +187,12 @@ def _is_approved() -> bool:
     return typer.getchar() in {"y", "Y"}
 
 
-def _run(understood: Understood, planned: PlannedGoal, order: "Order") -> int:
+def _run(understood: Understood, planned: PlannedGoal, order: mission_run.Order) -> int:
     """As `paos run` does; its report becomes a part of this command's."""
-    from phyagentos.cli.mission_run import run_mission
-
     if not order.as_json:
-        return run_mission(order)
+        return mission_run.run_mission(order)
     with contextlib.redirect_stdout(io.StringIO()) as text:
-        code = run_mission(order)
+        code = mission_run.run_mission(order)
     print_json(_describe(understood, planned, order.graph) | {"report": json.loads(text.getvalue())})
     return code
 

@@ -23,7 +23,7 @@ from phyagentos.agent.understanding.vocabulary import REGION, ROLE, read_lexicon
 from phyagentos.protocol.world.predicates.predicate import find_entities
 
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
-Step = list[str]
+Step = Sequence[str]
 
 
 @dataclass(slots=True, kw_only=True)
@@ -68,16 +68,16 @@ class Clauses(Discourse):
         elif clause.data in read_lexicon()["meanings"]:
             steps = [self._say(str(clause.data), list_children(clause)[0])]
         else:
-            read: Callable[..., list[str]] = getattr(self, f"_read_{clause.data}")
+            read: Callable[..., Step] = getattr(self, f"_read_{clause.data}")
             steps = [read(clause, *list_children(clause))]
         if self.unmet:  # `only`, `exactly` and `of its colour` are understood of what is put somewhere
             self.lack(LackKind.SENTENCE, self.unmet)
         return steps
 
-    def _read_texts(self, clause: Node) -> list[str]:
+    def _read_texts(self, clause: Node) -> Step:
         return [text for step in self._read_steps(clause) for text in step]
 
-    def _say(self, rule: str, things: Node, *, constraint: bool = False) -> list[str]:
+    def _say(self, rule: str, things: Node, *, constraint: bool = False) -> Step:
         """What the lexicon says of each thing; a part stands for what opens."""
         meaning = read_lexicon()["meanings"][rule]
         constraint = constraint or meaning.get("constraint", False)
@@ -91,25 +91,24 @@ class Clauses(Discourse):
             texts.append(meaning["form"].format(owner, at="inside" if thing.has_interior else "on"))
         return self._keep(texts) if constraint else texts
 
-    def _keep(self, texts: Iterable[str]) -> list[str]:
+    def _keep(self, texts: Iterable[str]) -> Step:
         """Predicates that must hold all through, so that none of them is left to come true."""
         self.constraints += [text for text in texts if text not in self.constraints]
         return []
 
     # placing
 
-    def _read_put(self, clause: Node, placing: Node) -> list[str]:
+    def _read_put(self, clause: Node, placing: Node) -> Step:
         heaps = str(clause.children[0]).startswith("stack")
         return self._read_wish_place(placing, *list_children(placing), heaps=heaps)
 
-    def _read_placing(self, placing: Node, *parts: Node) -> list[str]:
+    def _read_placing(self, placing: Node, *parts: Node) -> Step:
         """Without a verb, as in `two cubes into the tray`, it is to put."""
         if self._verb != "put" and len(self.recent) > 1:
-            self.lack(LackKind.SENTENCE, placing)
-            return []
+            return self.lack(LackKind.SENTENCE, placing)
         return self._read_wish_place(placing, *parts)
 
-    def _read_pick_put(self, _: Node, things: Node, placing: Node) -> list[str]:
+    def _read_pick_put(self, _: Node, things: Node, placing: Node) -> Step:
         picked = self.resolve(things, Slot.MOVED).names
         self.recent.append([])
         wanted = self._read_wish_place(placing, *list_children(placing))
@@ -117,14 +116,13 @@ class Clauses(Discourse):
             self.lack(LackKind.SENTENCE, things)
         return wanted
 
-    def _read_elided(self, clause: Node, things: Node) -> list[str]:
+    def _read_elided(self, clause: Node, things: Node) -> Step:
         """`press the green button and then the red one`: the verb is that of the clause before."""
         if self._verb not in {"open", "close", "press"}:
-            self.lack(LackKind.SENTENCE, clause)
-            return []
+            return self.lack(LackKind.SENTENCE, clause)
         return self._say(self._verb, things)
 
-    def _read_wish_place(self, placing: Node, things: Node, *more: Node, heaps: bool = False) -> list[str]:
+    def _read_wish_place(self, placing: Node, things: Node, *more: Node, heaps: bool = False) -> Step:
         self._verb = "put"
         dest = next(each for each in more if each.data not in {"source", "except"})
         objects = self.resolve(things, Slot.MOVED)
@@ -145,7 +143,7 @@ class Clauses(Discourse):
                 wanted.append(self._locate(name, dest, place))
                 wanted += [f"not {self._locate(each, dest, place)}" for each in objects.rest if each not in names]
         if not wanted and self.left_out and places.by_colour:
-            self.lack(LackKind.THING, "; ".join(self.left_out.values()), places.names)
+            return self.lack(LackKind.THING, "; ".join(self.left_out.values()), places.names)
         return wanted
 
     def _find_places(self, dest: Node, *, by_colour: bool = False) -> Named:
@@ -192,26 +190,24 @@ class Clauses(Discourse):
 
     # doing other things
 
-    def _read_take(self, _: Node, things: Node, source: Node) -> list[str]:
+    def _read_take(self, _: Node, things: Node, source: Node) -> Step:
         objects = self.restrict(self.resolve(things, Slot.MOVED), source)
         places = self.resolve_aside(source, Slot.PLACE)
         self.moved += objects.names
         self.placed = objects.names
         return [f"not {self._relate(name, place)}" for name in objects.names for place in places.names]
 
-    def _read_unstack(self, clause: Node, things: Node) -> list[str]:
+    def _read_unstack(self, clause: Node, things: Node) -> Step:
         below = {name: self.get(name).stands for name in self.resolve(things, Slot.MOVED).names}
         wanted = [f"not on({name}, {place})" for name, place in below.items() if place and self.get(place).movable]
-        if not wanted:
-            self.lack(LackKind.FIT, clause)
-        return wanted
+        return wanted or self.lack(LackKind.FIT, clause)
 
-    def _read_pick(self, clause: Node, things: Node) -> list[str]:
+    def _read_pick(self, clause: Node, things: Node) -> Step:
         self.placed = self.resolve(things, Slot.MOVED).names
         lifts = {name for name in self.placed if has_token(clause, "lift") and self.get(name).opens == "hinge"}
         return [f"open({name})" if name in lifts else f"holding({ROLE}, {name})" for name in self.placed]
 
-    def _read_pour(self, clause: Node, *parts: Node) -> list[str]:
+    def _read_pour(self, clause: Node, *parts: Node) -> Step:
         things, source = find_child(clause, "things"), find_child(clause, "source")
         poured = self.resolve(things, Slot.LOOSE) if things is not None else Named()
         sources = self.resolve_one(list_children(source)[0], Slot.VESSEL).names if source else poured.names
@@ -224,7 +220,7 @@ class Clauses(Discourse):
             self.reasons.append(f"no number is said: most of {held}, as cameras miss some of a pile")
         return [f"contains({name}, {poured.number or int(SEEN_SHARE * held)})" for name in receivers if held]
 
-    def _read_wipe(self, _: Node, things: Node, *tools: Node) -> list[str]:
+    def _read_wipe(self, _: Node, things: Node, *tools: Node) -> Step:
         for tool in tools:  # a goal says what is clean then, and not with what
             self.resolve_one(tool, Slot.MOVED)
             self.unsaid.append(f"with {self.quote(tool)}")
@@ -235,7 +231,7 @@ class Clauses(Discourse):
         self._wiped = names[0] if len(names) == 1 else ""
         return [f"not inside(*, {name})" for name in names]
 
-    def _read_tower(self, clause: Node, *parts: Node) -> list[str]:
+    def _read_tower(self, clause: Node, *parts: Node) -> Step:
         levels = [part for part in parts if part.data == "level"]
         bases = [part for part in parts if part.data != "level"]
         on = self.resolve_one(bases[0], Slot.PLACE).names if bases else ()
@@ -255,12 +251,11 @@ class Clauses(Discourse):
         steps = pairwise([*on, *names]) if len(named) == len(names) else ()
         return [self._relate(upper, lower) for lower, upper in steps]
 
-    def _read_heap(self, clause: Node, things: Node) -> list[str]:
+    def _read_heap(self, clause: Node, things: Node) -> Step:
         self.resolve(things, Slot.MOVED)
-        self.ask(QuestionKind.ORDER, clause, ())
-        return []
+        return self.ask(QuestionKind.ORDER, clause, ())
 
-    def _read_swap(self, clause: Node, things: Node, *other: Node) -> list[str]:
+    def _read_swap(self, clause: Node, things: Node, *other: Node) -> Step:
         names = self.resolve(things, Slot.MOVED).names
         names += self.resolve_one(other[0], Slot.MOVED).names if other else ()
         places = [self.get(name).stands for name in names]
@@ -273,35 +268,35 @@ class Clauses(Discourse):
             self.lack(LackKind.FIT, clause)
         return []
 
-    def _read_pose(self, clause: Node) -> list[str]:
+    def _read_pose(self, clause: Node) -> Step:
         posture = next(str(token) for token in clause.children if get_type(token) == "posture")
         return [f"in_posture({ROLE}, {'_'.join(posture.split())})"]
 
-    def _read_again(self, _: Node, *exceptions: Node) -> list[str]:
+    def _read_again(self, _: Node, *exceptions: Node) -> Step:
         self.again = True
         self.excepted += [name for each in exceptions for name in self.resolve_except(each, Slot.ANY)]
         return []
 
     # states that are wished for, or reached
 
-    def _read_wish_state(self, _: Node, things: Node, state: Node) -> list[str]:
+    def _read_wish_state(self, _: Node, things: Node, state: Node) -> Step:
         return self._say(str(state.data), things)
 
-    def _read_wish_contains(self, clause: Node, *parts: Node) -> list[str]:
+    def _read_wish_contains(self, clause: Node, *parts: Node) -> Step:
         loose, vessel = parts if has_token(clause, "there") else parts[::-1]
         names = self.resolve_one(vessel, Slot.VESSEL).names
         if not (number := self.resolve_one(loose, Slot.LOOSE).number):
             self.ask(QuestionKind.HOW_MANY, loose, ())
         return [f"contains({name}, {number})" for name in names]
 
-    def _read_emptied(self, clause: Node, gone: Node, *places: Node) -> list[str]:
+    def _read_emptied(self, clause: Node, gone: Node, *places: Node) -> Step:
         things = self.resolve_one(gone, Slot.MOVED, forbids=True).names
         where = self.resolve_one(places[0], Slot.PLACE).names if places else (self._wiped,) * bool(self._wiped)
         if not where:
             self.lack(LackKind.SENTENCE, clause)
         return [f"not {self._relate(name, at)}" for at in where for name in things]
 
-    def _read_until(self, _: Node, command: Node, condition: Node) -> list[str]:
+    def _read_until(self, _: Node, command: Node, condition: Node) -> Step:
         done, until = self._read_texts(command), self._read_texts(condition)
         filled = {_get_subject(text) for text in until if text.startswith("contains(")}
         return [
@@ -311,7 +306,7 @@ class Clauses(Discourse):
 
     # what must hold all through
 
-    def _read_keep(self, clause: Node, things: Node, kept: Node) -> list[str]:
+    def _read_keep(self, clause: Node, things: Node, kept: Node) -> Step:
         if kept.data in read_lexicon()["meanings"]:
             is_end = has_token(clause, "leave") and kept.data in {"open", "close"}  # so it is left, at the end
             return self._say(str(kept.data), things, constraint=not is_end)
@@ -321,12 +316,12 @@ class Clauses(Discourse):
         found = ((name, self._find_place(name, kept, places)) for name in names)
         return self._keep(self._locate(name, kept, place) for name, place in found if place)
 
-    def _read_never_put(self, _: Node, things: Node, dest: Node) -> list[str]:
+    def _read_never_put(self, _: Node, things: Node, dest: Node) -> Step:
         names = self.resolve(things, Slot.MOVED, forbids=True).names
         places = self._find_places(dest).names
         return self._keep(f"not {self._locate(name, dest, place)}" for name in names for place in places)
 
-    def _read_never_spill(self, clause: Node, *things: Node) -> list[str]:
+    def _read_never_spill(self, clause: Node, *things: Node) -> Step:
         """What carries stays upright, and all that is in it stays there."""
         spares = not things or any(things[0].find_data("everything"))
         named = [self.get(name) for name in (self.placed if spares else self.resolve(things[0], Slot.LOOSE).names)]
@@ -336,9 +331,7 @@ class Clauses(Discourse):
             self.constraints.append(f"upright({name})")
             wanted += [f"inside({each.name}, {name})" for each in self.list_fitting(Slot.ANY) if each.stands == name]
             wanted += [f"contains({name}, {contents})"] if contents else []
-        if not wanted:
-            self.lack(LackKind.FIT, clause)
-        return wanted
+        return wanted or self.lack(LackKind.FIT, clause)
 
 
 def finish(steps: Sequence[Step]) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...]]:

@@ -77,11 +77,12 @@ class Discourse:
     heads: dict[Slot, str] = field(default_factory=dict)
     unmet: str = ""
 
-    def lack(self, kind: LackKind, words: str | Node, possible: Iterable[str] = ()) -> None:
-        """Note that something is missing: words, or those of a phrase."""
+    def lack(self, kind: LackKind, words: str | Node, possible: Iterable[str] = ()) -> tuple[str, ...]:
+        """Note that something is missing: words, or those of a phrase; there is nothing then."""
         words, known = words if isinstance(words, str) else self.quote(words), tuple(possible)
         near = find_nearest(words.replace(" ", "_"), known) or ""
         self.lacks.append(Lack(kind=kind, words=words, nearest=near, possible=known))
+        return ()
 
     def ask(self, kind: QuestionKind, phrase: Node, candidates: Iterable[str], about: str = "") -> tuple[str, ...]:
         """The answer to a question, or nothing and the question noted."""
@@ -173,17 +174,13 @@ class Discourse:
             found = [name for name in before if name not in self.recent[-1] and slot.takes(self.get(name))]
             if found:
                 return (found[0],) if len(found) == 1 else self.ask(QuestionKind.WHICH, phrase, found)
-        self.lack(LackKind.SENTENCE, phrase)
-        return ()
+        return self.lack(LackKind.SENTENCE, phrase)
 
     def find_them(self, noun: Node, _: Slot) -> tuple[str, ...]:
         """The movable things of the latest clause with several; else all that were moved."""
         groups = [tuple(name for name in before if self.get(name).movable) for before in reversed(self.recent[:-1])]
         found = next((group for group in groups if len(group) > 1), tuple(dict.fromkeys(self.moved)))
-        if len(found) > 1:
-            return found
-        self.lack(LackKind.SENTENCE, noun)
-        return ()
+        return found if len(found) > 1 else self.lack(LackKind.SENTENCE, noun)
 
     def find_everything(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """All that fits; without a slot, all that can be moved or opened."""
@@ -192,9 +189,7 @@ class Discourse:
         found = [thing for thing in fitting if colours <= thing.words]
         for tail in list_children(noun):
             found = self._filter(found, tail)
-        if not found:
-            self.lack(LackKind.THING, noun)
-        return tuple(thing.name for thing in found)
+        return tuple(thing.name for thing in found) or self.lack(LackKind.THING, noun)
 
     def find_everything_else(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """All that fits and was not moved."""
@@ -206,9 +201,7 @@ class Discourse:
         found = self._list_alike(head) if head else self.list_fitting(slot)
         found = self._find_candidates(plain, slot, "")[0] if plain is not None else found
         names = tuple(each.name for each in found if each.name not in self.moved) if self.moved else ()
-        if not names:
-            self.lack(LackKind.THING, noun, (each.name for each in found))
-        return names
+        return names or self.lack(LackKind.THING, noun, (each.name for each in found))
 
     def _resolve_parts(self, parts: Sequence[Node], slot: Slot, **how: bool) -> list[Named]:
         """Each phrase of a list; `the red and the green cube` lends its noun to the first."""
@@ -266,8 +259,7 @@ class Discourse:
     def _choose(self, named: Named, number: int, *, keeps_rest: bool) -> Named:
         """The first of several, where any will do; those that were moved already come last."""
         if number > len(named.names):
-            self.lack(LackKind.THING, named.words, named.names)
-            return Named()
+            return Named(names=self.lack(LackKind.THING, named.words, named.names))
         ordered = sorted(named.names, key=lambda name: name in self.moved)
         names = tuple(name for name in named.names if name in ordered[:number])
         if number < len(named.names):
