@@ -3,8 +3,8 @@
 import os
 from collections.abc import Callable, Sequence
 
-from phyagentos.agent.judging.judges.judge import Judge
 from phyagentos.agent.judging.judges.judge_registry import (
+    Judge,
     JudgeDefinition,
     JudgeSettings,
     add_installed,

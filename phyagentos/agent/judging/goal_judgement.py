@@ -16,7 +16,7 @@ import msgspec
 
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.selector import ANY
-from phyagentos.agent.judging.judges.judge import make_unknown
+from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.agent.judging.judges.predicates import evaluate_on
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.documents.schema import read_text

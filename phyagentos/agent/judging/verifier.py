@@ -13,7 +13,7 @@ import msgspec
 
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.diagnosis import Diagnosis, diagnose
-from phyagentos.agent.judging.judges.judge import ADVISORY_KINDS, Judge, make_unknown
+from phyagentos.agent.judging.judges.judge_registry import ADVISORY_KINDS, Judge, make_unknown
 from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
 from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge

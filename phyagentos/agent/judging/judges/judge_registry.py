@@ -1,4 +1,4 @@
-"""The registry of judges, by the names that `verification.judges` and `paos verify --with` use.
+"""The port of judges, and their registry by the names that `verification.judges` and `paos verify --with` use.
 
 Installed packages announce a `JudgeDefinition` by the entry point group `phyagentos.judges`, under its own name. Where
 such a judge raises, or answers with anything but criteria, its answer is unknown.
@@ -8,14 +8,36 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import entry_points
+from typing import Protocol
+
+from msgspec import UNSET, UnsetType
 
 from phyagentos.agent.judging.causes import Cause
-from phyagentos.agent.judging.judges.judge import Judge, make_unknown
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.settings.verification import JUDGE_ENTRY_POINTS, JudgeOption, Verification
+from phyagentos.protocol.world.truth import Truth
+
+ADVISORY_KINDS = frozenset({"lookahead"})
+"""Predictions: recorded with every judgement, and decisive only where nothing was observed that could decide."""
+
+
+class Judge(Protocol):
+    """Answers for one kind of criterion."""
+
+    @property
+    def name(self) -> str:
+        """Name, version and configuration, as recorded with every judgement (`predicates/2`)."""
+
+    def judge(self, bundle: Bundle) -> Sequence[Criterion]:
+        """Every criterion of this kind in the session's contract or the settings, each with its evidence."""
+
+
+def make_unknown(text: str, kind: str, evidence: str, because: str, *, failure: str | UnsetType = UNSET) -> Criterion:
+    """An undecided criterion, and why; `failure` is the code of a judge that gave no usable answer."""
+    return Criterion(text=text, kind=kind, truth=Truth.UNKNOWN, evidence=evidence, because=because, failure=failure)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from phyagentos.agent.judging.judges.judge import make_unknown
+from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, read_lookahead

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from phyagentos.agent.judging.judges.judge import make_unknown
+from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.protocol.sessions.evidence import EXECUTION, HOLDS, TRAJECTORY, Bundle
 from phyagentos.protocol.sessions.verdicts import Criterion

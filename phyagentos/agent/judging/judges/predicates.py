@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from msgspec import UNSET
 
-from phyagentos.agent.judging.judges.judge import make_unknown
+from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.evidence import AFTER, Bundle
 from phyagentos.protocol.sessions.session import Ended, Execution

@@ -17,7 +17,7 @@ import msgspec
 
 from phyagentos.agent.context.context import Section, build_context, select
 from phyagentos.agent.context.of_workspace import describe_attempts
-from phyagentos.agent.judging.judges.judge import make_unknown
+from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.network.chat import OpenAiEndpoint
 from phyagentos.protocol.sessions.evidence import Bundle
