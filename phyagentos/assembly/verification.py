@@ -10,9 +10,8 @@ from phyagentos.agent.judging.judges.judge_registry import (
     add_installed,
     choose_judges,
 )
-from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
 from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
-from phyagentos.agent.judging.judges.predicates import PredicateJudge
+from phyagentos.agent.judging.judges.predicates import LookaheadJudge, PredicateJudge
 from phyagentos.agent.judging.judges.vision import VisionJudge
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.clock import Clock

@@ -10,6 +10,7 @@ from itertools import takewhile
 from msgspec import UNSET
 
 from phyagentos.agent.judging.causes import Cause, CauseClass
+from phyagentos.agent.judging.judges.judge_registry import FORESEEN
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage, compute_move, find_failed_leaf
 from phyagentos.codes import CODES, Retry
@@ -256,7 +257,7 @@ def _has_anything_moved(before: Environment | None, after: Environment) -> bool:
 
 def _find_judging_fault(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
     """The verifier's own fault and the deciding fact in words; None when there is none."""
-    criteria = [criterion for criterion in criteria if criterion.kind != "lookahead"]
+    criteria = [criterion for criterion in criteria if criterion.kind != FORESEEN]
     return _find_contradiction(criteria) or _find_dispute(criteria) or _find_silence(criteria)
 
 

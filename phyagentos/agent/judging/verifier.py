@@ -13,10 +13,9 @@ import msgspec
 
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.diagnosis import Diagnosis, diagnose
-from phyagentos.agent.judging.judges.judge_registry import ADVISORY_KINDS, Judge, make_unknown
-from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
+from phyagentos.agent.judging.judges.judge_registry import FORESEEN, Judge, make_unknown
 from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
-from phyagentos.agent.judging.judges.predicates import PredicateJudge
+from phyagentos.agent.judging.judges.predicates import LookaheadJudge, PredicateJudge
 from phyagentos.protocol.sessions.evidence import Bundle, refer_to
 from phyagentos.protocol.sessions.evidence_manifest import get_shown_name
 from phyagentos.protocol.sessions.lessons import Lesson
@@ -126,14 +125,14 @@ class SessionVerifier:
 
 def _choose_decisive(criteria: Sequence[Criterion]) -> Sequence[Criterion]:
     """The observed criteria; predictions only where nothing was observed."""
-    observed = [criterion for criterion in criteria if criterion.kind not in ADVISORY_KINDS]
+    observed = [criterion for criterion in criteria if criterion.kind != FORESEEN]
     return observed or criteria
 
 
 def _find_unanswered(session: Session, criteria: Sequence[Criterion]) -> Iterator[Criterion]:
     """Criteria of the contract that no judge answered: unknown, lest they count as met."""
     for kind, other, texts in (("accept", "hold", session.accept), ("hold", "accept", session.hold)):
-        answered = {each.text for each in criteria if each.kind not in ADVISORY_KINDS and each.kind != other}
+        answered = {each.text for each in criteria if each.kind != FORESEEN and each.kind != other}
         for text in texts:
             if text not in answered:
                 yield make_unknown(text, kind, "", "none of the judges that were asked answers it")

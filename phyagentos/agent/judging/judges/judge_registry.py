@@ -20,8 +20,8 @@ from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.settings.verification import JUDGE_ENTRY_POINTS, JudgeOption, Verification
 from phyagentos.protocol.world.truth import Truth
 
-ADVISORY_KINDS = frozenset({"lookahead"})
-"""Predictions: recorded with every judgement, and decisive only where nothing was observed that could decide."""
+FORESEEN = "lookahead"
+"""Kind of predictions: recorded with every judgement, decisive only where nothing was observed that could decide."""
 
 
 class Judge(Protocol):
