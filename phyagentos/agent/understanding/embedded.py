@@ -9,14 +9,12 @@ from phyagentos.agent.understanding.reading import Readings, read_request
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
-    Lack,
     LackKind,
     Question,
     QuestionKind,
     Understanding,
     Understood,
-    find_lacks,
-    make_goal,
+    conclude,
 )
 from phyagentos.agent.understanding.vocabulary import Vocabulary
 from phyagentos.protocol.world.predicates.predicate import find_entities
@@ -30,11 +28,8 @@ class EmbeddedUnderstander:
     def understand(self, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding:
         """The goal of a request, or why there is none; `answers` maps keys of questions to the chosen candidates."""
         read = read_request(request, vocabulary)
-        if read.unknown:
-            lacks = (Lack(kind=LackKind.WORD, words=word, nearest=near) for word, near in read.unknown.items())
-            return Impossible(lacks=tuple(lacks))
-        if not read.trees:
-            return Impossible(lacks=(Lack(kind=LackKind.SENTENCE, words=read.stop or read.text),))
+        if isinstance(read, Impossible):
+            return read
         results = [_interpret(tree, read, request, vocabulary, answers) for tree in read.trees]
         goals = {_summarise(result.goal): result for result in results if isinstance(result, Understood)}
         if len(goals) > 1 and (answer := answers.get(READING)) not in goals:
@@ -70,11 +65,10 @@ def _interpret(
         return Impossible(lacks=tuple(dict.fromkeys(said.lacks)))
     if said.questions:
         return Ambiguous(questions=tuple(dict.fromkeys(said.questions)))
-    goal = make_goal(request, vocabulary, constraints=constraints, steps=steps, accept=accept)
-    if lacks := find_lacks(goal, vocabulary):
-        return Impossible(lacks=lacks)
-    return Understood(
-        goal=goal,
+    return conclude(
+        request,
+        vocabulary,
+        {"constraints": constraints, "steps": steps, "accept": accept},
         reasons=tuple(dict.fromkeys(said.reasons)),
         left_out=said.left_out,
         unsaid=(*read.unsaid, *said.unsaid),
@@ -84,6 +78,5 @@ def _interpret(
 
 def _summarise(goal: WantedGoal) -> str:
     """A goal in one line, to be chosen from."""
-    steps = "".join(f"{', '.join(step)}, then " for step in goal.steps)
     always = f"; always {', '.join(goal.constraints)}" if goal.constraints else ""
-    return f"{steps}{', '.join(goal.accept)}{always}"
+    return ", then ".join(map(", ".join, (*goal.steps, goal.accept))) + always

@@ -17,14 +17,12 @@ from phyagentos.agent.context.context import Section, build_context
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
-    Lack,
     LackKind,
     Question,
     QuestionKind,
     Understanding,
-    Understood,
-    find_lacks,
-    make_goal,
+    conclude,
+    refuse,
 )
 from phyagentos.agent.understanding.vocabulary import ROLE, Vocabulary
 from phyagentos.clock import Clock
@@ -118,7 +116,7 @@ class ModelUnderstander:
         try:
             context = build_context("plan", _describe(request, vocabulary, answers), tokens)
         except DefinitionError as error:  # the request alone is longer than the limits allow
-            return _refuse(LackKind.MODEL, str(error))
+            return refuse(LackKind.MODEL, str(error))
         self.shown[context.sha256] = context.text
         messages = [{"role": "system", "content": _SYSTEM}, {"role": "user", "content": context.text}]
         started_s, spent, problems = self.clock.now_s(), 0, ["no answer within the limits"]
@@ -132,7 +130,7 @@ class ModelUnderstander:
             try:
                 found = self.complete(messages, max_tokens=room, response_format=RESPONSE_FORMAT, timeout_s=left_s)
             except ExecutionError as error:
-                return _refuse(LackKind.MODEL, str(error))
+                return refuse(LackKind.MODEL, str(error))
             self.kept.append(found)
             spent += found.tokens or asked + len(found.text) // LETTERS_A_TOKEN + 1
             understood = _read(found.text, request, vocabulary, answers)
@@ -141,7 +139,7 @@ class ModelUnderstander:
             problems = understood[:PROBLEMS_MAX]
             correction = msgspec.json.encode({"problems": problems, "task": "Answer again, corrected."}).decode()
             messages += [{"role": "assistant", "content": found.text}, {"role": "user", "content": correction}]
-        return _refuse(LackKind.MODEL, *problems)
+        return refuse(LackKind.MODEL, *problems)
 
 
 def write_answers(path: Path, request: str, scene: str, model: ModelUnderstander) -> None:
@@ -175,10 +173,6 @@ def replay_answers(path: Path, request: str, scene: str) -> Callable[..., Comple
     return complete
 
 
-def _refuse(kind: LackKind, *problems: str) -> Impossible:
-    return Impossible(lacks=tuple(Lack(kind=kind, words=problem) for problem in problems))
-
-
 def _describe(request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> tuple[Section, ...]:
     keys = ("kind", "colour", "movable", "has_interior", "opens", "part_of", "stands", "contents")
     question = {
@@ -208,12 +202,11 @@ def _read(text: str, request: str, vocabulary: Vocabulary, answers: Mapping[str,
     except pydantic.ValidationError as error:
         return [f"{'.'.join(map(str, each['loc'])) or 'answer'}: {each['msg']}" for each in error.errors()]
     if answer.missing:
-        return _refuse(LackKind.CAPABILITY, *answer.missing)
+        return refuse(LackKind.CAPABILITY, *answer.missing)
     if answer.goal is not None:
-        goal = make_goal(request, vocabulary, **answer.goal.model_dump())
-        lacks = find_lacks(goal, vocabulary)
-        problems = [" ".join((each.kind, each.words, *each.nearest.split())) for each in lacks]
-        return problems or Understood(goal=goal, reasons=answer.reasons)
+        found = conclude(request, vocabulary, answer.goal.model_dump(), reasons=answer.reasons)
+        lacks = found.lacks if isinstance(found, Impossible) else ()
+        return [" ".join((each.kind, each.words, *each.nearest.split())) for each in lacks] or found
     named = (name for each in answer.questions for name in each.candidates)
     if strange := [f"no such thing: {name}" for name in named if name not in vocabulary.things]:
         return strange

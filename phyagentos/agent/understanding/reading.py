@@ -5,8 +5,8 @@ reading, so that a sentence with two meanings is found out instead of decided by
 """
 
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import lru_cache
 from math import prod
 from pathlib import Path
@@ -15,6 +15,7 @@ from lark import Lark, Token, Tree
 from lark.exceptions import UnexpectedEOF, UnexpectedInput
 from lark.visitors import CollapseAmbiguities
 
+from phyagentos.agent.understanding.understanding import Impossible, Lack, LackKind, refuse
 from phyagentos.agent.understanding.vocabulary import Vocabulary, read_lexicon
 from phyagentos.errors import find_nearest
 
@@ -45,23 +46,15 @@ _SHORT = (  # contractions and spellings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Readings:
-    """What was read: a tree for each reading.
-
-    Attributes:
-        stop: Where the sentence stopped to be one, its words from there on.
-        unknown: Words of no meaning here, each with the nearest known one.
-        unsaid: Words of manner, which no predicate says.
-    """
+    """What was read: a tree for each reading; `unsaid` are words of manner, which no predicate says."""
 
     text: str
-    trees: tuple[Tree[Token], ...] = ()
-    stop: str = ""
-    unknown: Mapping[str, str]
+    trees: tuple[Tree[Token], ...]
     unsaid: tuple[str, ...]
 
 
-def read_request(request: str, vocabulary: Vocabulary) -> Readings:
-    """Every reading of a request; none where a word is unknown or where it is no sentence."""
+def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
+    """Every reading of a request; none where a word is unknown, or from where on it is no sentence."""
     text = request.lower()
     for pattern, spelt in _SHORT:
         text = re.sub(pattern, spelt, text)
@@ -74,18 +67,21 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings:
     text = " ".join(text.split()).strip(" ,;")
     content = sorted({word for word in words if len(word) >= LEAST_NEAR} | adjectives | nouns)
     strange = (word for word in _WORD.findall(text) if word not in words and not re.fullmatch(r"[\d.]+|[+-]", word))
-    unknown = {word: find_nearest(word, content) or "" for word in strange}
-    read = Readings(text=text, unknown=unknown, stop=text[MOST_LETTERS:], unsaid=unsaid)
-    if unknown or read.stop:
-        return read
+    near = {word: find_nearest(word, content) or "" for word in strange}
+    if near:
+        lacks = (Lack(kind=LackKind.WORD, words=word, nearest=known) for word, known in near.items())
+        return Impossible(lacks=tuple(lacks))
+    if len(text) > MOST_LETTERS:
+        return refuse(LackKind.SENTENCE, text[MOST_LETTERS:])
     try:
         forest = parser.parse(text)
-    except UnexpectedEOF:
-        return read
     except UnexpectedInput as error:
-        return replace(read, stop=text[error.pos_in_stream :])
-    trees = CollapseAmbiguities().transform(forest) if _count_readings(forest) <= MOST_READINGS else ()
-    return replace(read, trees=tuple(dict.fromkeys(trees)))
+        stop = 0 if isinstance(error, UnexpectedEOF) else error.pos_in_stream
+        return refuse(LackKind.SENTENCE, text[stop:] or text)
+    if _count_readings(forest) > MOST_READINGS:
+        return refuse(LackKind.SENTENCE, text)
+    trees = CollapseAmbiguities().transform(forest)
+    return Readings(text=text, trees=tuple(dict.fromkeys(trees)), unsaid=unsaid)
 
 
 def _count_readings(tree: Tree[Token]) -> int:

@@ -126,12 +126,17 @@ class Impossible:
 Understanding = Understood | Ambiguous | Impossible
 
 
-def make_goal(request: str, vocabulary: Vocabulary, **parts: Any) -> WantedGoal:
-    """The goal of a request with its constraints, steps and acceptance."""
-    objective, targets = " ".join(request.split()), {ROLE: vocabulary.robot}
-    return WantedGoal.model_validate(
-        {"goal": name_goal(request), "objective": objective, "scene": vocabulary.scene, "targets": targets, **parts}
-    )
+def refuse(kind: LackKind, *words: str) -> Impossible:
+    """What is missing, all of one kind."""
+    return Impossible(lacks=tuple(Lack(kind=kind, words=each) for each in words))
+
+
+def conclude(request: str, vocabulary: Vocabulary, parts: Mapping[str, Any], **more: Any) -> Understood | Impossible:
+    """The goal of a request with its constraints, steps and acceptance, unless it fails a check."""
+    named = {"goal": name_goal(request), "scene": vocabulary.scene, "targets": {ROLE: vocabulary.robot}}
+    goal = WantedGoal.model_validate({"objective": " ".join(request.split()), **named, **parts})
+    lacks = find_lacks(goal, vocabulary)
+    return Impossible(lacks=lacks) if lacks else Understood(goal=goal, **more)
 
 
 def name_goal(request: str) -> str:
