@@ -3,12 +3,15 @@
 import os
 from collections.abc import Callable, Sequence
 
-from phyagentos.agent.judging.judges.holds import HoldJudge
-from phyagentos.agent.judging.judges.judge import Judge
-from phyagentos.agent.judging.judges.judge_registry import JudgeDefinition, JudgeRegistry, JudgeSettings
-from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
-from phyagentos.agent.judging.judges.metrics import MetricJudge
-from phyagentos.agent.judging.judges.predicates import PredicateJudge
+from phyagentos.agent.judging.judges.judge_registry import (
+    Judge,
+    JudgeDefinition,
+    JudgeSettings,
+    add_installed,
+    choose_judges,
+)
+from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
+from phyagentos.agent.judging.judges.predicates import LookaheadJudge, PredicateJudge
 from phyagentos.agent.judging.judges.vision import VisionJudge
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.clock import Clock
@@ -36,16 +39,15 @@ def build_verifier(
     names, place = (settings.judges, f"{address}.judges") if judges is None else (judges, "--with")
     free: list[Judge] = []
     costly: list[Judge] = []
-    for definition in build_judge_registry().get(names, place):
+    for definition in choose_judges(list_judges(), names, place):
         options = settings.options.get(definition.name, {})
         judge = definition.open(JudgeSettings(verification=settings, clock=clock, options=options, address=address))
         (costly if definition.is_costly else free).append(judge)
     return SessionVerifier(judges=free, costly=costly, mode=settings.mode if mode is None else mode)
 
 
-def build_judge_registry() -> JudgeRegistry:
-    """What ships, and what installed packages announce."""
-    registry = JudgeRegistry()
+def list_judges() -> dict[str, JudgeDefinition]:
+    """What ships, and what installed packages announce, by name."""
     shipped: tuple[tuple[JudgeName, Callable[[JudgeSettings], Judge], str], ...] = (
         (JudgeName.PREDICATES, lambda _: PredicateJudge(), "Acceptance, on the snapshots before and after."),
         (JudgeName.HOLDS, lambda _: HoldJudge(), "What had to hold all through, on the worst samples."),
@@ -57,11 +59,14 @@ def build_judge_registry() -> JudgeRegistry:
         (JudgeName.LOOKAHEAD, lambda _: LookaheadJudge(), "The chance that was simulated before; it advises."),
         (JudgeName.VISION, _open_vision, "A model that is shown the camera frames before and after."),
     )
-    for name, open, description in shipped:
-        is_costly = name is JudgeName.VISION
-        registry.register(JudgeDefinition(name=name.value, open=open, is_costly=is_costly, description=description))
-    registry.register_installed()
-    return registry
+    known = {
+        name.value: JudgeDefinition(
+            name=name.value, open=open, is_costly=name is JudgeName.VISION, description=description
+        )
+        for name, open, description in shipped
+    }
+    add_installed(known)
+    return known
 
 
 def _open_vision(settings: JudgeSettings) -> VisionJudge:

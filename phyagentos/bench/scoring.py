@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from phyagentos.agent.judging.causes import CLASSES, Cause, CauseClass
+from phyagentos.agent.judging.causes import Cause, CauseClass
 from phyagentos.agent.mission.goal_facts import is_forecast_refusal
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.bench.plug_ins import load_scorer
@@ -147,7 +147,7 @@ def classify(status: SessionStatus, *, is_policy: bool) -> str:
 
 def classify_cause(cause: str) -> Taxon:
     """The kind of a cause, as a verdict names it."""
-    return _OF_CLASS.get(CLASSES.get(Cause(cause), CauseClass.OTHER), Taxon.EXECUTION)
+    return _OF_CLASS.get(Cause(cause).kind, Taxon.EXECUTION)
 
 
 def classify_problems(problems: Sequence[Problem]) -> Taxon:

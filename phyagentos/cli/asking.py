@@ -7,26 +7,39 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import typer
+import yaml
 
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.planning.graph_file import render_mermaid, write_graph
+from phyagentos.agent.planning.planned import PlannedGoal, Unsolvable, plan_goal
+from phyagentos.agent.planning.wanted_file import read_wanted
+from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
+from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers, write_answers
+from phyagentos.agent.understanding.understanding import (
+    Ambiguous,
+    Impossible,
+    LackKind,
+    Question,
+    Understanding,
+    Understood,
+)
+from phyagentos.agent.understanding.vocabulary import Vocabulary, find_robot
+from phyagentos.assembly.scene_start import draw_start
+from phyagentos.cli import mission_run
 from phyagentos.cli.arguments import AsJson, TrustPython, open_library
-from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note
-from phyagentos.cli.planning import print_missing
+from phyagentos.cli.lint import lint_file
+from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
+from phyagentos.cli.planning import print_missing, print_plan
 from phyagentos.cli.running import NoPictures, Seed
-from phyagentos.cli.understood import describe, print_open, put_questions, show
+from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
-
-if TYPE_CHECKING:
-    from phyagentos.agent.goals.catalogue import Catalogue
-    from phyagentos.agent.planning.planned import PlannedGoal
-    from phyagentos.agent.understanding.model import ModelLimits, ModelUnderstander
-    from phyagentos.agent.understanding.understanding import Understanding, Understood
-    from phyagentos.agent.understanding.vocabulary import Vocabulary
-    from phyagentos.cli.mission_run import Order
-    from phyagentos.protocol.capabilities.library import Library
+from phyagentos.network.chat import OpenAiEndpoint
+from phyagentos.protocol.capabilities.library import Library
 
 ASKED = Path("asked")  # goals and graphs of requests, below the working directory
 WANTED_SUFFIX = ".goal.yaml"
@@ -56,52 +69,37 @@ def ask(
     as_json: AsJson = False,
 ) -> int:
     """Make a goal of a request in words, plan it, show the graph and, once approved, run it."""
-    from phyagentos.agent.goals.catalogue import Catalogue
-    from phyagentos.agent.understanding.model import ModelLimits
-    from phyagentos.cli.mission_run import Order
-
     library = open_library()
     catalogue = Catalogue.read(library)
     vocabulary = _read_vocabulary(library, catalogue, scene, robot)
-    limits = ModelLimits(time_s=model_time, tokens=model_tokens, price=model_price, cost=model_cost)
+    limits = {"time_s": model_time, "tokens": model_tokens, "price": model_price, "cost": model_cost}
     model = _open_model(model_answers, request, vocabulary.scene, limits)
-    understood = _understand(request, vocabulary, model, _parse_answers(answer or ()), as_json=as_json)
-    if understood is None:
+    understood = _understand(request, vocabulary, model, _parse_answers(answer or ()), is_asked=not as_json)
+    if not isinstance(understood, Understood):
+        _print_open(understood, as_json=as_json)
         return int(ExitCode.INVALID_INPUT)
-    planned = _plan(library, catalogue, understood, seed, as_json=as_json)
-    if planned is None:
+    goal = understood.goal
+    planned = plan_goal(goal, catalogue, draw_start(library, goal.scene, goal.targets.values(), seed))
+    if isinstance(planned, Unsolvable):
+        print_json(planned) if as_json else print_missing(planned)
         return int(ExitCode.GOAL_NOT_MET)
     graph = _write(request, understood, planned, output, model) if planned.steps else None
     if not as_json:
-        show(understood, planned, mermaid=mermaid)
+        _show(understood, planned, mermaid=mermaid)
     if graph is not None:
         print_note(f"wrote {graph}")
         if yes or (not as_json and _is_approved()):
-            pictures = not no_pictures
-            order = Order(
-                graph=graph,
-                seed=seed,
-                workspace=workspace,
-                as_json=as_json,
-                pictures=pictures,
-                trusts_python=trust_python,
-            )
+            order = mission_run.Order(graph=graph, seed=seed, workspace=workspace, as_json=as_json)
+            order = replace(order, pictures=not no_pictures, trusts_python=trust_python)
             return _run(understood, planned, order)
         print_note(f"not approved, nothing was run; next: paos run {graph}")
     if as_json:
-        print_json(describe(understood, planned, graph))
+        print_json(_describe(understood, planned, graph))
     return int(ExitCode.GOAL_MET)
 
 
-def _read_vocabulary(library: "Library", catalogue: "Catalogue", scene: str | None, robot: str | None) -> "Vocabulary":
-    """Scene, robot and past goals; what is not named is that of the last request, and of the scene's graphs.
-
-    Raises:
-        DefinitionError: Scene or robot is unknown, or no scene is named.
-    """
-    from phyagentos.agent.planning.wanted_file import read_wanted
-    from phyagentos.agent.understanding.vocabulary import Vocabulary, find_robot
-
+def _read_vocabulary(library: Library, catalogue: Catalogue, scene: str | None, robot: str | None) -> Vocabulary:
+    """Scene, robot and past goals; what is not named is that of the last request, and of the scene's graphs."""
     past = []
     for path in sorted(ASKED.glob(f"*{WANTED_SUFFIX}"), key=lambda path: path.stat().st_mtime_ns):
         with contextlib.suppress(DefinitionError):  # its scene or things may have gone since
@@ -113,15 +111,8 @@ def _read_vocabulary(library: "Library", catalogue: "Catalogue", scene: str | No
     return Vocabulary.read(catalogue, scene, past, robot or find_robot(catalogue, graphs, scene))
 
 
-def _open_model(
-    answers: Path | None, request: str, scene: str, limits: "ModelLimits"
-) -> "tuple[str, ModelUnderstander] | None":
-    """Recorded answers, else the endpoint that the environment names, with its name; else none."""
-    from phyagentos.agent.understanding.answers import replay_answers
-    from phyagentos.agent.understanding.model import ModelUnderstander
-    from phyagentos.clock import SystemClock
-    from phyagentos.network.chat import OpenAiEndpoint
-
+def _open_model(answers: Path | None, request: str, scene: str, limits: dict[str, Any]) -> ModelUnderstander | None:
+    """Recorded answers, else the endpoint that the environment names; else none."""
     if answers is not None:
         complete, name = replay_answers(answers, request, scene), str(answers)
     elif url := os.environ.get(MODEL_URL, ""):
@@ -131,7 +122,7 @@ def _open_model(
         complete, name = endpoint.complete, endpoint.name
     else:
         return None
-    return name, ModelUnderstander(complete=complete, clock=SystemClock(), limits=limits)
+    return ModelUnderstander(name=name, complete=complete, clock=SystemClock(), **limits)
 
 
 def _parse_answers(texts: Sequence[str]) -> dict[str, str]:
@@ -142,76 +133,49 @@ def _parse_answers(texts: Sequence[str]) -> dict[str, str]:
 
 
 def _understand(
-    request: str,
-    vocabulary: "Vocabulary",
-    model: "tuple[str, ModelUnderstander] | None",
-    answers: dict[str, str],
-    *,
-    as_json: bool,
-) -> "Understood | None":
-    """The goal, once every question has its answer; None where there is none, with what is missing printed."""
-    from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
-    from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, LackKind, Understood
-
+    request: str, vocabulary: Vocabulary, model: ModelUnderstander | None, answers: dict[str, str], *, is_asked: bool
+) -> Understanding:
+    """The goal, once every question has its answer; a model is asked for what the grammar does not know."""
     while True:
-        found: Understanding = EmbeddedUnderstander().understand(request, vocabulary, answers)
+        found = EmbeddedUnderstander().understand(request, vocabulary, answers)
         lacks = found.lacks if isinstance(found, Impossible) else ()
         if model is not None and lacks and all(lack.kind in {LackKind.WORD, LackKind.SENTENCE} for lack in lacks):
-            wider = model[1].understand(request, vocabulary, answers)
+            wider = model.understand(request, vocabulary, answers)
             found = Impossible(lacks=lacks + wider.lacks) if isinstance(wider, Impossible) else wider
-        if isinstance(found, Understood):
+        questions = found.questions if isinstance(found, Ambiguous) else ()
+        is_asked = is_asked and sys.stdin.isatty() and all(question.candidates for question in questions)
+        if not questions or not is_asked:
             return found
-        is_asked = isinstance(found, Ambiguous) and all(question.candidates for question in found.questions)
-        if not isinstance(found, Ambiguous) or as_json or not is_asked or not sys.stdin.isatty():
-            print_open(found, as_json=as_json)
-            return None
-        answers |= put_questions(found)
+        answers |= {question.key: _put(question) for question in questions}
 
 
-def _plan(
-    library: "Library", catalogue: "Catalogue", understood: "Understood", seed: int, *, as_json: bool
-) -> "PlannedGoal | None":
-    """The plan from the scene's start; None where there is none, with what is missing printed."""
-    from phyagentos.agent.planning.planned import Unsolvable, plan_goal
-    from phyagentos.assembly.scene_start import draw_start
-
-    goal = understood.goal
-    planned = plan_goal(goal, catalogue, draw_start(library, goal.scene, goal.targets.values(), seed))
-    if isinstance(planned, Unsolvable):
-        print_json(planned) if as_json else print_missing(planned)
-        return None
-    return planned
+def _put(question: Question) -> str:
+    print_note(f"{question.kind.told} {question.words!r}")
+    for number, candidate in enumerate(question.candidates, 1):
+        print_note(f"  {number}  {candidate}")
+    number = 0
+    while not 1 <= number <= len(question.candidates):
+        number = typer.prompt("number", type=int, err=True)
+    return question.candidates[number - 1]
 
 
 def _write(
-    request: str,
-    understood: "Understood",
-    planned: "PlannedGoal",
-    output: Path | None,
-    model: "tuple[str, ModelUnderstander] | None",
+    request: str, understood: Understood, planned: PlannedGoal, output: Path | None, model: ModelUnderstander | None
 ) -> Path:
     """Goal, graph, and what a model answered, as files; raises DefinitionError where the graph has problems."""
-    import yaml
-
-    from phyagentos.agent.planning.graph_file import write_graph
-    from phyagentos.agent.understanding.answers import write_answers
-    from phyagentos.cli.lint import lint_file
-
-    text = write_graph(planned)
-    name = understood.goal.goal
-    files = (ASKED / f"{name}{f'_{number}' if number > 1 else ''}.yaml" for number in itertools.count(1))
+    text, goal = write_graph(planned), understood.goal
+    files = (ASKED / f"{goal.goal}{f'_{number}' if number > 1 else ''}.yaml" for number in itertools.count(1))
     graph = output or next(path for path in files if not path.exists() or path.read_text(encoding="utf-8") == text)
     for folder in (graph.parent, ASKED):
         folder.mkdir(parents=True, exist_ok=True)
     graph.write_text(text, encoding="utf-8")
     if problems := lint_file(graph):
         raise DefinitionError(problems)
-    wanted = understood.goal.model_dump(mode="json", exclude_defaults=True)
+    wanted = goal.model_dump(mode="json", exclude_defaults=True)
     text = yaml.safe_dump(wanted, sort_keys=False, allow_unicode=True, width=1000)
     (ASKED / f"{graph.stem}{WANTED_SUFFIX}").write_text(text, encoding="utf-8")
-    if model is not None and model[1].kept:
-        file, scene = graph.with_suffix(".answers.json"), understood.goal.scene
-        write_answers(file, request, scene, model[0], model[1].kept, model[1].shown)
+    if model is not None and model.kept:
+        write_answers(graph.with_suffix(".answers.json"), request, goal.scene, model)
     return graph
 
 
@@ -223,13 +187,49 @@ def _is_approved() -> bool:
     return typer.getchar() in {"y", "Y"}
 
 
-def _run(understood: "Understood", planned: "PlannedGoal", order: "Order") -> int:
+def _run(understood: Understood, planned: PlannedGoal, order: mission_run.Order) -> int:
     """As `paos run` does; its report becomes a part of this command's."""
-    from phyagentos.cli.mission_run import run_mission
-
     if not order.as_json:
-        return run_mission(order)
+        return mission_run.run_mission(order)
     with contextlib.redirect_stdout(io.StringIO()) as text:
-        code = run_mission(order)
-    print_json(describe(understood, planned, order.graph) | {"report": json.loads(text.getvalue())})
+        code = mission_run.run_mission(order)
+    print_json(_describe(understood, planned, order.graph) | {"report": json.loads(text.getvalue())})
     return code
+
+
+def _print_open(found: Ambiguous | Impossible, *, as_json: bool) -> None:
+    """Each question with its candidates and how a script answers it; or each thing that is missing."""
+    if as_json:
+        print_json({"understood": False} | asdict(found))
+        return
+    for question in found.questions if isinstance(found, Ambiguous) else ():
+        candidates = ", ".join(question.candidates) or "say it"
+        print_result(f"{question.kind.told} {question.words!r}: {candidates}")
+        print_note(f"  --answer '{question.key}={next(iter(question.candidates), '...')}'")
+    for lack in found.lacks if isinstance(found, Impossible) else ():
+        near = f"; nearest is {lack.nearest!r}" if lack.nearest else ""
+        possible = f"; possible: {', '.join(lack.possible)}" if lack.possible else ""
+        print_result(f"{lack.words!r} {lack.kind.told}{near}{possible}")
+
+
+def _show(understood: Understood, planned: PlannedGoal, *, mermaid: bool) -> None:
+    """The goal, what was left open or out, and the graph with its reasons."""
+    goal = understood.goal
+    lines = [f"{goal.goal}  in {goal.scene}", *(f"  first   {', '.join(step)}" for step in goal.steps)]
+    lines.append(f"  wanted  {', '.join(goal.accept)}")
+    lines += [f"  always  {', '.join(goal.constraints)}"] if goal.constraints else []
+    left_out = understood.left_out.items()
+    lines += [f"  LEFT OUT {name}, which stays where it is: there is no {missing}" for name, missing in left_out]
+    lines += [f"  no predicate says {word!r}; it changes nothing" for word in understood.unsaid]
+    lines += [f"  because {reason}" for reason in understood.reasons]
+    print_result("\n".join(lines))
+    if mermaid and planned.steps:
+        print_result(render_mermaid(planned))
+    else:
+        print_plan(planned)
+
+
+def _describe(understood: Understood, planned: PlannedGoal, graph: Path | None) -> dict[str, Any]:
+    goal, sessions = understood.goal.model_dump(mode="json"), [step.name for step in planned.steps]
+    more = {"goal": goal, "sessions": sessions, "graph": str(graph) if graph is not None else None}
+    return {"understood": True} | asdict(understood) | more

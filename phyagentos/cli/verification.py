@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from phyagentos.agent.judging.from_frames import judge_again
 from phyagentos.agent.judging.goal_judgement import Evidence
-from phyagentos.agent.judging.review import review_session
+from phyagentos.agent.judging.review import judge_again, review_session
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.cli.arguments import AsJson

@@ -107,7 +107,7 @@ def _explain_attempt(attempt: Attempt, bundle: Bundle) -> Iterator[str]:
     diagnosis = diagnose(bundle, attempt.criteria)
     if diagnosis.repeats:
         yield f"  repeated    {diagnosis.cause}, {diagnosis.repeats + 1} times in a row"
-    yield f"  layer       {diagnosis.layer.value}"
+    yield f"  layer       {diagnosis.cause.layer.value}"
     yield f"  cause       {attempt.cause}: {diagnosis.fact or attempt.reason}"
     event = find_failed_leaf(bundle)
     if event is not None:

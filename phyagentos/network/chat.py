@@ -19,21 +19,9 @@ SHORT_TOKENS = 200  # of an answer with two fields
 JSON_OBJECT = {"type": "json_object"}
 
 
-class _Message(msgspec.Struct, frozen=True):
-    content: str
-
-
-class _Choice(msgspec.Struct, frozen=True):
-    message: _Message
-
-
-class _Usage(msgspec.Struct, frozen=True):
-    total_tokens: int = 0
-
-
 class _Answer(msgspec.Struct, frozen=True):
-    choices: tuple[_Choice, ...]
-    usage: _Usage | None = None
+    choices: tuple[dict[str, Any], ...]
+    usage: dict[str, Any] | None = None
 
 
 class Completion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -71,18 +59,16 @@ class OpenAiEndpoint:
         response_format: Mapping[str, Any] = JSON_OBJECT,
         timeout_s: float | None = None,
     ) -> Completion:
-        """One answer.
+        """One answer, of at most `max_tokens`; a server may ignore the form asked for, so it is to be checked.
 
-        Args:
-            messages: Roles and contents, the latest last.
-            max_tokens: Of the answer.
-            response_format: The form asked for; a server may ignore it, so the answer is to be checked.
-            timeout_s: Instead of that of the endpoint [s].
+        `timeout_s` [s] is instead of that of the endpoint.
 
         Raises:
             ExecutionError: `MODEL_UNREACHABLE` (also when it answers too late), `MODEL_REFUSED` (a status other than
                 200) or `MODEL_MALFORMED`.
         """
+        from phyagentos.network.http import Codes, HttpClient  # late: only who asks needs it
+
         body = {
             "model": self.model,
             "messages": list(messages),
@@ -90,21 +76,21 @@ class OpenAiEndpoint:
             "max_tokens": max_tokens,
             "response_format": response_format,
         }
-        data = self._post(body, self.timeout_s if timeout_s is None else timeout_s)
-        try:
-            answer = msgspec.json.decode(data, type=_Answer)
-            return Completion(answer.choices[0].message.content, answer.usage.total_tokens if answer.usage else 0)
-        except (msgspec.MsgspecError, UnicodeError, IndexError) as error:
-            raise ExecutionError("MODEL_MALFORMED", f"{self.name}: no completion in its answer: {error}") from error
-
-    def _post(self, body: Mapping[str, Any], timeout_s: float) -> bytes:
-        from phyagentos.network.http import Codes, HttpClient  # late: only who asks needs it
-
-        lost = "MODEL_UNREACHABLE"
+        lost, within_s = "MODEL_UNREACHABLE", self.timeout_s if timeout_s is None else timeout_s
         codes = Codes(late=lost, lost=lost, refused="MODEL_REFUSED", malformed="MODEL_MALFORMED")
         url = f"{self.url.rstrip('/')}/chat/completions"
         headers = [("Content-Type", "application/json")]
         if self.key:
             headers.append(("Authorization", f"Bearer {self.key}"))
         with contextlib.closing(HttpClient(url, codes, self.name)) as client:
-            return client.post(msgspec.json.encode(body), timeout_s=timeout_s, max_bytes=MAX_BYTES, headers=headers)
+            sent = msgspec.json.encode(body)
+            data = client.post(sent, timeout_s=within_s, max_bytes=MAX_BYTES, headers=headers)
+        try:
+            answer = msgspec.json.decode(data, type=_Answer)
+            found = {
+                "text": answer.choices[0]["message"]["content"],
+                "tokens": (answer.usage or {}).get("total_tokens", 0),
+            }
+            return msgspec.convert(found, Completion)
+        except (msgspec.MsgspecError, UnicodeError, LookupError, TypeError) as error:
+            raise ExecutionError("MODEL_MALFORMED", f"{self.name}: no completion in its answer: {error}") from error

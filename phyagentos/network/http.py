@@ -26,14 +26,7 @@ _ERRORS = (httpcore.NetworkError, httpcore.ProtocolError, httpcore.UnsupportedPr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Codes:
-    """The error codes of one kind of server.
-
-    Attributes:
-        late: No whole answer in time.
-        lost: No connection, or none that speaks HTTP.
-        refused: Another status than 200.
-        malformed: An answer that is too long or encoded.
-    """
+    """Of one kind of server: no whole answer in time, no HTTP, a status other than 200, one too long or encoded."""
 
     late: str
     lost: str
@@ -42,13 +35,7 @@ class Codes:
 
 
 class HttpClient:
-    """Posts to one URL, one request at a time; the connection is kept between them.
-
-    Args:
-        url: `http://...` or `https://...`.
-        codes: Of its errors.
-        name: Of the server in messages, instead of the URL.
-    """
+    """Posts to one URL, one request at a time; the connection is kept between them. `name` stands in messages."""
 
     def __init__(self, url: str, codes: Codes, name: str = "") -> None:
         self._url, self._codes, self._name = url, codes, name or url
@@ -56,18 +43,14 @@ class HttpClient:
         self._pool = httpcore.ConnectionPool(max_connections=1, network_backend=self._backend)
 
     def post(self, body: bytes, *, timeout_s: float, max_bytes: int, headers: Sequence[tuple[str, str]] = ()) -> bytes:
-        """The body of the answer, of at most `max_bytes`, after at most `timeout_s` [s].
-
-        Raises:
-            ExecutionError: One of the codes.
-        """
+        """The body of the answer, of at most `max_bytes`, after at most `timeout_s` [s]; else ExecutionError."""
         deadline = self._backend.begin(timeout_s)
         try:
             if not urlsplit(self._url).hostname:
                 raise ValueError("no host in it")
             sent = [("Accept", "*/*"), ("Accept-Encoding", "identity"), *headers]
             with self._pool.stream("POST", self._url, headers=sent, content=body) as answer:
-                parts = self._iter_within(answer.iter_stream(), deadline)
+                parts = (part for part in answer.iter_stream() if deadline.compute_left_s())
                 if answer.status != OK:
                     raise self._describe_refusal(answer.status, parts)
                 for name, coding in answer.headers:
@@ -85,11 +68,6 @@ class HttpClient:
         """Close the connection; a request that waits in another thread ends."""
         self._pool.close()
 
-    def _iter_within(self, parts: Iterable[bytes], deadline: Deadline) -> Iterable[bytes]:
-        for part in parts:
-            yield part
-            deadline.compute_left_s()
-
     def _collect(self, parts: Iterable[bytes], max_bytes: int) -> bytes:
         data = bytearray()
         for part in parts:
@@ -106,9 +84,7 @@ class HttpClient:
                 if len(said) >= QUOTED_BYTES:
                     break
         quoted = "".join(each if each.isprintable() else " " for each in said[:QUOTED_BYTES].decode(errors="replace"))
-        told = f": {quoted}" if quoted else ""
-        if 300 <= status < 400:
-            told = ", a redirect, which is not followed"
+        told = ", a redirect, which is not followed" if 300 <= status < 400 else f": {quoted}" if quoted else ""
         return ExecutionError(self._codes.refused, f"{self._name} answered with status {status}{told}")
 
 

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from phyagentos.agent.judging.from_frames import judge_again
+from phyagentos.agent.judging.review import judge_again
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.looks import LookEntry, LookRole

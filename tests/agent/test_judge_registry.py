@@ -2,8 +2,8 @@
 
 import pytest
 
-from phyagentos.agent.judging.judges.judge_registry import JudgeDefinition, JudgeRegistry
-from phyagentos.assembly.verification import build_judge_registry, build_verifier
+from phyagentos.agent.judging.judges.judge_registry import JudgeDefinition, choose_judges
+from phyagentos.assembly.verification import build_verifier, list_judges
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import find_shipped_root
@@ -80,13 +80,13 @@ def make_verifier(tmp_path):
 
 
 def test_what_ships_is_registered_by_name():
-    assert build_judge_registry().names() == SHIPPED
-    assert [each.name for each in build_judge_registry().get(SHIPPED, "") if each.is_costly] == ["vision"]
+    assert sorted(list_judges()) == SHIPPED
+    assert [each.name for each in choose_judges(list_judges(), SHIPPED, "") if each.is_costly] == ["vision"]
 
 
 def test_a_judge_of_an_installed_package_is_found_and_weighed_like_the_own_ones(install, make_verifier):
     install()
-    assert build_judge_registry().names() == sorted([*SHIPPED, "haste"])
+    assert sorted(list_judges()) == sorted([*SHIPPED, "haste"])
     verifier = make_verifier("verification: {judges: [predicates, haste], options: {haste: {ticks_max: 80}}}")
     attempt = verifier.judge(make_bundle(DONE), BUDGET)
     assert (attempt.verdict, attempt.judges) == (Verdict.REPLAN, ("predicates/2", "haste/1(80)"))
@@ -120,7 +120,7 @@ def test_options_of_a_judge_that_is_not_asked_are_refused(make_verifier):
 def test_a_plug_in_never_replaces_a_shipped_judge(install):
     install(code=HASTE.replace('"haste"', '"holds"'), points="holds = haste_judge:HASTE")
     with pytest.raises(ValueError, match="judge 'holds' is registered already"):
-        build_judge_registry()
+        list_judges()
 
 
 def test_a_package_that_does_not_load_is_refused_only_to_those_who_ask_for_it(install, make_verifier):
@@ -133,13 +133,12 @@ def test_a_package_that_does_not_load_is_refused_only_to_those_who_ask_for_it(in
 def test_an_entry_point_that_announces_something_else_is_named(install):
     install(points="haste = haste_judge:Haste")
     with pytest.raises(ValueError, match="entry point 'haste_judge:Haste' is no JudgeDefinition of the name 'haste'"):
-        build_judge_registry()
+        list_judges()
 
 
 def test_a_judge_is_asked_once_however_often_it_is_named():
-    registry = JudgeRegistry()
-    registry.register(JudgeDefinition(name="one", open=lambda _: None))
-    assert [each.name for each in registry.get(["one", "one"], "--with")] == ["one"]
+    known = {"one": JudgeDefinition(name="one", open=lambda _: None)}
+    assert [each.name for each in choose_judges(known, ["one", "one"], "--with")] == ["one"]
 
 
 def test_the_shipped_settings_name_only_judges_that_there_are():

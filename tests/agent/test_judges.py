@@ -6,10 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.agent.judging.judges.holds import HoldJudge
-from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
-from phyagentos.agent.judging.judges.metrics import MetricJudge
-from phyagentos.agent.judging.judges.predicates import PredicateJudge
+from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
+from phyagentos.agent.judging.judges.predicates import LookaheadJudge, PredicateJudge
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.protocol.sessions.calibration import TrackRecord
 from phyagentos.protocol.sessions.evidence import TRAJECTORY, Event, read_bundle, write_json

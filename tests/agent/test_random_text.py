@@ -130,7 +130,7 @@ def test_a_cause_is_the_same_whatever_the_messages_say(bundle, judge, kind, babb
     assert plain.kind is kind
     for ask in (diagnose, diagnose_after_looking):
         told, scrambled = ask(bundle, found), ask(babble.scramble(bundle), babble.scramble(found))
-        names = ("cause", "leaf", "object", "is_hopeless", "stage", "kind", "layer")
+        names = ("cause", "object", "is_hopeless", "stage", "kind")
         assert [getattr(scrambled, name) for name in names] == [getattr(told, name) for name in names]
 
 

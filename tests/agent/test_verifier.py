@@ -6,10 +6,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from phyagentos.agent.judging.causes import Cause
-from phyagentos.agent.judging.diagnosis import Layer, diagnose
-from phyagentos.agent.judging.judges.holds import HoldJudge
-from phyagentos.agent.judging.judges.metrics import MetricJudge
+from phyagentos.agent.judging.causes import Cause, Layer
+from phyagentos.agent.judging.diagnosis import diagnose
+from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.agent.repair.case import Miss
@@ -138,7 +137,7 @@ def test_the_cause_comes_from_evidence_and_decides_whether_another_attempt_is_wo
     bundle = make_bundle(after, execution=execution)
     attempt = SessionVerifier().judge(bundle, BUDGET)
     assert (attempt.cause, attempt.verdict) == (cause.value, verdict)
-    assert diagnose(bundle, attempt.criteria).layer is layer
+    assert diagnose(bundle, attempt.criteria).cause.layer is layer
     assert attempt.reason.startswith(f"{layer}: ")
 
 

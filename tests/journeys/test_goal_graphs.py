@@ -6,8 +6,8 @@ import pytest
 import yaml
 
 from phyagentos.agent.goals.selector import ANY
-from phyagentos.agent.judging.from_frames import judge_again
 from phyagentos.agent.judging.goal_judgement import Evidence
+from phyagentos.agent.judging.review import judge_again
 from phyagentos.assembly.rerun import perceive_again
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.cli.history import read_ledger

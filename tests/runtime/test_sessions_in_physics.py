@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from phyagentos.agent.judging.judges.holds import HoldJudge
+from phyagentos.agent.judging.judges.metrics import HoldJudge
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence import read_bundle

@@ -6,41 +6,6 @@ from enum import StrEnum
 from phyagentos.errors import Problem
 
 
-class Cause(StrEnum):
-    """Cause of a missed objective; the table of error codes explains each."""
-
-    OBJECT_GONE = "OBJECT_GONE"
-    OBJECT_HIDDEN = "OBJECT_HIDDEN"
-    OBJECT_MOVED = "OBJECT_MOVED"
-    GRASP_MISSED = "GRASP_MISSED"
-    GRASP_LOST = "GRASP_LOST"
-    STILL_HELD = "STILL_HELD"
-    PLACED_WRONG = "PLACED_WRONG"
-    WITHOUT_EFFECT = "WITHOUT_EFFECT"
-    NOTHING_CHANGED = "NOTHING_CHANGED"
-    NO_PLAN = "NO_PLAN"
-    IMPOSSIBLE = "IMPOSSIBLE"
-    UNMET = "UNMET"
-    CONSTRAINT_VIOLATED = "CONSTRAINT_VIOLATED"
-    STALLED = "STALLED"
-    TIMED_OUT = "TIMED_OUT"
-    SAFETY_STOP = "SAFETY_STOP"
-    RUNNER_LOST = "RUNNER_LOST"
-    TARGET_LOST = "TARGET_LOST"
-    CANCELLED = "CANCELLED"
-    POLICY_FAILED = "POLICY_FAILED"
-    ADAPTER_REFUSED = "ADAPTER_REFUSED"
-    SENSOR_STALE = "SENSOR_STALE"
-    EVIDENCE_MISSING = "EVIDENCE_MISSING"
-    UNDECIDABLE = "UNDECIDABLE"
-    AMBIGUOUS = "AMBIGUOUS"
-    CRITERIA_CONTRADICT = "CRITERIA_CONTRADICT"
-    JUDGES_DISAGREE = "JUDGES_DISAGREE"
-    JUDGE_FAILED = "JUDGE_FAILED"
-    NO_CRITERIA = "NO_CRITERIA"
-    UNKNOWN = "UNKNOWN"
-
-
 class CauseClass(StrEnum):
     """The kind of a cause, as benchmarks count them. Paper section 4.4."""
 
@@ -59,41 +24,70 @@ class CauseClass(StrEnum):
     OTHER = "other"
 
 
-_CLASSES = {
-    CauseClass.PERCEPTION: (Cause.OBJECT_HIDDEN, Cause.SENSOR_STALE, Cause.EVIDENCE_MISSING),
-    CauseClass.PLANNING: (Cause.NO_PLAN, Cause.IMPOSSIBLE, Cause.UNMET),
-    CauseClass.GRASP: (Cause.GRASP_MISSED,),
-    CauseClass.TRANSPORT: (Cause.GRASP_LOST,),
-    CauseClass.PLACEMENT: (Cause.PLACED_WRONG, Cause.STILL_HELD),
-    CauseClass.POLICY: (Cause.POLICY_FAILED, Cause.NOTHING_CHANGED, Cause.WITHOUT_EFFECT),
-    CauseClass.ADAPTER: (Cause.ADAPTER_REFUSED,),
-    CauseClass.TIMEOUT: (Cause.TIMED_OUT,),
-    CauseClass.SAFETY: (Cause.SAFETY_STOP, Cause.CONSTRAINT_VIOLATED),
-    CauseClass.DISTURBANCE: (Cause.OBJECT_GONE, Cause.OBJECT_MOVED),
-    CauseClass.VERIFIER: (
-        Cause.NO_CRITERIA,
-        Cause.UNDECIDABLE,
-        Cause.AMBIGUOUS,
-        Cause.CRITERIA_CONTRADICT,
-        Cause.JUDGES_DISAGREE,
-        Cause.JUDGE_FAILED,
-    ),
-    CauseClass.MACHINE: (Cause.RUNNER_LOST, Cause.TARGET_LOST, Cause.STALLED),
-}
-CLASSES = {cause: kind for kind, causes in _CLASSES.items() for cause in causes}
+class Layer(StrEnum):
+    """Kind of fact that supports a cause, from the evidence inwards."""
+
+    EVIDENCE = "evidence"
+    WORLD = "world"
+    SAFETY = "safety"
+    RUNTIME = "runtime"
+    PLANNING = "planning"
+    EXECUTION = "execution"
+    ACCEPTANCE = "acceptance"
+
+
+class Cause(StrEnum):
+    """Cause of a missed objective, with its class and layer; the table of error codes explains each."""
+
+    kind: CauseClass
+    layer: Layer
+
+    def __new__(cls, code: str, kind: CauseClass = CauseClass.OTHER, layer: Layer = Layer.EXECUTION) -> "Cause":
+        """A code, with what it counts as."""
+        cause = str.__new__(cls, code)
+        cause._value_, cause.kind, cause.layer = code, kind, layer
+        return cause
+
+    OBJECT_GONE = "OBJECT_GONE", CauseClass.DISTURBANCE, Layer.WORLD
+    OBJECT_HIDDEN = "OBJECT_HIDDEN", CauseClass.PERCEPTION, Layer.WORLD
+    OBJECT_MOVED = "OBJECT_MOVED", CauseClass.DISTURBANCE, Layer.WORLD
+    GRASP_MISSED = "GRASP_MISSED", CauseClass.GRASP
+    GRASP_LOST = "GRASP_LOST", CauseClass.TRANSPORT
+    STILL_HELD = "STILL_HELD", CauseClass.PLACEMENT
+    PLACED_WRONG = "PLACED_WRONG", CauseClass.PLACEMENT, Layer.ACCEPTANCE
+    WITHOUT_EFFECT = "WITHOUT_EFFECT", CauseClass.POLICY, Layer.ACCEPTANCE
+    NOTHING_CHANGED = "NOTHING_CHANGED", CauseClass.POLICY, Layer.ACCEPTANCE
+    NO_PLAN = "NO_PLAN", CauseClass.PLANNING, Layer.PLANNING
+    IMPOSSIBLE = "IMPOSSIBLE", CauseClass.PLANNING, Layer.PLANNING
+    UNMET = "UNMET", CauseClass.PLANNING
+    CONSTRAINT_VIOLATED = "CONSTRAINT_VIOLATED", CauseClass.SAFETY, Layer.SAFETY
+    STALLED = "STALLED", CauseClass.MACHINE
+    TIMED_OUT = "TIMED_OUT", CauseClass.TIMEOUT, Layer.RUNTIME
+    SAFETY_STOP = "SAFETY_STOP", CauseClass.SAFETY, Layer.SAFETY
+    RUNNER_LOST = "RUNNER_LOST", CauseClass.MACHINE, Layer.RUNTIME
+    TARGET_LOST = "TARGET_LOST", CauseClass.MACHINE, Layer.RUNTIME
+    CANCELLED = "CANCELLED", CauseClass.OTHER, Layer.RUNTIME
+    POLICY_FAILED = "POLICY_FAILED", CauseClass.POLICY
+    ADAPTER_REFUSED = "ADAPTER_REFUSED", CauseClass.ADAPTER
+    SENSOR_STALE = "SENSOR_STALE", CauseClass.PERCEPTION, Layer.EVIDENCE
+    EVIDENCE_MISSING = "EVIDENCE_MISSING", CauseClass.PERCEPTION, Layer.EVIDENCE
+    UNDECIDABLE = "UNDECIDABLE", CauseClass.VERIFIER, Layer.EVIDENCE
+    AMBIGUOUS = "AMBIGUOUS", CauseClass.VERIFIER, Layer.EVIDENCE
+    CRITERIA_CONTRADICT = "CRITERIA_CONTRADICT", CauseClass.VERIFIER, Layer.ACCEPTANCE
+    JUDGES_DISAGREE = "JUDGES_DISAGREE", CauseClass.VERIFIER, Layer.EVIDENCE
+    JUDGE_FAILED = "JUDGE_FAILED", CauseClass.VERIFIER, Layer.EVIDENCE
+    NO_CRITERIA = "NO_CRITERIA", CauseClass.VERIFIER, Layer.EVIDENCE
+    UNKNOWN = "UNKNOWN"
+
 
 _OF_REFUSALS = {  # of preflight: what a repair can answer; no means gives a destination room
-    "TOO_WIDE": Cause.IMPOSSIBLE,
-    "TOO_HEAVY": Cause.IMPOSSIBLE,
-    "OUT_OF_REACH": Cause.IMPOSSIBLE,
-    "OUTSIDE_WORKSPACE": Cause.IMPOSSIBLE,
-    "TOO_SLIPPERY": Cause.IMPOSSIBLE,
-    "NO_FREE_SITE": Cause.NO_PLAN,
-    "TARGET_UNAVAILABLE": Cause.TARGET_LOST,
+    Cause.IMPOSSIBLE: {"TOO_WIDE", "TOO_HEAVY", "OUT_OF_REACH", "OUTSIDE_WORKSPACE", "TOO_SLIPPERY"},
+    Cause.NO_PLAN: {"NO_FREE_SITE"},
+    Cause.TARGET_LOST: {"TARGET_UNAVAILABLE"},
 }
 
 
 def find_refusal(problems: Iterable[Problem]) -> Cause | None:
     """The cause for which preflight refused a session; None where a repair has no answer to it."""
     codes = {problem.code for problem in problems}
-    return next((cause for code, cause in _OF_REFUSALS.items() if code in codes), None)
+    return next((cause for cause, known in _OF_REFUSALS.items() if codes & known), None)

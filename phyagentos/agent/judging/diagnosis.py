@@ -3,14 +3,14 @@
 It reads the trace, the end of the execution and the change of the world; never the injected faults.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
-from itertools import chain, takewhile
+from itertools import takewhile
 
 from msgspec import UNSET
 
-from phyagentos.agent.judging.causes import CLASSES, Cause, CauseClass
+from phyagentos.agent.judging.causes import Cause, CauseClass
+from phyagentos.agent.judging.judges.judge_registry import FORESEEN
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage, compute_move, find_failed_leaf
 from phyagentos.codes import CODES, Retry
@@ -21,7 +21,7 @@ from phyagentos.protocol.sessions.verdicts import Criterion, Support
 from phyagentos.protocol.world.environment import SURE, Environment, Status
 from phyagentos.protocol.world.predicates.builtins import MOVED_M
 from phyagentos.protocol.world.predicates.predicate import find_entities, find_formula, find_things
-from phyagentos.protocol.world.predicates.syntax import And, Call, Formula, Not, render
+from phyagentos.protocol.world.predicates.syntax import And, Call, Not, render
 from phyagentos.protocol.world.truth import Truth
 
 DISTURBED_M = 0.03  # fingers that close beside a thing shift it by less
@@ -29,97 +29,34 @@ GONE_M = 0.55  # a thing so far from where it stood is not within reach any more
 FELL_M = 0.1  # nor is one that lies so much lower
 ROLLED_M = 0.2  # what slides or rolls off where it was put down comes no further
 
-HOPELESS = frozenset(cause for cause in Cause if CODES[cause].retry is Retry.NEVER)
-"""Causes that another attempt cannot mend."""
-
-_OF_CODES = {
-    "OBJECT_GONE": Cause.OBJECT_GONE,
-    "UNKNOWN_ENTITY": Cause.OBJECT_GONE,
-    "NOT_VISIBLE": Cause.OBJECT_HIDDEN,
-    "GRASP_MISSED": Cause.GRASP_MISSED,
-    "GRASP_LOST": Cause.GRASP_LOST,
-    "STILL_HELD": Cause.STILL_HELD,
-    "STALLED": Cause.STALLED,
-    "NO_PROGRESS": Cause.STALLED,
-    "NOT_AT_START": Cause.STALLED,
-    "OUT_OF_TIME": Cause.TIMED_OUT,
-    "PLANNER_LOST": Cause.RUNNER_LOST,
-    **dict.fromkeys(("UNMET", "COOLING_DOWN"), Cause.UNMET),
-    **dict.fromkeys(
-        ("NO_SPACE", "OUT_OF_REACH", "TOO_HEAVY", "TOO_SLIPPERY", "TOO_TALL", "TOO_WIDE"), Cause.IMPOSSIBLE
-    ),
-    **dict.fromkeys(
-        ("NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_PLAN", "MOTION_CONFLICT"), Cause.NO_PLAN
-    ),
+_OF_SKILLS = {  # cause -> codes with which skills fail
+    Cause.OBJECT_GONE: {"OBJECT_GONE", "UNKNOWN_ENTITY"},
+    Cause.OBJECT_HIDDEN: {"NOT_VISIBLE"},
+    Cause.GRASP_MISSED: {"GRASP_MISSED"},
+    Cause.GRASP_LOST: {"GRASP_LOST"},
+    Cause.STILL_HELD: {"STILL_HELD"},
+    Cause.STALLED: {"STALLED", "NO_PROGRESS", "NOT_AT_START"},
+    Cause.TIMED_OUT: {"OUT_OF_TIME"},
+    Cause.RUNNER_LOST: {"PLANNER_LOST"},
+    Cause.UNMET: {"UNMET", "COOLING_DOWN"},
+    Cause.IMPOSSIBLE: {"NO_SPACE", "OUT_OF_REACH", "TOO_HEAVY", "TOO_SLIPPERY", "TOO_TALL", "TOO_WIDE"},
+    Cause.NO_PLAN: {"NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_PLAN", "MOTION_CONFLICT"},
 }
-_OF_ENDS = {
-    Ended.TIMED_OUT: Cause.TIMED_OUT,
-    Ended.STALLED: Cause.STALLED,
-    Ended.RUNNER_LOST: Cause.RUNNER_LOST,
-    Ended.TARGET_LOST: Cause.TARGET_LOST,
-    Ended.SAFETY_STOP: Cause.SAFETY_STOP,
-    Ended.CANCELLED: Cause.CANCELLED,
+_OF_POLICIES = {  # stale sensors; a chunk of another form than declared, refused before any adapter
+    Cause.SENSOR_STALE: {"OBSERVATION_UNAVAILABLE"},
+    Cause.POLICY_FAILED: {"WRONG_SHAPE", "NOT_FINITE", "ROTATION_INVALID"},
 }
 _OF_STOPS = {  # nothing about the motion was wrong; to go slower would only give the next one more occasions
-    "LEASE_LOST": Cause.RUNNER_LOST,  # its supervisor was gone
-    "DEADMAN": Cause.STALLED,  # a command came too late
+    Cause.RUNNER_LOST: {"LEASE_LOST"},  # its supervisor was gone
+    Cause.STALLED: {"DEADMAN"},  # a command came too late
 }
-_UNSEEN = frozenset({Cause.EVIDENCE_MISSING, Cause.OBJECT_HIDDEN, Cause.SENSOR_STALE, Cause.OBJECT_GONE})
-_OF_MACHINE = frozenset({Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.CANCELLED})
-
-
-_OF_ADAPTERS = frozenset(
-    {
-        "TARGET_LIMIT",
-        "WRONG_SHAPE",
-        "NOT_FINITE",
-        "DISCONTINUOUS",
-        "ROTATION_INVALID",
-        "POSE_UNREACHABLE",
-        "SET_POINTS_DISAGREE",
-        "CHUNK_LENGTH",
-        "RATE",
-    }
-)
-
-
-_OF_POLICIES = {  # stale sensors; a chunk of another form than declared, refused before any adapter
-    "OBSERVATION_UNAVAILABLE": Cause.SENSOR_STALE,
-    **dict.fromkeys(("WRONG_SHAPE", "NOT_FINITE", "ROTATION_INVALID"), Cause.POLICY_FAILED),
+_OF_ADAPTERS = {
+    Cause.ADAPTER_REFUSED: _OF_POLICIES[Cause.POLICY_FAILED]
+    | {"TARGET_LIMIT", "DISCONTINUOUS", "POSE_UNREACHABLE", "SET_POINTS_DISAGREE", "CHUNK_LENGTH", "RATE"}
 }
-
-_OF_THE_WAY = frozenset({"hold", "constraint", "metric", "requires"})  # kinds that concern other moments than the end
-
-
-class Layer(StrEnum):
-    """Kind of fact that supports a cause, from the evidence inwards."""
-
-    EVIDENCE = "evidence"
-    WORLD = "world"
-    SAFETY = "safety"
-    RUNTIME = "runtime"
-    PLANNING = "planning"
-    EXECUTION = "execution"
-    ACCEPTANCE = "acceptance"
-
-
-_LAYERS = {
-    Layer.EVIDENCE: (
-        Cause.EVIDENCE_MISSING,
-        Cause.SENSOR_STALE,
-        Cause.UNDECIDABLE,
-        Cause.AMBIGUOUS,
-        Cause.NO_CRITERIA,
-        Cause.JUDGES_DISAGREE,
-        Cause.JUDGE_FAILED,
-    ),
-    Layer.WORLD: (Cause.OBJECT_GONE, Cause.OBJECT_HIDDEN, Cause.OBJECT_MOVED),
-    Layer.SAFETY: (Cause.CONSTRAINT_VIOLATED, Cause.SAFETY_STOP),
-    Layer.RUNTIME: (Cause.RUNNER_LOST, Cause.TARGET_LOST, Cause.TIMED_OUT, Cause.CANCELLED),
-    Layer.PLANNING: (Cause.NO_PLAN, Cause.IMPOSSIBLE),
-    Layer.ACCEPTANCE: (Cause.CRITERIA_CONTRADICT, Cause.PLACED_WRONG, Cause.WITHOUT_EFFECT, Cause.NOTHING_CHANGED),
-}
-_OF_LAYERS = {cause: layer for layer, causes in _LAYERS.items() for cause in causes}
+_UNSEEN = {Cause.EVIDENCE_MISSING, Cause.OBJECT_HIDDEN, Cause.SENSOR_STALE, Cause.OBJECT_GONE}
+_OF_MACHINE = {Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.CANCELLED}
+_OF_THE_WAY = {"hold", "constraint", "metric", "requires"}  # kinds that concern other moments than the end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,17 +64,14 @@ class Diagnosis:
     """The cause of an objective that was not met.
 
     Attributes:
-        leaf: Path of the leaf that decided, empty when none did.
         fact: The deciding observation, in words, with its number.
         object: The entity concerned, None when unknown.
-        is_hopeless: Whether another attempt cannot help.
         stage: How far the skill had come.
         support: The numbers of the evidence behind it.
         prior: Earlier sessions of the node, the oldest first.
     """
 
     cause: Cause
-    leaf: str = ""
     fact: str = ""
     object: str | None = None
     is_hopeless: bool = False
@@ -150,7 +84,7 @@ class Diagnosis:
         """Class of the cause; an object lost before it was lifted counts as a bad grasp."""
         if self.cause is Cause.GRASP_LOST and self.stage < Stage.LIFTED:
             return CauseClass.GRASP
-        return CLASSES.get(self.cause, CauseClass.OTHER)
+        return self.cause.kind
 
     @property
     def repeats(self) -> int:
@@ -158,26 +92,21 @@ class Diagnosis:
         causes = [each.decision.cause for each in self.prior if each.decision and not each.contract.purpose]
         return len(list(takewhile(lambda cause: cause == self.cause, reversed(causes))))
 
-    @property
-    def layer(self) -> Layer:
-        """Kind of fact that supports the cause."""
-        return _OF_LAYERS.get(self.cause, Layer.EXECUTION)
-
 
 def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
     """The cause why `criteria` are not all true on this evidence."""
     timeline = ManipulationTimeline.of(bundle, find_object(bundle.session, bundle.before or bundle.after, criteria))
     cause, fact = _find_cause(bundle, criteria, timeline)
     is_recorded = bool(bundle.trace) or bundle.execution.ended not in _OF_MACHINE
-    hopeless = cause in HOPELESS or bundle.after is None or _is_out_of_reach(timeline, is_recorded=is_recorded)
+    never = CODES[cause].retry is Retry.NEVER or bundle.after is None
     if cause is Cause.CONSTRAINT_VIOLATED:
-        hopeless = hopeless or any(_is_still_violated(criterion, bundle) for criterion in criteria)
+        broken = (each.text for each in _find_violated(criteria))
+        never = never or any(evaluate_criterion(text, "hold", bundle).truth is not Truth.TRUE for text in broken)
     return Diagnosis(
         cause=cause,
-        leaf=bundle.execution.leaf,
         fact=fact,
         object=timeline.name,
-        is_hopeless=hopeless,
+        is_hopeless=never or _is_out_of_reach(timeline, is_recorded=is_recorded),
         stage=timeline.stage,
         support=timeline.support,
         prior=bundle.prior,
@@ -199,13 +128,7 @@ def diagnose_after_looking(bundle: Bundle, criteria: Sequence[Criterion]) -> Dia
 
 
 def find_object(session: Session, world: Environment | None, criteria: Sequence[Criterion] = ()) -> str | None:
-    """The movable entity of a session: the first one that its parameters, or else its criteria, name.
-
-    Args:
-        session: The contract.
-        world: Before the session, else after it.
-        criteria: As judged.
-    """
+    """The movable entity of a session: the first one that its parameters, or else its criteria, name."""
     if world is None:
         return None
     mentioned = (name for criterion in criteria for name in find_entities(criterion.text))
@@ -221,29 +144,35 @@ def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], timeline: Manipul
     if (fault := _find_judging_fault(criteria)) is not None:
         return fault
     if execution.ended in _OF_MACHINE:
-        return _OF_ENDS[execution.ended], _describe_end(bundle)
+        return Cause(execution.ended.upper()), _describe_end(bundle)
     if timeline.name and timeline.now is None and timeline.stage < Stage.GRASPED:
         return Cause.OBJECT_GONE, f"{timeline.name} is not in the world after the session"
-    violated = next((c for c in criteria if c.kind in {"hold", "constraint"} and c.truth is Truth.FALSE), None)
-    if violated is not None:
+    if (violated := next(iter(_find_violated(criteria)), None)) is not None:
         when = f" at {violated.at_s:.2f} s" if violated.at_s is not None else ""
         return Cause.CONSTRAINT_VIOLATED, f"{violated.text} was false{when}: {violated.because}"
     if (disturbed := _find_disturbance(bundle, timeline)) is not None:
         return disturbed
     failed = find_failed_leaf(bundle)
-    if failed is not None and failed.role is Role.ACT and execution.code in _OF_POLICIES:
-        return _OF_POLICIES[execution.code], _describe_end(bundle)
-    if execution.code in _OF_ADAPTERS:
-        return Cause.ADAPTER_REFUSED, _describe_end(bundle)
-    if execution.ended in {Ended.SAFETY_STOP, Ended.TIMED_OUT, Ended.STALLED}:
-        return _OF_STOPS.get(execution.code, _OF_ENDS[execution.ended]), _describe_end(bundle)
+    cause = _look_up(_OF_POLICIES, execution.code) if failed is not None and failed.role is Role.ACT else None
+    cause = cause or _look_up(_OF_ADAPTERS, execution.code)
+    if cause is None and execution.ended in {Ended.SAFETY_STOP, Ended.TIMED_OUT, Ended.STALLED}:
+        cause = _look_up(_OF_STOPS, execution.code) or Cause(execution.ended.upper())
+    if cause is not None:
+        return cause, _describe_end(bundle)
     if timeline.now is not None and not timeline.now.visible:
         return Cause.OBJECT_HIDDEN, f"{timeline.name} was not seen after the session"
     if execution.ended is Ended.SKILL_FAILED:
-        if execution.code.startswith("POLICY_"):
-            return Cause.POLICY_FAILED, _describe_end(bundle)
-        return _OF_CODES.get(execution.code, Cause.UNKNOWN), _describe_end(bundle)
-    return _judge_completed(bundle, criteria, timeline)
+        cause = Cause.POLICY_FAILED if execution.code.startswith("POLICY_") else _look_up(_OF_SKILLS, execution.code)
+        return cause or Cause.UNKNOWN, _describe_end(bundle)
+    return _judge_completed(bundle, bundle.after, criteria, timeline)
+
+
+def _look_up(table: Mapping[Cause, set[str]], code: str) -> Cause | None:
+    return next((cause for cause, codes in table.items() if code in codes), None)
+
+
+def _find_violated(criteria: Sequence[Criterion]) -> list[Criterion]:
+    return [each for each in criteria if each.kind in {"hold", "constraint"} and each.truth is Truth.FALSE]
 
 
 def _find_disturbance(bundle: Bundle, timeline: ManipulationTimeline) -> tuple[Cause, str] | None:
@@ -253,10 +182,8 @@ def _find_disturbance(bundle: Bundle, timeline: ManipulationTimeline) -> tuple[C
         return None  # where it is now is not known
     touched = timeline.stage >= Stage.GRASPED or _was_held(timeline)
     if not touched and _is_out_of_reach(timeline):
-        return (
-            Cause.OBJECT_GONE,
-            f"{name} was carried off by {moved_m:.2f} m without being held; {_describe_end(bundle)}",
-        )
+        fact = f"{name} was carried off by {moved_m:.2f} m without being held; {_describe_end(bundle)}"
+        return Cause.OBJECT_GONE, fact
     pushes = not timeline.grips  # a skill that only pushes moves things without holding them
     if not touched and not pushes and moved_m > DISTURBED_M:
         return Cause.OBJECT_MOVED, f"{name} moved {moved_m:.3f} m without being held; {_describe_end(bundle)}"
@@ -267,31 +194,31 @@ def _find_disturbance(bundle: Bundle, timeline: ManipulationTimeline) -> tuple[C
 
 
 def _judge_completed(
-    bundle: Bundle, criteria: Sequence[Criterion], timeline: ManipulationTimeline
+    bundle: Bundle, after: Environment, criteria: Sequence[Criterion], timeline: ManipulationTimeline
 ) -> tuple[Cause, str]:
     """The skill reported success, yet a criterion is not true."""
-    name, moved_m = timeline.name, timeline.moved_m
+    name, moved_m, execution = timeline.name, timeline.moved_m, bundle.execution
     if not any(criterion.truth is Truth.FALSE for criterion in criteria):
         unknown = next(criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN)
         if (ambiguous := next((each for each in criteria if each.alternatives), None)) is not None:
             return Cause.AMBIGUOUS, f"{ambiguous.text} is unknown: {ambiguous.because}"
-        after, now = bundle.after, timeline.now
-        if after is not None and now is not None and now.visible and not after.shows(now.name):
+        now = timeline.now
+        if now is not None and now.visible and not after.shows(now.name):
             if now.is_unsure:
                 return Cause.OBJECT_HIDDEN, after.explain_unseen(now)
             age_s = after.time_s - now.observed_at_s
             return Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end"
-        cause = Cause.UNDECIDABLE if _is_all_seen(unknown, bundle) else Cause.EVIDENCE_MISSING
+        is_seen = unknown.kind == "accept" and all(after.shows(name) for name in find_things(unknown.text, after))
+        cause = Cause.UNDECIDABLE if is_seen else Cause.EVIDENCE_MISSING
         return cause, f"{unknown.text} is unknown: {unknown.because}"
-    execution = bundle.execution
-    if not execution.is_idle and execution.ticks == 0 and not _has_anything_moved(bundle.before, bundle.after):
+    if not execution.is_idle and execution.ticks == 0 and not _has_anything_moved(bundle.before, after):
         return Cause.NOTHING_CHANGED, "the skill reported success after 0 commands and nothing moved"
     wanted = [find_formula(criterion.text) for criterion in criteria if criterion.truth is Truth.FALSE]
     if any(isinstance(each, Call) and each.name == "holding" for each in wanted):
         return Cause.GRASP_MISSED, f"{name} is not held although the skill reported success"
     if moved_m > MOVED_M:
         return Cause.PLACED_WRONG, f"{name} moved {moved_m:.3f} m, but not to where it was wanted"
-    return Cause.WITHOUT_EFFECT, f"{name or 'nothing'} moved {moved_m:.3f} m in {bundle.execution.ticks} commands"
+    return Cause.WITHOUT_EFFECT, f"{name or 'nothing'} moved {moved_m:.3f} m in {execution.ticks} commands"
 
 
 def _is_out_of_reach(timeline: ManipulationTimeline, *, is_recorded: bool = True) -> bool:
@@ -322,38 +249,23 @@ def _describe_end(bundle: Bundle) -> str:
     return f"{text} ({', '.join(numbers)})" if numbers else text
 
 
-def _has_anything_moved(before: Environment | None, after: Environment | None) -> bool:
-    if before is None or after is None:
+def _has_anything_moved(before: Environment | None, after: Environment) -> bool:
+    if before is None or before.entities.keys() != after.entities.keys():
         return True
-    return before.entities.keys() != after.entities.keys() or any(
-        compute_move(before.entities[name], entity) > MOVED_M for name, entity in after.entities.items()
-    )
-
-
-def _is_all_seen(criterion: Criterion, bundle: Bundle) -> bool:
-    """Whether every entity of a criterion was seen at the end."""
-    after = bundle.after
-    if after is None or criterion.kind != "accept":
-        return False
-    return all(after.shows(name) for name in find_things(criterion.text, after))
-
-
-def _is_still_violated(criterion: Criterion, bundle: Bundle) -> bool:
-    if criterion.kind not in {"hold", "constraint"} or criterion.truth is not Truth.FALSE:
-        return False
-    return evaluate_criterion(criterion.text, "hold", bundle).truth is not Truth.TRUE
+    return any(compute_move(before.entities[name], each) > MOVED_M for name, each in after.entities.items())
 
 
 def _find_judging_fault(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
     """The verifier's own fault and the deciding fact in words; None when there is none."""
-    criteria = [criterion for criterion in criteria if criterion.kind != "lookahead"]
+    criteria = [criterion for criterion in criteria if criterion.kind != FORESEEN]
     return _find_contradiction(criteria) or _find_dispute(criteria) or _find_silence(criteria)
 
 
 def _find_contradiction(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
     """Two criteria on the end that exclude one another."""
     texts = dict.fromkeys(criterion.text for criterion in criteria if criterion.kind not in _OF_THE_WAY)
-    demands = set(chain.from_iterable(_iter_demands(text) for text in texts))
+    formulas = map(find_formula, texts)  # of a text that is none its judge has said why
+    demands = {part for each in formulas if each for part in (each.parts if isinstance(each, And) else (each,))}
     for demand in sorted((each for each in demands if isinstance(each, Not)), key=render):
         if demand.body in demands:
             fact = f"{render(demand.body)} and {render(demand)} are both asked for, and no world meets both"
@@ -367,8 +279,7 @@ def _find_dispute(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
     denied = [criterion for criterion in criteria if criterion.truth is Truth.FALSE]
     if not denied or any(each.text not in believed or each.kind in _OF_THE_WAY for each in denied):
         return None
-    worst = denied[0]
-    known = believed[worst.text]
+    worst, known = denied[0], believed[denied[0].text]
     fact = f"{worst.text} is true to {known.kind} ({known.because}) and false to {worst.kind} ({worst.because})"
     return Cause.JUDGES_DISAGREE, fact
 
@@ -376,16 +287,7 @@ def _find_dispute(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
 def _find_silence(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
     """Only criteria without a judge's answer are open."""
     unknown = [criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN]
-    if not unknown or any(criterion.truth is Truth.FALSE for criterion in criteria):
-        return None
-    if any(criterion.failure is UNSET for criterion in unknown):
+    is_denied = any(criterion.truth is Truth.FALSE for criterion in criteria)
+    if not unknown or is_denied or any(criterion.failure is UNSET for criterion in unknown):
         return None
     return Cause.JUDGE_FAILED, f"{unknown[0].text} was not judged by {unknown[0].kind}: {unknown[0].because}"
-
-
-def _iter_demands(text: str) -> Iterator[Formula]:
-    """The parts of a criterion that must all be true."""
-    formula = find_formula(text)
-    if formula is None:
-        return  # its judge has called it unknown, with the reason
-    yield from formula.parts if isinstance(formula, And) else (formula,)

@@ -10,11 +10,13 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.selector import ANY
+from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.agent.judging.judges.predicates import evaluate_on
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.documents.schema import read_text
@@ -28,30 +30,27 @@ from phyagentos.protocol.world.predicates.predicate import View, has_metric, par
 from phyagentos.protocol.world.truth import Truth
 
 Age = tuple[int, str]
-_NEVER: Age = (sys.maxsize, "")
 
 
 @dataclass(slots=True)
 class Seen:
-    """The first and the latest snapshot of some sessions.
+    """The world before the first and after the latest of some sessions, with their ages; None before any was observed.
 
     Attributes:
-        initial: The world before the first session, None before any was observed.
-        now: The world after the latest.
         now_file: File of `now`, relative to the workspace.
     """
 
     initial: Environment | None = None
     now: Environment | None = None
     now_file: str = AFTER
-    oldest: Age | None = None
-    latest: Age | None = None
+    oldest: Age = (sys.maxsize, "")
+    latest: Age = (-1, "")
 
     def take_in(self, age: Age, bundle: Bundle) -> None:
         """Include the snapshots of one more session."""
-        if bundle.before is not None and (self.oldest is None or age < self.oldest):
+        if bundle.before is not None and age < self.oldest:
             self.oldest, self.initial = age, bundle.before
-        if bundle.after is not None and (self.latest is None or age > self.latest):
+        if bundle.after is not None and age > self.latest:
             self.latest, self.now = age, bundle.after
             self.now_file = f"{bundle.execution.evidence}/{AFTER}"
 
@@ -61,11 +60,6 @@ class Evidence:
 
     Sessions are judged in the order of their end, so that order is also the age of their snapshots. The time of the
     world is not: it begins anew when a simulated world was lost.
-
-    Attributes:
-        root: The workspace.
-        all: Snapshots of every session.
-        by_target: Snapshots of the sessions on one target.
     """
 
     def __init__(self, root: Path) -> None:
@@ -100,25 +94,16 @@ class Evidence:
         return shown if shown.episode == episode else None
 
     def _read(self, status: SessionStatus, with_course: bool) -> Bundle:
-        execution = status.execution
+        session, execution = status.contract, status.execution
         if execution is None:
-            id = status.contract.id
-            raise ExecutionError("EXECUTION_MISSING", f"session {id} is {status.state} and was never executed")
+            raise ExecutionError("EXECUTION_MISSING", f"session {session.id} is {status.state} and was never executed")
         folder = self.root / execution.evidence
         try:
-            return read_bundle(folder, status.contract, execution, with_course=with_course)
+            return read_bundle(folder, session, execution, with_course=with_course)
         except ExecutionError as error:
-            explained = msgspec.structs.replace(execution, message=f"{execution.message} {error}".strip())
-            return Bundle(
-                folder=folder,
-                session=status.contract,
-                execution=explained,
-                before=None,
-                after=None,
-                holds=(),
-                trace=(),
-                events=(),
-            )
+            execution = msgspec.structs.replace(execution, message=f"{execution.message} {error}".strip())
+            nothing: dict[str, Any] = {"before": None, "after": None, "holds": (), "trace": (), "events": ()}
+            return Bundle(folder=folder, session=session, execution=execution, **nothing)
 
 
 def carry_conditions(
@@ -131,11 +116,10 @@ def carry_conditions(
     if now is None:
         return ()
     begun = {
-        text: before
+        text: evidence.read(status, with_course=False).before
         for text, status in find_unseen_holds(session, lineage).items()
-        if (before := evidence.read(status, with_course=False).before) is not None
     }
-    return judge_carried(session, now, begun)
+    return judge_carried(session, now, {text: before for text, before in begun.items() if before is not None})
 
 
 def judge_carried(session: Session, now: Environment, begun: Mapping[str, Environment]) -> tuple[Criterion, ...]:
@@ -160,13 +144,7 @@ def find_unseen_holds(session: Session, lineage: Iterable[SessionStatus]) -> dic
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """The verdict of a goal.
-
-    Attributes:
-        reason: One sentence.
-        criteria: The goal's own acceptance, and its constraints but those on metrics.
-        now: The latest snapshot.
-    """
+    """The verdict of a goal, by its own acceptance and its constraints but those on metrics, in the latest snapshot."""
 
     verdict: Verdict
     reason: str
@@ -194,9 +172,7 @@ def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str])
 
 
 def _join(seen: Sequence[Seen]) -> Seen:
-    """The first and the latest of several snapshots of one world."""
-    first = min(seen, key=lambda each: each.oldest or _NEVER)
-    last = max(seen, key=lambda each: each.latest or (0, ""))
+    first, last = min(seen, key=lambda each: each.oldest), max(seen, key=lambda each: each.latest)
     return Seen(initial=first.initial, now=last.now, now_file=last.now_file, oldest=first.oldest, latest=last.latest)
 
 
@@ -215,22 +191,13 @@ def _judge(text: str, kind: str, graph: GoalGraph, evidence: Evidence) -> Criter
                 worlds[" and ".join(names)] = _join(together)
     targets = {choice.target for choice in graph.choices.values()}
     only = targets.pop() if len(targets) == 1 else None
-    agreed = graph.spec.interchangeable
-    answers = {
-        target: evaluate_on(
-            predicate.text,
-            kind,
-            View(now=seen.now, initial=seen.initial, target=only, interchangeable=agreed),
-            seen.now_file,
-        )
-        for target, seen in worlds.items()
-        if seen.now is not None
-    }
-    if not answers:
-        return Criterion(text=predicate.text, kind=kind, truth=Truth.UNKNOWN, because="no session left a snapshot")
-    if len({criterion.truth for criterion in answers.values()}) > 1:
-        because = ", ".join(
-            f"{criterion.truth} in the world of {target}" for target, criterion in sorted(answers.items())
-        )
-        return Criterion(text=predicate.text, kind=kind, truth=Truth.UNKNOWN, because=because)
-    return answers[max(worlds, key=lambda target: worlds[target].latest or (0, ""))]
+    answers = {}
+    for target, seen in worlds.items():
+        assert seen.now is not None  # by what was chosen above
+        view = View(now=seen.now, initial=seen.initial, target=only, interchangeable=graph.spec.interchangeable)
+        answers[target] = evaluate_on(predicate.text, kind, view, seen.now_file)
+    truths = {criterion.truth for criterion in answers.values()}
+    if len(truths) == 1:
+        return answers[max(worlds, key=lambda target: worlds[target].latest)]
+    told = (f"{criterion.truth} in the world of {target}" for target, criterion in sorted(answers.items()))
+    return make_unknown(predicate.text, kind, "", ", ".join(told) or "no session left a snapshot")

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, EXECUTION, TRACE, Bundle
 from phyagentos.protocol.sessions.session import Ended
@@ -26,12 +27,9 @@ class Stage(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManipulationTimeline:
-    """Stage of the skill, and motion of its object.
+    """Stage of the skill, and motion of its object, as it was before the session and is after it.
 
     Attributes:
-        name: The object, None when unknown.
-        was: Object before the session.
-        now: Object after the session.
         grips: Whether the skill grasps at all.
         moved_m: From before to after [m]; 0 when one of them is missing.
         since_release_m: From the release to now [m]; 0 without a release.
@@ -53,7 +51,8 @@ class ManipulationTimeline:
         was = bundle.before.entities.get(name) if name and bundle.before else None
         now = bundle.after.entities.get(name) if name and bundle.after else None
         stage = _find_stage(bundle)
-        released = _find_release(bundle) if stage is Stage.RELEASED else None
+        sites = [e.numbers.get("position_m") for e in _iter_own(bundle) if e.role is Role.RELEASE and e.is_success]
+        released = sites[-1] if sites and stage is Stage.RELEASED else None  # where the leaf saw it (3,) [m]
         since_m = math.dist(released, now.pose.position_m) if released and now else 0.0
         return cls(
             name=name,
@@ -110,37 +109,23 @@ def _iter_own(bundle: Bundle) -> Iterator[TraceEvent]:
             yield event
 
 
-def _find_release(bundle: Bundle) -> tuple[float, ...] | None:
-    """Where the thing was let go, as the leaf saw it (3,) [m]."""
-    sites = [e.numbers.get("position_m") for e in _iter_own(bundle) if e.role is Role.RELEASE and e.is_success]
-    return tuple(sites[-1]) if sites and sites[-1] else None
-
-
 def _find_support(
     bundle: Bundle, name: str | None, was: Entity | None, now: Entity | None, stage: Stage, since_m: float
 ) -> tuple[Support, ...]:
     execution, leaf = bundle.execution, find_failed_leaf(bundle)
-    found = [Support(file=EXECUTION, field="ended", value=str(execution.ended))]
-    if execution.code:
-        found.append(Support(file=EXECUTION, field="code", value=execution.code))
-    if leaf is not None:
-        found += [
-            Support(file=TRACE, field=f"{leaf.path}.{key}", value=value)
-            for key, value in leaf.numbers.items()
-            if isinstance(value, float | int | str)
-        ]
-    if bundle.trace:
-        found.append(Support(file=TRACE, field="stage", value=stage.name.lower()))
-    if was is not None:
-        found.append(Support(file=BEFORE, field=f"entities.{name}.pose.position_m", value=_format(was)))
-    if now is not None:
-        found.append(Support(file=AFTER, field=f"entities.{name}.pose.position_m", value=_format(now)))
-        found.append(Support(file=AFTER, field=f"entities.{name}.visible", value=now.visible))
-    elif name:
-        found.append(Support(file=AFTER, field=f"entities.{name}", value="absent"))
-    if since_m:
-        found.append(Support(file=TRACE, field="metres moved since release", value=round(since_m, 4)))
-    return tuple(found)
+    thing, path, numbers = f"entities.{name}", leaf.path if leaf else "", leaf.numbers if leaf else {}
+    found: list[tuple[str, str, Any]] = [
+        (EXECUTION, "ended", str(execution.ended)),
+        (EXECUTION, "code", execution.code or None),
+        *((TRACE, f"{path}.{key}", each) for key, each in numbers.items() if isinstance(each, float | int | str)),
+        (TRACE, "stage", stage.name.lower() if bundle.trace else None),
+        (BEFORE, f"{thing}.pose.position_m", _format(was) if was else None),
+        (AFTER, f"{thing}.pose.position_m", _format(now) if now else None),
+        (AFTER, f"{thing}.visible", now.visible if now else None),
+        (AFTER, thing, "absent" if name and now is None else None),
+        (TRACE, "metres moved since release", round(since_m, 4) if since_m else None),
+    ]
+    return tuple(Support(file=file, field=field, value=value) for file, field, value in found if value is not None)
 
 
 def _format(entity: Entity) -> str:

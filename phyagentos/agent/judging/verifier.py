@@ -7,16 +7,15 @@ takes effect depends on the mode, see `VerificationMode`.
 import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import msgspec
 
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.diagnosis import Diagnosis, diagnose
-from phyagentos.agent.judging.judges.holds import HoldJudge
-from phyagentos.agent.judging.judges.judge import ADVISORY_KINDS, Judge, make_unknown
-from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
-from phyagentos.agent.judging.judges.metrics import MetricJudge
-from phyagentos.agent.judging.judges.predicates import PredicateJudge
+from phyagentos.agent.judging.judges.judge_registry import FORESEEN, Judge, make_unknown
+from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
+from phyagentos.agent.judging.judges.predicates import LookaheadJudge, PredicateJudge
 from phyagentos.protocol.sessions.evidence import Bundle, refer_to
 from phyagentos.protocol.sessions.evidence_manifest import get_shown_name
 from phyagentos.protocol.sessions.lessons import Lesson
@@ -37,8 +36,7 @@ class History:
     """What the judgement has to know of the node's earlier sessions.
 
     Attributes:
-        replans: Children that the node has had.
-        max_replans: Children that it may have.
+        replans: Children that the node has had, of at most `max_replans`.
         carried: Conditions that earlier sessions of the node could not see all through, as they stand now.
         prior: Earlier sessions of the node, the oldest first; judges and diagnosis find them in the bundle.
         lessons: Lessons in force for the session, likewise. Neither changes a verdict by itself.
@@ -58,8 +56,7 @@ class SessionVerifier:
     Attributes:
         judges: Asked in this order.
         costly: Asked after them, and only while nothing is false.
-        mode: Whether the verdict takes effect.
-        name: Name and version, recorded with every judgement.
+        name: With its version, as recorded.
     """
 
     judges: Sequence[Judge] = DEFAULT_JUDGES
@@ -76,14 +73,8 @@ class SessionVerifier:
         """
         if self.mode is VerificationMode.OFF:
             reason = f"verification is off, no judge ran: the execution ended {bundle.execution.ended}."
-            return Attempt(
-                verdict=Verdict.UNVERIFIED,
-                criteria=(),
-                reason=reason,
-                sensing="none",
-                verifier=self.name,
-                mode=self.mode,
-            )
+            off = Attempt(verdict=Verdict.UNVERIFIED, criteria=(), reason=reason, sensing="none", verifier=self.name)
+            return msgspec.structs.replace(off, mode=self.mode)
         if self.mode is VerificationMode.ENFORCE:
             history = replace(history, max_replans=0)
         bundle = msgspec.structs.replace(bundle, prior=history.prior, lessons=history.lessons)
@@ -103,42 +94,22 @@ class SessionVerifier:
         diagnosis, missing = _find_reason(bundle, decisive)
         has_budget = history.replans < history.max_replans
         verdict = Verdict.REPLAN if has_budget and not diagnosis.is_hopeless else Verdict.FAILURE
-        return self._sign(
-            bundle,
-            criteria,
-            verdict=verdict,
-            cause=diagnosis.cause.value,
-            reason=f"{_explain(diagnosis, decisive)} {self._explain_decision(diagnosis, history, missing)}",
-            missing=missing,
-            diagnosis=diagnosis,
-        )
+        reason = f"{_explain(diagnosis, decisive)} {self._explain_decision(diagnosis, history, missing)}"
+        found = {"cause": diagnosis.cause.value, "kind": diagnosis.kind.value, "support": diagnosis.support}
+        return self._sign(bundle, criteria, verdict=verdict, reason=reason, missing_evidence=missing, **found)
 
-    def _sign(
-        self,
-        bundle: Bundle,
-        criteria: tuple[Criterion, ...],
-        *,
-        verdict: Verdict,
-        reason: str,
-        cause: str = "",
-        missing: tuple[str, ...] = (),
-        diagnosis: Diagnosis | None = None,
-    ) -> Attempt:
+    def _sign(self, bundle: Bundle, criteria: tuple[Criterion, ...], *, verdict: Verdict, **more: Any) -> Attempt:
         return Attempt(
             verdict=verdict,
             criteria=criteria,
-            cause=cause,
-            reason=reason,
             sensing=bundle.after.sensing if bundle.after else "none",
             verifier=self.name,
             mode=self.mode,
             judges=tuple(judge.name for judge in (*self.judges, *self.costly)),
             found=verdict,
-            missing_evidence=missing,
             evidence=_refer(bundle, criteria),
-            kind=diagnosis.kind.value if diagnosis else "",
-            support=diagnosis.support if diagnosis else (),
             idealisations=bundle.execution.idealisations,
+            **more,
         )
 
     def _explain_decision(self, diagnosis: Diagnosis, history: History, missing: Sequence[str]) -> str:
@@ -154,14 +125,14 @@ class SessionVerifier:
 
 def _choose_decisive(criteria: Sequence[Criterion]) -> Sequence[Criterion]:
     """The observed criteria; predictions only where nothing was observed."""
-    observed = [criterion for criterion in criteria if criterion.kind not in ADVISORY_KINDS]
+    observed = [criterion for criterion in criteria if criterion.kind != FORESEEN]
     return observed or criteria
 
 
 def _find_unanswered(session: Session, criteria: Sequence[Criterion]) -> Iterator[Criterion]:
     """Criteria of the contract that no judge answered: unknown, lest they count as met."""
     for kind, other, texts in (("accept", "hold", session.accept), ("hold", "accept", session.hold)):
-        answered = {each.text for each in criteria if each.kind not in ADVISORY_KINDS and each.kind != other}
+        answered = {each.text for each in criteria if each.kind != FORESEEN and each.kind != other}
         for text in texts:
             if text not in answered:
                 yield make_unknown(text, kind, "", "none of the judges that were asked answers it")
@@ -170,12 +141,9 @@ def _find_unanswered(session: Session, criteria: Sequence[Criterion]) -> Iterato
 def _find_reason(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[Diagnosis, tuple[str, ...]]:
     """The diagnosis, and the entities to look at again."""
     diagnosis = diagnose(bundle, criteria)
-    is_open = criteria and all(criterion.truth is not Truth.FALSE for criterion in criteria)
-    judged = [
-        each for each in criteria if each.evidence
-    ]  # a look helps where a judge had evidence and it was not enough
-    is_open = is_open and not any(each.alternatives for each in criteria)  # no look tells alike things apart
-    missing = find_missing_evidence(judged, bundle.after) if is_open else ()
+    is_closed = any(each.truth is Truth.FALSE or each.alternatives for each in criteria)  # no look tells alike apart
+    judged = [each for each in criteria if each.evidence]  # a look helps where a judge's evidence was not enough
+    missing = () if is_closed else find_missing_evidence(judged, bundle.after)
     if not missing or bundle.after is None or (diagnosis.is_hopeless and bundle.after.sensing == "truth"):
         return diagnosis, ()
     unseen = ", ".join(missing)
@@ -188,9 +156,7 @@ def _audit(attempt: Attempt, bundle: Bundle) -> Attempt:
     ended = bundle.execution.ended
     verdict = Verdict.SUCCESS if ended is Ended.COMPLETED else Verdict.FAILURE
     reason = f"audit: the execution ended {ended}, which decides; the evidence shows {attempt.found}. {attempt.reason}"
-    cause = attempt.cause
-    if verdict.is_miss and not cause:
-        cause = diagnose(bundle, attempt.criteria).cause.value
+    cause = attempt.cause or (diagnose(bundle, attempt.criteria).cause.value if verdict.is_miss else "")
     return msgspec.structs.replace(attempt, verdict=verdict, cause=cause, reason=reason)
 
 
@@ -222,19 +188,19 @@ def _refer(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[EvidenceRefer
 
 
 def _explain_success(bundle: Bundle, criteria: Sequence[Criterion]) -> str:
-    text = f"acceptance: all {len(criteria)} criteria are true; {criteria[0].text}: {criteria[0].because}."
-    if bundle.execution.ended is Ended.COMPLETED:
-        code, message = bundle.execution.code, bundle.execution.message
-        return f"{text} {code}: {message}." if code else text
-    leaf = f" at {bundle.execution.leaf}" if bundle.execution.leaf else ""
-    code = f" with {bundle.execution.code}" if bundle.execution.code else ""
-    return f"{text} The execution ended {bundle.execution.ended}{leaf}{code}, which does not change what was achieved."
+    text, execution = (
+        f"all {len(criteria)} criteria are true; {criteria[0].text}: {criteria[0].because}",
+        bundle.execution,
+    )
+    if execution.ended is Ended.COMPLETED:
+        return f"acceptance: {text}." + (f" {execution.code}: {execution.message}." if execution.code else "")
+    leaf = f" at {execution.leaf}" if execution.leaf else ""
+    code = f" with {execution.code}" if execution.code else ""
+    ended = f"The execution ended {execution.ended}{leaf}{code}, which does not change what was achieved."
+    return f"acceptance: {text}. {ended}"
 
 
 def _explain(diagnosis: Diagnosis, criteria: Sequence[Criterion]) -> str:
-    worst = next((criterion for criterion in criteria if criterion.truth is Truth.FALSE), None)
-    worst = worst or next((criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN), None)
-    text = f"{diagnosis.layer}: {diagnosis.fact}."
-    if worst is not None and worst.text not in diagnosis.fact:
-        text += f" {worst.text} is {worst.truth}: {worst.because}."
-    return text
+    ranked = sorted((each for each in criteria if each.truth is not Truth.TRUE), key=lambda e: e.truth is Truth.UNKNOWN)
+    more = [f"{each.text} is {each.truth}: {each.because}." for each in ranked[:1] if each.text not in diagnosis.fact]
+    return " ".join((f"{diagnosis.cause.layer}: {diagnosis.fact}.", *more))

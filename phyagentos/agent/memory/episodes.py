@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.agent.goals.selector import begins_with_holding
-from phyagentos.agent.judging.causes import CLASSES, Cause, CauseClass, find_refusal
+from phyagentos.agent.judging.causes import Cause, CauseClass, find_refusal
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.placed_scenes import name_plain
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_roles
@@ -24,7 +24,7 @@ from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 
 JUDGED = frozenset({SessionState.SUCCEEDED, SessionState.FAILED, SessionState.REPLANNED})
-CAUSES_OF_SAFETY = frozenset(cause for cause, kind in CLASSES.items() if kind is CauseClass.SAFETY)
+CAUSES_OF_SAFETY = frozenset(cause for cause in Cause if cause.kind is CauseClass.SAFETY)
 _NO_SESSIONS: Mapping[SessionId, SessionStatus] = {}
 INTERRUPTIONS = frozenset({Cause.RUNNER_LOST, Cause.TARGET_LOST, Cause.CANCELLED})
 SMALL_M, LARGE_M = 0.03, 0.07  # longest half side of what a hand calls small and large

@@ -4,7 +4,7 @@ Upstream: a reading. Downstream: the embedded understander. One method a rule of
 each thing stand in the lexicon. Clauses are steps where the request says an order, or where they exclude each other.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -18,28 +18,23 @@ from phyagentos.agent.understanding.nouns import (
     has_token,
     list_children,
 )
-from phyagentos.agent.understanding.understanding import LackKind, QuestionKind
-from phyagentos.agent.understanding.vocabulary import ROLE, Thing, read_lexicon
-from phyagentos.protocol.world.predicates import syntax
-from phyagentos.protocol.world.predicates.predicate import find_formula
+from phyagentos.agent.understanding.understanding import OPPOSITES, LackKind, QuestionKind
+from phyagentos.agent.understanding.vocabulary import REGION, ROLE, read_lexicon
+from phyagentos.protocol.world.predicates.predicate import find_entities
 
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
-SIDES = ("bottom", "top")
-Step = list[str]
+Step = Sequence[str]
 
 
-@dataclass(slots=True)
-class Clauses:
+@dataclass(slots=True, kw_only=True)
+class Clauses(Discourse):
     """Predicates of a plan, collected clause by clause.
 
     Attributes:
-        constraints: What must hold all through.
-        left_out: Thing -> the place that it lacks.
         placed: Things that the latest placement has put.
         again: Whether the goal before is meant, and things that this time are excepted.
     """
 
-    said: Discourse
     constraints: list[str] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
     placed: tuple[str, ...] = ()
@@ -51,223 +46,204 @@ class Clauses:
     def read_plan(self, plan: Node) -> list[Step]:
         """The steps of a plan in the order in which they have to come true."""
         parts = list_children(plan)
-        read = [self._read_group(part) if part.data == "group" else self._read_clause(part) for part in parts]
+        read = [self._read_group(part) if part.data == "group" else self._read_steps(part) for part in parts]
         return [step for group in (reversed(read) if plan.data == "reversed" else read) for step in group if step]
 
     def _read_group(self, group: Node) -> list[Step]:
         """One step, or one a clause where these exclude each other."""
-        clauses = [step for clause in list_children(group) for step in self._read_clause(clause)]
+        clauses = [step for clause in list_children(group) for step in self._read_steps(clause)]
         flipped = {_flip(text) for step in clauses[1:] for text in step}
         if any(text in flipped for step in clauses for text in step):
             return clauses
         return [[text for step in clauses for text in step]]
 
-    def _read_clause(self, clause: Node) -> list[Step]:
-        if self.said.recent[-1]:
-            self.said.recent.append([])
-        steps = self._read_steps(clause)
-        if self.said.unmet:  # `only`, `exactly` and `of its colour` are understood of what is put somewhere
-            self.said.lack(LackKind.SENTENCE, self.said.unmet)
-        return steps
-
     def _read_steps(self, clause: Node) -> list[Step]:
-        if clause.data == "state_command":  # `open and close the drawer`
+        """The steps of one clause: of `open and close the drawer` two."""
+        if self.recent[-1]:
+            self.recent.append([])
+        if clause.data == "state_command":
             *acts, things = list_children(clause)
             self._verb = str(acts[-1].data)
-            return [self._say(str(act.data), things) for act in acts]
-        if clause.data in read_lexicon()["meanings"]:
-            return [self._say(str(clause.data), list_children(clause)[0])]
-        read: Callable[[Node], list[str]] = getattr(self, f"_read_{clause.data}")
-        return [read(clause)]
+            steps = [self._say(str(act.data), things) for act in acts]
+        elif clause.data in read_lexicon()["meanings"]:
+            steps = [self._say(str(clause.data), list_children(clause)[0])]
+        else:
+            read: Callable[..., Step] = getattr(self, f"_read_{clause.data}")
+            steps = [read(clause, *list_children(clause))]
+        if self.unmet:  # `only`, `exactly` and `of its colour` are understood of what is put somewhere
+            self.lack(LackKind.SENTENCE, self.unmet)
+        return steps
 
-    def _say(self, rule: str, things: Node, *, constraint: bool = False) -> list[str]:
+    def _read_texts(self, clause: Node) -> Step:
+        return [text for step in self._read_steps(clause) for text in step]
+
+    def _say(self, rule: str, things: Node, *, constraint: bool = False) -> Step:
         """What the lexicon says of each thing; a part stands for what opens."""
         meaning = read_lexicon()["meanings"][rule]
         constraint = constraint or meaning.get("constraint", False)
         slot = Slot(meaning["slot"])
         texts = []
-        for name in self.said.resolve(things, slot, forbids=constraint).names:
-            thing = self._get(name)
+        for name in self.resolve(things, slot, forbids=constraint).names:
+            thing = self.get(name)
             owner = thing.part_of if slot is Slot.OPENS and not thing.opens and thing.part_of else name
-            if rule == "press" and self._get(owner).opens != "slide":
-                self.said.lack(LackKind.FIT, name)
-            texts.append(meaning["form"].format(owner))
-        if not constraint:
-            return texts
+            if rule == "press" and self.get(owner).opens != "slide":
+                self.lack(LackKind.FIT, name)
+            texts.append(meaning["form"].format(owner, at="inside" if thing.has_interior else "on"))
+        return self._keep(texts) if constraint else texts
+
+    def _keep(self, texts: Iterable[str]) -> Step:
+        """Predicates that must hold all through, so that none of them is left to come true."""
         self.constraints += [text for text in texts if text not in self.constraints]
         return []
 
     # placing
 
-    def _read_put(self, clause: Node) -> list[str]:
-        self._verb = "put"
+    def _read_put(self, clause: Node, placing: Node) -> Step:
         heaps = str(clause.children[0]).startswith("stack")
-        return self._place(list_children(clause)[0], heaps=heaps)
+        return self._read_wish_place(placing, *list_children(placing), heaps=heaps)
 
-    def _read_placing(self, clause: Node) -> list[str]:
-        if self._verb != "put" and len(self.said.recent) > 1:
-            self.said.lack(LackKind.SENTENCE, self.said.quote(clause))
-            return []
-        self._verb = "put"  # without a verb, as in `two cubes into the tray`, it is to put
-        return self._place(clause)
+    def _read_placing(self, placing: Node, *parts: Node) -> Step:
+        """Without a verb, as in `two cubes into the tray`, it is to put."""
+        if self._verb != "put" and len(self.recent) > 1:
+            return self.lack(LackKind.SENTENCE, placing)
+        return self._read_wish_place(placing, *parts)
 
-    def _read_pick_put(self, clause: Node) -> list[str]:
-        things, placing = list_children(clause)
-        picked = self.said.resolve(things, Slot.MOVED).names
-        self.said.recent.append([])
-        wanted = self._read_wish_place(placing)
+    def _read_pick_put(self, _: Node, things: Node, placing: Node) -> Step:
+        picked = self.resolve(things, Slot.MOVED).names
+        self.recent.append([])
+        wanted = self._read_wish_place(placing, *list_children(placing))
         if {*picked} != {*self.placed}:  # another thing is put down: that is no one clause
-            self.said.lack(LackKind.SENTENCE, self.said.quote(things))
+            self.lack(LackKind.SENTENCE, things)
         return wanted
 
-    def _read_wish_place(self, clause: Node) -> list[str]:
-        self._verb = "put"
-        return self._place(clause)
-
-    def _read_elided(self, clause: Node) -> list[str]:
+    def _read_elided(self, clause: Node, things: Node) -> Step:
         """`press the green button and then the red one`: the verb is that of the clause before."""
         if self._verb not in {"open", "close", "press"}:
-            self.said.lack(LackKind.SENTENCE, self.said.quote(clause))
-            return []
-        return self._say(self._verb, list_children(clause)[0])
+            return self.lack(LackKind.SENTENCE, clause)
+        return self._say(self._verb, things)
 
-    def _place(self, placing: Node, *, heaps: bool = False) -> list[str]:
-        """Each object at its place."""
-        things, *more = list_children(placing)
+    def _read_wish_place(self, placing: Node, things: Node, *more: Node, heaps: bool = False) -> Step:
+        self._verb = "put"
         dest = next(each for each in more if each.data not in {"source", "except"})
-        objects = self.said.resolve(things, Slot.MOVED)
-        self.said.unmet = self.said.unmet if objects.by_colour else ""
+        objects = self.resolve(things, Slot.MOVED)
+        self.unmet = self.unmet if objects.by_colour else ""
         if (source := find_child(placing, "source")) is not None:
-            objects = self.said.restrict(objects, list_children(source)[0])
-        exception = find_child(placing, "except")
-        names = self.said.remove(objects.names, [exception] if exception is not None else [], Slot.MOVED)
-        unmet = self.said.unmet
+            objects = self.restrict(objects, list_children(source)[0])
+        names = self.remove(objects.names, placing, Slot.MOVED)
+        unmet = self.unmet
         places = self._find_places(dest, by_colour=has_token(placing, "of_its_colour"))
-        self.said.unmet = unmet
-        self.said.moved += [name for name in names if name not in self.said.moved]
+        self.unmet = unmet
+        self.moved += [name for name in names if name not in self.moved]
         self.placed = names
         if heaps and len(names) > 1:
-            self.said.ask(QuestionKind.ORDER, placing, ())
+            self.ask(QuestionKind.ORDER, placing, ())
         wanted = []
         for name in names:
             if place := self._find_place(name, dest, places):
                 wanted.append(self._locate(name, dest, place))
                 wanted += [f"not {self._locate(each, dest, place)}" for each in objects.rest if each not in names]
         if not wanted and self.left_out and places.by_colour:
-            self.said.lack(LackKind.THING, "; ".join(self.left_out.values()), places.names)
+            return self.lack(LackKind.THING, "; ".join(self.left_out.values()), places.names)
         return wanted
 
     def _find_places(self, dest: Node, *, by_colour: bool = False) -> Named:
         """What a destination names; every coloured place with an interior where it says only the colour."""
-        words = self.said.quote(dest)
         match dest.data:
             case "inside_it":
-                return Named(names=self.said.find_it(dest, Slot.VESSEL))
+                return Named(names=self.find_it(dest, Slot.VESSEL))
             case "on_top":
                 if len(self.placed) != 1:
-                    self.said.lack(LackKind.SENTENCE, words)
+                    self.lack(LackKind.SENTENCE, dest)
                 return Named(names=self.placed[:1])
             case "to_its_colour":
-                here = self.said.vocabulary.things.values()
-                vessels = (each.name for each in here if each.has_interior and each.colour and not each.movable)
-                return Named(names=tuple(vessels), words=words, by_colour=True)
+                vessels = (each.name for each in self.list_fitting(Slot.VESSEL) if each.colour and not each.movable)
+                return Named(names=tuple(vessels), words=self.quote(dest), by_colour=True)
         noun = list_children(dest)[0]
-        questions = len(self.said.questions)
-        found = self.said.resolve_one(noun, Slot.VESSEL if dest.data == "into" and noun.data == "it" else Slot.PLACE)
+        asked = len(self.questions)
+        found = self.resolve_one(noun, Slot.VESSEL if dest.data == "into" and noun.data == "it" else Slot.PLACE)
         if not by_colour:
             return found
-        asked = self.said.questions[questions:]  # `into the tray by colour`: which one is said
-        del self.said.questions[questions:]
-        return Named(names=asked[0].candidates if asked else found.names, words=found.words, by_colour=True)
+        names = self.questions[asked].candidates if self.questions[asked:] else found.names
+        del self.questions[asked:]  # `into the tray by colour`: which one is said
+        return Named(names=names, words=found.words, by_colour=True)
 
     def _find_place(self, name: str, dest: Node, places: Named) -> str:
         """The place of one object; empty where it is open or where there is none."""
         names, kind = places.names, QuestionKind.WHERE
         if places.by_colour:
-            colour, kind = self._get(name).colour, QuestionKind.WHICH
-            names = tuple(each for each in names if colour and self._get(each).colour == colour)
+            colour, kind = self.get(name).colour, QuestionKind.WHICH
+            names = tuple(each for each in names if colour and self.get(each).colour == colour)
             if not names:
                 self.left_out[name] = f"{colour} one of {places.words!r}" if colour else f"colour for {places.words!r}"
-        return next(iter(names if len(names) < 2 else self.said.ask(kind, dest, names, about=name)), "")
+        return next(iter(names if len(names) < 2 else self.ask(kind, dest, names, about=name)), "")
 
     def _locate(self, name: str, dest: Node, place: str) -> str:
-        """The predicate that says that a thing is at a place."""
         if dest.data == "beside":
             return f"near({name}, {place})"
-        where = self._get(place)
-        is_deep = where.has_interior and (not where.opens or dest.data in {"to", "to_its_colour"})
-        return f"{'inside' if is_deep or dest.data in {'into', 'inside_it'} else 'on'}({name}, {place})"
+        if dest.data in {"into", "inside_it"}:
+            return f"inside({name}, {place})"
+        lies = dest.data not in {"to", "to_its_colour"} and self.get(place).opens
+        return f"on({name}, {place})" if lies else self._relate(name, place)
 
     def _relate(self, name: str, place: str) -> str:
-        return f"{'inside' if self._get(place).has_interior else 'on'}({name}, {place})"
+        return f"{'inside' if self.get(place).has_interior else 'on'}({name}, {place})"
 
     # doing other things
 
-    def _read_take(self, clause: Node) -> list[str]:
-        things, source = list_children(clause)
-        objects = self.said.restrict(self.said.resolve(things, Slot.MOVED), source)
-        places = self.said.resolve_aside(source, Slot.PLACE)
-        self.said.moved += objects.names
+    def _read_take(self, _: Node, things: Node, source: Node) -> Step:
+        objects = self.restrict(self.resolve(things, Slot.MOVED), source)
+        places = self.resolve_aside(source, Slot.PLACE)
+        self.moved += objects.names
         self.placed = objects.names
         return [f"not {self._relate(name, place)}" for name in objects.names for place in places.names]
 
-    def _read_unstack(self, clause: Node) -> list[str]:
-        names = self.said.resolve(list_children(clause)[0], Slot.MOVED).names
-        below = ((name, self._get(name).stands) for name in names)
-        wanted = [f"not on({name}, {place})" for name, place in below if place and self._get(place).movable]
-        if not wanted:
-            self.said.lack(LackKind.FIT, self.said.quote(clause))
-        return wanted
+    def _read_unstack(self, clause: Node, things: Node) -> Step:
+        below = {name: self.get(name).stands for name in self.resolve(things, Slot.MOVED).names}
+        wanted = [f"not on({name}, {place})" for name, place in below.items() if place and self.get(place).movable]
+        return wanted or self.lack(LackKind.FIT, clause)
 
-    def _read_pick(self, clause: Node) -> list[str]:
-        self.placed = self.said.resolve(list_children(clause)[0], Slot.MOVED).names
-        lifts = {name for name in self.placed if has_token(clause, "lift") and self._get(name).opens == "hinge"}
+    def _read_pick(self, clause: Node, things: Node) -> Step:
+        self.placed = self.resolve(things, Slot.MOVED).names
+        lifts = {name for name in self.placed if has_token(clause, "lift") and self.get(name).opens == "hinge"}
         return [f"open({name})" if name in lifts else f"holding({ROLE}, {name})" for name in self.placed]
 
-    def _read_pour(self, clause: Node) -> list[str]:
+    def _read_pour(self, clause: Node, *parts: Node) -> Step:
         things, source = find_child(clause, "things"), find_child(clause, "source")
-        poured = self.said.resolve(things, Slot.LOOSE) if things is not None else Named()
-        sources = self.said.resolve_one(list_children(source)[0], Slot.VESSEL).names if source else poured.names
-        into = next(each for each in list_children(clause) if each.data not in {"things", "source"})
-        receivers = self.said.resolve_one(into, Slot.VESSEL).names
-        held = self._get(sources[0]).contents if len(sources) == 1 else 0
+        poured = self.resolve(things, Slot.LOOSE) if things is not None else Named()
+        sources = self.resolve_one(list_children(source)[0], Slot.VESSEL).names if source else poured.names
+        into = next(each for each in parts if each.data not in {"things", "source"})
+        receivers = self.resolve_one(into, Slot.VESSEL).names
+        held = self.get(sources[0]).contents if len(sources) == 1 else 0
         if not held:
-            vessels = (name for name, thing in self.said.vocabulary.things.items() if thing.contents)
-            self.said.lack(LackKind.FIT, self.said.quote(clause), vessels)
+            self.lack(LackKind.FIT, clause, (thing.name for thing in self.list_fitting(Slot.LOOSE)))
         if not poured.number:
-            self.said.reasons.append(f"no number is said: most of {held}, as cameras miss some of a pile")
+            self.reasons.append(f"no number is said: most of {held}, as cameras miss some of a pile")
         return [f"contains({name}, {poured.number or int(SEEN_SHARE * held)})" for name in receivers if held]
 
-    def _read_clear(self, clause: Node) -> list[str]:
-        names = self.said.resolve(find_child(clause, "things") or list_children(clause)[-1], Slot.VESSEL).names
-        return [f"not {self._relate('*', name)}" for name in names]
-
-    def _read_wipe(self, clause: Node) -> list[str]:
-        things, *tools = list_children(clause)
+    def _read_wipe(self, _: Node, things: Node, *tools: Node) -> Step:
         for tool in tools:  # a goal says what is clean then, and not with what
-            self.said.resolve_one(tool, Slot.MOVED)
-            self.said.unsaid.append(f"with {self.said.quote(tool)}")
-        names = self.said.resolve(things, Slot.VESSEL).names
-        if any(not self._get(name).is_region for name in names):
-            regions = [name for name, thing in self.said.vocabulary.things.items() if thing.is_region]
-            names = self.said.ask(QuestionKind.WHICH, things, regions)
+            self.resolve_one(tool, Slot.MOVED)
+            self.unsaid.append(f"with {self.quote(tool)}")
+        names = self.resolve(things, Slot.VESSEL).names
+        if any(self.get(name).kind != REGION for name in names):
+            regions = (thing.name for thing in self.list_fitting(Slot.ANY) if thing.kind == REGION)
+            names = self.ask(QuestionKind.WHICH, things, regions)
         self._wiped = names[0] if len(names) == 1 else ""
         return [f"not inside(*, {name})" for name in names]
 
-    def _read_tower(self, clause: Node) -> list[str]:
-        levels = [child for child in list_children(clause) if child.data == "level"]
-        base = next((child for child in list_children(clause) if child.data != "level"), None)
-        on = self.said.resolve_one(base, Slot.PLACE).names if base is not None else ()
-        named = [self.said.resolve_one(list_children(level)[0], Slot.MOVED).names for level in levels]
+    def _read_tower(self, clause: Node, *parts: Node) -> Step:
+        levels = [part for part in parts if part.data == "level"]
+        bases = [part for part in parts if part.data != "level"]
+        on = self.resolve_one(bases[0], Slot.PLACE).names if bases else ()
+        named = [self.resolve_one(list_children(level)[0], Slot.MOVED).names for level in levels]
         names = [each[0] for each in named if len(each) == 1]
-        last = len(levels) - 1
-        at = {side: [n for n in {0, last} if has_token(levels[n], f"side_{side}")] if levels else [] for side in SIDES}
-        rises = has_token(clause, "from_bottom") or 0 in at["bottom"] or last in at["top"]
-        is_chain = has_token(clause, "onto") and base is None  # `red on green on blue`
-        sinks = is_chain or has_token(clause, "from_top") or 0 in at["top"] or last in at["bottom"]
+        lowest, highest = (_find_side(levels, f"side_{side}") for side in ("bottom", "top"))
+        rises = has_token(clause, "from_bottom") or 0 in lowest or -1 in highest
+        is_chain = has_token(clause, "onto") and not bases  # `red on green on blue`
+        sinks = is_chain or has_token(clause, "from_top") or 0 in highest or -1 in lowest
         if rises is sinks:
             orders = [f"from below: {', '.join(each)}" for each in (names, names[::-1])] if names else []
-            answer = self.said.ask(QuestionKind.ORDER, clause, orders)
+            answer = self.ask(QuestionKind.ORDER, clause, orders)
             sinks = answer == tuple(orders[1:])
             names = names if answer else []
         names = names[::-1] if sinks else names
@@ -275,105 +251,87 @@ class Clauses:
         steps = pairwise([*on, *names]) if len(named) == len(names) else ()
         return [self._relate(upper, lower) for lower, upper in steps]
 
-    def _read_heap(self, clause: Node) -> list[str]:
-        self.said.resolve(list_children(clause)[0], Slot.MOVED)
-        self.said.ask(QuestionKind.ORDER, clause, ())
+    def _read_heap(self, clause: Node, things: Node) -> Step:
+        self.resolve(things, Slot.MOVED)
+        return self.ask(QuestionKind.ORDER, clause, ())
+
+    def _read_swap(self, clause: Node, things: Node, *other: Node) -> Step:
+        names = self.resolve(things, Slot.MOVED).names
+        names += self.resolve_one(other[0], Slot.MOVED).names if other else ()
+        places = [self.get(name).stands for name in names]
+        if len(names) == 2 and all(places) and places[0] != places[1]:
+            return [self._relate(name, place) for name, place in zip(names, reversed(places), strict=True)]
+        for name, place in zip(names, places, strict=True):
+            if not place:
+                self.lack(LackKind.THING, f"a name for the place of {name}")
+        if len(names) != 2 or all(places):
+            self.lack(LackKind.FIT, clause)
         return []
 
-    def _read_swap(self, clause: Node) -> list[str]:
-        things, *other = list_children(clause)
-        names = self.said.resolve(things, Slot.MOVED).names
-        names += self.said.resolve_one(other[0], Slot.MOVED).names if other else ()
-        places = [self._get(name).stands for name in names]
-        if len(names) != 2 or not all(places) or places[0] == places[1]:
-            for name in (name for name, place in zip(names, places, strict=True) if not place):
-                self.said.lack(LackKind.THING, f"a name for the place of {name}")
-            if len(names) != 2 or all(places):
-                self.said.lack(LackKind.FIT, self.said.quote(clause))
-            return []
-        return [self._relate(name, place) for name, place in zip(names, reversed(places), strict=True)]
-
-    def _read_pose(self, clause: Node) -> list[str]:
+    def _read_pose(self, clause: Node) -> Step:
         posture = next(str(token) for token in clause.children if get_type(token) == "posture")
         return [f"in_posture({ROLE}, {'_'.join(posture.split())})"]
 
-    def _read_again(self, clause: Node) -> list[str]:
+    def _read_again(self, _: Node, *exceptions: Node) -> Step:
         self.again = True
-        self.excepted += [name for each in list_children(clause) for name in self.said.resolve_except(each, Slot.ANY)]
+        self.excepted += [name for each in exceptions for name in self.resolve_except(each, Slot.ANY)]
         return []
 
     # states that are wished for, or reached
 
-    def _read_wish_state(self, clause: Node) -> list[str]:
-        things, state = list_children(clause)
-        if state.data == "is_empty":
-            return self._read_clear(clause)
+    def _read_wish_state(self, _: Node, things: Node, state: Node) -> Step:
         return self._say(str(state.data), things)
 
-    def _read_wish_contains(self, clause: Node) -> list[str]:
-        one, other = list_children(clause)
-        vessel, loose = (other, one) if has_token(clause, "there") else (one, other)
-        names = self.said.resolve_one(vessel, Slot.VESSEL).names
-        if not (number := self.said.resolve_one(loose, Slot.LOOSE).number):
-            self.said.ask(QuestionKind.HOW_MANY, loose, ())
+    def _read_wish_contains(self, clause: Node, *parts: Node) -> Step:
+        loose, vessel = parts if has_token(clause, "there") else parts[::-1]
+        names = self.resolve_one(vessel, Slot.VESSEL).names
+        if not (number := self.resolve_one(loose, Slot.LOOSE).number):
+            self.ask(QuestionKind.HOW_MANY, loose, ())
         return [f"contains({name}, {number})" for name in names]
 
-    def _read_emptied(self, clause: Node) -> list[str]:
-        gone, *places = list_children(clause)
-        things = self.said.resolve_one(gone, Slot.MOVED, forbids=True).names
-        where = self.said.resolve_one(places[0], Slot.PLACE).names if places else (self._wiped,) * bool(self._wiped)
+    def _read_emptied(self, clause: Node, gone: Node, *places: Node) -> Step:
+        things = self.resolve_one(gone, Slot.MOVED, forbids=True).names
+        where = self.resolve_one(places[0], Slot.PLACE).names if places else (self._wiped,) * bool(self._wiped)
         if not where:
-            self.said.lack(LackKind.SENTENCE, self.said.quote(clause))
+            self.lack(LackKind.SENTENCE, clause)
         return [f"not {self._relate(name, at)}" for at in where for name in things]
 
-    def _read_until(self, clause: Node) -> list[str]:
-        command, condition = list_children(clause)
-        done = [text for step in self._read_clause(command) for text in step]
-        until = [text for step in self._read_clause(condition) for text in step]
-        said = {_get_subject(text) for text in until if text.startswith("contains(")}
-        return [*(text for text in done if not text.startswith("contains(") or _get_subject(text) not in said), *until]
+    def _read_until(self, _: Node, command: Node, condition: Node) -> Step:
+        done, until = self._read_texts(command), self._read_texts(condition)
+        filled = {_get_subject(text) for text in until if text.startswith("contains(")}
+        return [
+            *(each for each in done if not each.startswith("contains(") or _get_subject(each) not in filled),
+            *until,
+        ]
 
     # what must hold all through
 
-    def _read_keep(self, clause: Node) -> list[str]:
-        things, kept = list_children(clause)
+    def _read_keep(self, clause: Node, things: Node, kept: Node) -> Step:
         if kept.data in read_lexicon()["meanings"]:
-            is_end = has_token(clause, "leave") and kept.data in {"is_open", "is_closed"}  # so it is left, at the end
+            is_end = has_token(clause, "leave") and kept.data in {"open", "close"}  # so it is left, at the end
             return self._say(str(kept.data), things, constraint=not is_end)
-        names = self.said.resolve(things, Slot.ANY).names
+        names = self.resolve(things, Slot.ANY).names
         places = self._find_places(kept)
-        self.said.unmet = ""
+        self.unmet = ""
         found = ((name, self._find_place(name, kept, places)) for name in names)
-        self.constraints += [self._locate(name, kept, place) for name, place in found if place]
-        return []
+        return self._keep(self._locate(name, kept, place) for name, place in found if place)
 
-    def _read_never(self, clause: Node) -> list[str]:
-        return [text for step in self._read_clause(list_children(clause)[0]) for text in step]
-
-    def _read_never_put(self, clause: Node) -> list[str]:
-        things, dest = list_children(clause)
-        names = self.said.resolve(things, Slot.MOVED, forbids=True).names
+    def _read_never_put(self, _: Node, things: Node, dest: Node) -> Step:
+        names = self.resolve(things, Slot.MOVED, forbids=True).names
         places = self._find_places(dest).names
-        self.constraints += [f"not {self._locate(name, dest, place)}" for name in names for place in places]
-        return []
+        return self._keep(f"not {self._locate(name, dest, place)}" for name in names for place in places)
 
-    def _read_never_spill(self, clause: Node) -> list[str]:
+    def _read_never_spill(self, clause: Node, *things: Node) -> Step:
         """What carries stays upright, and all that is in it stays there."""
-        here, things = self.said.vocabulary.things, find_child(clause, "things")
-        spares = things is None or any(things.find_data("everything"))
-        named = self.placed if things is None or spares else self.said.resolve(things, Slot.LOOSE).names
-        vessels = dict.fromkeys(name if here[name].has_interior else here[name].stands for name in named)
+        spares = not things or any(things[0].find_data("everything"))
+        named = [self.get(name) for name in (self.placed if spares else self.resolve(things[0], Slot.LOOSE).names)]
         wanted = []
-        for name in filter(None, vessels):
+        for name in filter(None, dict.fromkeys(each.name if each.has_interior else each.stands for each in named)):
+            contents = self.get(name).contents
             self.constraints.append(f"upright({name})")
-            wanted += [f"inside({each.name}, {name})" for each in here.values() if each.stands == name]
-            wanted += [f"contains({name}, {here[name].contents})"] if here[name].contents else []
-        if not wanted:
-            self.said.lack(LackKind.FIT, self.said.quote(clause))
-        return wanted
-
-    def _get(self, name: str) -> Thing:
-        return self.said.vocabulary.things[name]
+            wanted += [f"inside({each.name}, {name})" for each in self.list_fitting(Slot.ANY) if each.stands == name]
+            wanted += [f"contains({name}, {contents})"] if contents else []
+        return wanted or self.lack(LackKind.FIT, clause)
 
 
 def finish(steps: Sequence[Step]) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...]]:
@@ -395,20 +353,21 @@ def finish(steps: Sequence[Step]) -> tuple[tuple[tuple[str, ...], ...], tuple[st
     return tuple(step for step in cleaned[:-1] if step), tuple(lasting)
 
 
+def _find_side(levels: Sequence[Node], side: str) -> set[int]:
+    """Which ends of a tower are said to be at a side: 0 the first, -1 the last."""
+    return {end for end in (0, -1) if levels and has_token(levels[end], side)}
+
+
 def _is_place(text: str) -> bool:
     return text.startswith(("inside(", "on("))
 
 
 def _get_subject(text: str) -> str:
-    """The thing that a predicate is about: its first argument, the second of what a robot does with it."""
-    formula = find_formula(text)
-    formula = formula.body if isinstance(formula, syntax.Not) else formula
-    terms = formula.terms if isinstance(formula, syntax.Call) else ()
-    return next((term.text for term in terms if isinstance(term, syntax.Name) and term.text != ROLE), "")
+    """The thing that a predicate is about, the first that it names."""
+    return next(iter(find_entities(text)), "")
 
 
 def _flip(text: str) -> str:
     """The state of a joint that excludes this one."""
     name, _, rest = text.partition("(")
-    other = {"open": "closed", "closed": "open"}.get(name)
-    return f"{other}({rest}" if other else ""
+    return f"{OPPOSITES[name]}({rest}" if name in OPPOSITES else ""

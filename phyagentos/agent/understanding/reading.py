@@ -5,7 +5,7 @@ reading, so that a sentence with two meanings is found out instead of decided by
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from math import prod
@@ -15,6 +15,7 @@ from lark import Lark, Token, Tree
 from lark.exceptions import UnexpectedEOF, UnexpectedInput
 from lark.visitors import CollapseAmbiguities
 
+from phyagentos.agent.understanding.understanding import Impossible, Lack, LackKind, refuse
 from phyagentos.agent.understanding.vocabulary import Vocabulary, read_lexicon
 from phyagentos.errors import find_nearest
 
@@ -45,46 +46,42 @@ _SHORT = (  # contractions and spellings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Readings:
-    """What was read.
-
-    Attributes:
-        trees: One for each reading; empty where there is none.
-        stop: Where the sentence stopped to be one, its words from there on.
-        unknown: Words of no meaning here, each with the nearest known one.
-        unsaid: Words of manner, which no predicate says.
-    """
+    """What was read: a tree for each reading; `unsaid` are words of manner, which no predicate says."""
 
     text: str
-    trees: tuple[Tree[Token], ...] = ()
-    stop: str = ""
-    unknown: Mapping[str, str]
-    unsaid: tuple[str, ...] = ()
+    trees: tuple[Tree[Token], ...]
+    unsaid: tuple[str, ...]
 
 
-def read_request(request: str, vocabulary: Vocabulary) -> Readings:
-    """Every reading of a request; none where a word is unknown or where it is no sentence."""
+def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
+    """Every reading of a request; none where a word is unknown, or from where on it is no sentence."""
     text = request.lower()
     for pattern, spelt in _SHORT:
         text = re.sub(pattern, spelt, text)
     adjectives, nouns = vocabulary.list_words()
     parser, words = _build_parser(adjectives, nouns, tuple(vocabulary.postures))
-    unsaid = tuple(re.findall(_alternatives(_read_lexicon()["manner"]), text))
-    courtesy = {word for word in _read_lexicon()["courtesy"] if word not in words or " " in word}
-    text = re.sub(_alternatives([*courtesy, *_read_lexicon()["manner"]]), " ", text)
+    courtesy, manner = (_read_phrases()[name] for name in ("courtesy", "manner"))
+    unsaid = tuple(re.findall(_alternatives(manner), text))
+    idle = (phrase for phrase in courtesy if phrase not in words or " " in phrase)
+    text = re.sub(_alternatives((*idle, *manner)), " ", text)
     text = " ".join(text.split()).strip(" ,;")
     content = sorted({word for word in words if len(word) >= LEAST_NEAR} | adjectives | nouns)
-    unknown = {each: find_nearest(each, content) or "" for each in _WORD.findall(text) if each not in words}
-    unknown = {word: near for word, near in unknown.items() if not re.fullmatch(r"[\d.]+|[+-]", word)}
-    if unknown or len(text) > MOST_LETTERS:
-        return Readings(text=text, unknown=unknown, stop=text[MOST_LETTERS:], unsaid=unsaid)
+    strange = (word for word in _WORD.findall(text) if word not in words and not re.fullmatch(r"[\d.]+|[+-]", word))
+    near = {word: find_nearest(word, content) or "" for word in strange}
+    if near:
+        lacks = (Lack(kind=LackKind.WORD, words=word, nearest=known) for word, known in near.items())
+        return Impossible(lacks=tuple(lacks))
+    if len(text) > MOST_LETTERS:
+        return refuse(LackKind.SENTENCE, text[MOST_LETTERS:])
     try:
         forest = parser.parse(text)
-    except UnexpectedEOF:
-        return Readings(text=text, unknown={}, unsaid=unsaid)
     except UnexpectedInput as error:
-        return Readings(text=text, unknown={}, stop=text[error.pos_in_stream :], unsaid=unsaid)
-    trees = CollapseAmbiguities().transform(forest) if _count_readings(forest) <= MOST_READINGS else ()
-    return Readings(text=text, trees=tuple(dict.fromkeys(trees)), unknown={}, unsaid=unsaid)
+        stop = 0 if isinstance(error, UnexpectedEOF) else error.pos_in_stream
+        return refuse(LackKind.SENTENCE, text[stop:] or text)
+    if _count_readings(forest) > MOST_READINGS:
+        return refuse(LackKind.SENTENCE, text)
+    trees = CollapseAmbiguities().transform(forest)
+    return Readings(text=text, trees=tuple(dict.fromkeys(trees)), unsaid=unsaid)
 
 
 def _count_readings(tree: Tree[Token]) -> int:
@@ -101,29 +98,21 @@ def pluralise(noun: str) -> str:
     return f"{noun[:-1]}ves" if noun.endswith("lf") else f"{noun}s"
 
 
-def _inflect(verb: str) -> tuple[str, ...]:
-    """A verb with its third person and its participle."""
-    third = pluralise(verb)
-    if re.fullmatch(r"[^aeiou]*[aeiou][^aeiouwxy]", verb):
-        return verb, third, f"{verb}{verb[-1]}ing"
-    return verb, third, f"{verb[:-1] if re.search('[^e]e$', verb) else verb}ing"
+def _inflect(phrase: str) -> list[str]:
+    """A phrase; where a `*` marks its verb also with the third person and the participle."""
+    verb, marked, rest = phrase.partition("*")
+    if not marked:
+        return [phrase]
+    stem = verb[:-1] if re.search("[^e]e$", verb) else verb
+    stem = f"{verb}{verb[-1]}" if re.fullmatch(r"[^aeiou]*[aeiou][^aeiouwxy]", verb) else stem
+    return [f"{form}{rest}" for form in (verb, pluralise(verb), f"{stem}ing")]
 
 
 @lru_cache(maxsize=1)
-def _read_lexicon() -> dict[str, tuple[str, ...]]:
+def _read_phrases() -> dict[str, list[str]]:
     """Terminal -> its phrases, verbs inflected."""
-    lexicon = {}
-    for name, phrases in read_lexicon().items():
-        if not isinstance(phrases, list):
-            continue
-        forms = (
-            " ".join((form, *rest)).replace(" , ", ", ")
-            for phrase in phrases
-            for verb, *rest in [phrase.split()]
-            for form in (_inflect(verb[:-1]) if verb.endswith("*") else (verb,))
-        )
-        lexicon[name] = tuple(dict.fromkeys(forms))
-    return lexicon
+    lists = ((name, phrases) for name, phrases in read_lexicon().items() if isinstance(phrases, list))
+    return {name: [form for phrase in phrases for form in _inflect(phrase)] for name, phrases in lists}
 
 
 def _alternatives(phrases: Iterable[str]) -> str:
@@ -144,8 +133,8 @@ def _build_parser(
         "elliptic": adjectives - nouns,
         "posture": {posture.replace("_", " ") for posture in postures} or {"-"},
     }
-    terminals = {name: phrases for name, phrases in _read_lexicon().items() if name.isupper()}
-    terminals |= {name.upper(): tuple(sorted(words)) for name, words in scene.items()}
+    terminals = {name: phrases for name, phrases in _read_phrases().items() if name.isupper()}
+    terminals |= {name.upper(): sorted(words) for name, words in scene.items()}
     grammar = (_FOLDER / "request.lark").read_text(encoding="utf-8")
     lines = [f"{name}: /{_alternatives(phrases)}/" for name, phrases in sorted(terminals.items())]
     parser = Lark(
@@ -153,7 +142,6 @@ def _build_parser(
         parser="earley",
         lexer="dynamic",
         ambiguity="explicit",
-        propagate_positions=True,
         maybe_placeholders=False,
     )
     known = {word for terminal in parser.terminals for word in re.findall(r"[a-z][a-z'-]*", terminal.pattern.value)}

@@ -1,60 +1,78 @@
-"""The port of understanders, and what they answer: a goal, questions, or what is missing. Paper section 3.3."""
+"""What understanders of requests answer: a goal, questions or what is missing; and the checks that a goal has to pass.
 
-from collections.abc import Mapping
+What a model writes passes no easier than what the grammar makes: names, what things are fit for, what skills bring
+about, contradictions. Paper section 3.3.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol
+from itertools import accumulate
+from typing import Any, Self
 
+from phyagentos.agent.goals.spec import NAME_MAX
 from phyagentos.agent.goals.wanted import WantedGoal
-from phyagentos.agent.understanding.vocabulary import Vocabulary
+from phyagentos.agent.understanding.vocabulary import ROLE, Vocabulary, iter_literals
+from phyagentos.errors import DefinitionError, find_nearest
+from phyagentos.protocol.world.predicates import syntax
+from phyagentos.protocol.world.predicates.library import ArgumentKind
+from phyagentos.protocol.world.predicates.predicate import Predicate, parse_predicate
+
+_Literal = tuple[bool, syntax.Call]  # whether it is to be true
+_PLACES = ("inside", "on", "at")  # a thing is at one of each kind
+OPPOSITES = {"open": "closed", "closed": "open", "upright": "fallen", "fallen": "upright"}
+_MOVERS = {*_PLACES, "near", "holding", "open", "closed", "upright"}  # what comes true by moving a thing
+_DEMANDS = {  # of each argument what is to be true of the thing
+    **dict.fromkeys(("on", "at", "near", "upright"), ("movable",)),
+    **dict.fromkeys(("open", "closed"), ("opens",)),
+    "inside": ("movable", "has_interior"),
+    "holding": ("", "movable"),
+    "contains": ("has_interior",),
+}
 
 
-class QuestionKind(StrEnum):
+class _Kind(StrEnum):
+    """A kind, with what a person is told of it before or after the words that it is about."""
+
+    told: str
+
+    def __new__(cls, value: str, told: str) -> Self:
+        kind = str.__new__(cls, value)
+        kind._value_, kind.told = value, told
+        return kind
+
+
+class QuestionKind(_Kind):
     """What a request leaves open."""
 
-    WHICH = "which"
-    """One thing is meant, and several fit."""
-    WHERE = "where"
-    """A place is meant for each of several things, and which for which is not said."""
-    HOW_MANY = "how_many"
-    """An amount is not said."""
-    ORDER = "order"
-    """What comes on what is not said."""
-    READING = "reading"
-    """The sentence can be read in several ways, which differ as goals."""
+    WHICH = "which", "Several fit; which one is"
+    WHERE = "where", "Which place is meant by"
+    HOW_MANY = "how_many", "How many, or which, are"
+    ORDER = "order", "In which order, from below, is"
+    READING = "reading", "It can be read in several ways:"
 
 
-class LackKind(StrEnum):
+class LackKind(_Kind):
     """Why a request cannot be met here."""
 
-    WORD = "word"
-    """A word is neither of the language of requests nor of this scene."""
-    SENTENCE = "sentence"
-    """Each word is known, the sentence is not."""
-    THING = "thing"
-    """Nothing here is called so, or not so many."""
-    FIT = "fit"
-    """The thing is there, and cannot be used so: it is fixed, has no interior, or no joint."""
-    CAPABILITY = "capability"
-    """No skill guarantees it."""
-    CONTRADICTION = "contradiction"
-    """Two parts of the request cannot both hold."""
-    PAST = "past"
-    """Nothing was done before that could be meant."""
-    GOAL = "goal"
-    """It says what must not happen, and nothing that shall."""
-    MODEL = "model"
-    """The model gave no goal that passes the checks, within its limits."""
+    WORD = "word", "is no word of this scene or of requests"
+    SENTENCE = "sentence", "is not understood as a sentence"
+    THING = "thing", "is not here"
+    FIT = "fit", "is not possible with this thing"
+    CAPABILITY = "capability", "is what no skill here brings about"
+    CONTRADICTION = "contradiction", "cannot hold together"
+    PAST = "past", "means something done before, and nothing was"
+    GOAL = "goal", "says nothing that shall come true"
+    MODEL = "model", "is what the model's answers came to"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """One thing to ask back.
+    """One thing to ask back, about some words of the request; any number may be answered where it has no candidates.
 
     Attributes:
         key: What an answer refers to: the words, and where they begin.
-        words: The words of the request that it is about.
-        candidates: What may be answered; empty where any number may.
     """
 
     kind: QuestionKind
@@ -65,13 +83,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lack:
-    """One thing that is missing.
-
-    Attributes:
-        words: The word, the name or the predicate that it is about.
-        nearest: The known name most like it; empty where none is.
-        possible: What would be possible instead.
-    """
+    """One thing that is missing: a word, name or predicate, the known one most like it, and what would be possible."""
 
     kind: LackKind
     words: str
@@ -114,14 +126,105 @@ class Impossible:
 Understanding = Understood | Ambiguous | Impossible
 
 
-class Understander(Protocol):
-    """Makes a goal of a request."""
+def refuse(kind: LackKind, *words: str) -> Impossible:
+    """What is missing, all of one kind."""
+    return Impossible(lacks=tuple(Lack(kind=kind, words=each) for each in words))
 
-    def understand(self, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding:
-        """The goal of a request, or why there is none.
 
-        Args:
-            request: One or more sentences.
-            vocabulary: All that the request can be about.
-            answers: Key of a question -> the candidate that was chosen.
-        """
+def conclude(request: str, vocabulary: Vocabulary, parts: Mapping[str, Any], **more: Any) -> Understood | Impossible:
+    """The goal of a request with its constraints, steps and acceptance, unless it fails a check."""
+    named = {"goal": name_goal(request), "scene": vocabulary.scene, "targets": {ROLE: vocabulary.robot}}
+    goal = WantedGoal.model_validate({"objective": " ".join(request.split()), **named, **parts})
+    lacks = find_lacks(goal, vocabulary)
+    return Impossible(lacks=lacks) if lacks else Understood(goal=goal, **more)
+
+
+def name_goal(request: str) -> str:
+    """A name for the goal of a request: its first words."""
+    names = accumulate(re.findall(r"[a-z0-9]+", request.lower()), "{}_{}".format)
+    name = max((each for each in names if len(each) <= NAME_MAX // 2), key=len, default="")
+    return name if re.match(r"[a-z]", name) else f"goal_{name}".strip("_")
+
+
+def find_lacks(goal: WantedGoal, vocabulary: Vocabulary) -> tuple[Lack, ...]:
+    """Everything about a goal that cannot be met here; empty where it can be planned."""
+    parsed: dict[str, Predicate] = {}
+    lacks: list[Lack] = []
+    for text in (*goal.constraints, *(text for step in goal.steps for text in step), *goal.accept):
+        try:
+            parsed[text] = parse_predicate(text)
+        except DefinitionError as error:
+            lacks += [Lack(kind=LackKind.SENTENCE, words=str(problem)) for problem in error.problems]
+    for text, predicate in parsed.items():
+        lacks += _find_unknown(predicate, goal, vocabulary)
+        if not lacks:
+            calls = syntax.iter_calls(predicate.formula)
+            lacks += [lack for call in calls for lack in _find_unfit(call, vocabulary)]
+        if text not in goal.constraints:
+            lacks += _find_incapable(predicate.formula, vocabulary)
+    if lacks:
+        return tuple(dict.fromkeys(lacks))
+    constraints = [parsed[text].formula for text in goal.constraints]
+    groups = [[parsed[text].formula for text in step] for step in (*goal.steps, goal.accept)]
+    clashes = [pair for group in groups for pair in _iter_clashes(group, constraints)]
+    return tuple(Lack(kind=LackKind.CONTRADICTION, words=pair) for pair in dict.fromkeys(clashes))
+
+
+def _find_unknown(predicate: Predicate, goal: WantedGoal, vocabulary: Vocabulary) -> Iterator[Lack]:
+    for reference in predicate.iter_references():
+        is_target = reference.kind is ArgumentKind.TARGET
+        known = (*goal.targets, *vocabulary.targets, "target", ROLE) if is_target else tuple(vocabulary.things)
+        if reference.name not in known:
+            near = find_nearest(reference.name, known) or ""
+            yield Lack(kind=LackKind.THING, words=reference.name, nearest=near, possible=known)
+
+
+def _find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[Lack]:
+    """Things of a predicate that cannot be used so, with those that can."""
+    for term, fact in zip(call.terms, _DEMANDS.get(call.name, ()), strict=False):
+        if fact and isinstance(term, syntax.Name) and not getattr(vocabulary.things[term.text], fact):
+            possible = tuple(name for name, thing in vocabulary.things.items() if getattr(thing, fact))
+            yield Lack(kind=LackKind.FIT, words=syntax.render(call), possible=possible)
+    names = [term.text for term in call.terms if isinstance(term, syntax.Name)]
+    if len(names) != len(set(names)):
+        yield Lack(kind=LackKind.CONTRADICTION, words=syntax.render(call))
+    most = sum(thing.contents for thing in vocabulary.things.values())
+    if call.name == "contains" and any(isinstance(term, syntax.Number) and term.value > most for term in call.terms):
+        yield Lack(kind=LackKind.FIT, words=syntax.render(call), possible=(str(most),))
+
+
+def _find_incapable(formula: syntax.Formula, vocabulary: Vocabulary) -> Iterator[Lack]:
+    """Literals that no skill brings about. To end a place is to bring the thing to another."""
+    able = vocabulary.capabilities
+    for is_true, call in iter_literals(formula):
+        name = call.name if is_true else f"not {call.name}"
+        is_ended = not is_true and call.name in _PLACES and any(each in able for each in _PLACES)
+        is_flipped = not is_true and OPPOSITES.get(call.name) in able
+        if name not in able and not is_ended and not is_flipped and name != "not moved":
+            yield Lack(kind=LackKind.CAPABILITY, words=name, possible=tuple(able))
+
+
+def _iter_clashes(group: Sequence[syntax.Formula], constraints: Sequence[syntax.Formula]) -> Iterator[str]:
+    wanted, always = (  # of a disjunction no part need hold
+        [literal for formula in formulas if not isinstance(formula, syntax.Or) for literal in iter_literals(formula)]
+        for formulas in (group, constraints)
+    )
+    for index, one in enumerate(wanted):
+        for other in (*wanted[index + 1 :], *always):
+            if _excludes(one, other) or _excludes(other, one):
+                pair = (call if is_true else syntax.Not(call) for is_true, call in (one, other))
+                yield " and ".join(map(syntax.render, pair))
+
+
+def _excludes(one: _Literal, other: _Literal) -> bool:
+    """Whether two conditions exclude each other, as far as their names alone say."""
+    (is_true, call), (is_other_true, second) = one, other
+    if call == second:
+        return is_true is not is_other_true
+    if call.name == second.name == "on" and call.terms == second.terms[::-1]:
+        return is_true and is_other_true
+    if call.terms[:1] == second.terms[:1] and is_true and is_other_true:
+        return second.name == OPPOSITES.get(call.name) or (call.name == second.name and call.name in _PLACES)
+    keeps = second.name == "moved" and not is_other_true
+    moves = call.name in _MOVERS and (is_true or call.name in _PLACES)
+    return keeps and moves and call.terms[1 if call.name == "holding" else 0] == second.terms[0]

@@ -8,8 +8,9 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from phyagentos.protocol.world.predicates import syntax
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 
+REGION = "region"
 ROLE = "robot"  # of the target in goals of requests
 FRAME_M = 0.35  # how far the middle of a lid, a door or a drawer is from that of its frame at most
 LOOSE = "ball"  # one of the nameless contents of a vessel
@@ -35,18 +37,15 @@ SURFACES = ("table", "floor")  # kinds on which things stand that the scene plac
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thing:
-    """A listed body or a region, as requests can name it.
+    """A listed body or a region, as requests can name it; what it does not have is empty.
 
     Attributes:
-        kind: Class of thing; `region` for a named region.
-        colour: Colour word, empty where it has none.
+        kind: Class of thing; `REGION` for a space rather than a body.
         words: Words that may stand before its noun: of its name, its colour, its material, and of what it is part of.
         heads: Nouns that mean it: its kind, and the last word of its name.
-        movable: Whether it can be taken elsewhere.
-        has_interior: Whether things can be inside.
-        opens: `slide` or `hinge`; empty without a joint.
-        part_of: The thing that it is fixed to, or whose lid, door or drawer it is; empty where to none.
-        stands: The thing in or on which the scene places it at first, empty where the scene says none.
+        opens: `slide` or `hinge`.
+        part_of: The thing that it is fixed to, or whose lid, door or drawer it is.
+        stands: The thing in or on which the scene places it at first.
         contents: Number of loose balls in it.
     """
 
@@ -62,29 +61,23 @@ class Thing:
     stands: str = ""
     contents: int = 0
 
-    @property
-    def is_region(self) -> bool:
-        """Whether it is a space rather than a body."""
-        return self.kind == "region"
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vocabulary:
     """What a request over one scene can be about.
 
     Attributes:
-        capabilities: Name of a predicate -> skills that guarantee it on some target.
+        capabilities: Predicates that some skill guarantees on some target, negated ones as `not inside`.
         robot: The target that goals of requests are for.
-        postures: Posture -> targets that have it.
-        past: Goals asked for before, the latest last; those of other scenes are left out.
+        past: Goals of the scene that were asked for before, the latest last.
     """
 
     scene: str
     things: Mapping[str, Thing]
-    capabilities: Mapping[str, tuple[str, ...]]
+    capabilities: tuple[str, ...]
     targets: tuple[str, ...]
     robot: str = ANY
-    postures: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    postures: tuple[str, ...] = ()
     past: tuple[WantedGoal, ...] = ()
 
     @classmethod
@@ -101,19 +94,15 @@ class Vocabulary:
         things = {name: _read_thing(spec, name, body) for name, body in bodies.items()}
         for name, region in spec.regions.items():
             words = frozenset((*name.split("_"), *(region.body or "").split("_"))) - {""}
-            things[name] = Thing(name=name, kind="region", words=words, heads=_find_heads(name), has_interior=True)
-        things = _add_synonyms(things)
-        postures: dict[str, list[str]] = {}
-        for target, profile in sorted(catalogue.targets.items()):
-            for posture in profile.postures:
-                postures.setdefault(posture, []).append(target)
+            things[name] = Thing(name=name, kind=REGION, words=words, heads=_find_heads(name), has_interior=True)
+        postures = (each for _, profile in sorted(catalogue.targets.items()) for each in profile.postures)
         return cls(
             scene=scene,
-            things=things,
+            things=_add_synonyms(things),
             capabilities=_find_capabilities(catalogue),
             targets=tuple(sorted(catalogue.targets)),
             robot=robot,
-            postures={name: tuple(targets) for name, targets in postures.items()},
+            postures=tuple(dict.fromkeys(postures)),
             past=tuple(goal for goal in past if goal.scene == scene),
         )
 
@@ -121,10 +110,8 @@ class Vocabulary:
         """Words that may stand before a noun, and nouns; colours stand for nouns, too."""
         things = self.things.values()
         adjectives = {*COLORS}.union(*(thing.words for thing in things))
-        nouns = {LOOSE} if any(thing.contents for thing in things) else set()
-        nouns = nouns.union(*(thing.heads for thing in things))
-        spoken, named = (frozenset(filter(WORD.fullmatch, words)) for words in (adjectives, nouns))
-        return spoken, named
+        nouns = {LOOSE for thing in things if thing.contents}.union(*(thing.heads for thing in things))
+        return frozenset(filter(WORD.fullmatch, adjectives)), frozenset(filter(WORD.fullmatch, nouns))
 
 
 def _add_synonyms(things: Mapping[str, Thing]) -> dict[str, Thing]:
@@ -162,7 +149,7 @@ def _find_heads(name: str) -> frozenset[str]:
 
 
 def _read_thing(spec: SceneSpec, name: str, body: Body) -> Thing:
-    part_of = body.part_of or (_find_frame(spec, name) if body.joint is not None else "")
+    part_of = body.part_of or (_find_frame(spec, name) if body.joint else "")
     of = (*part_of.split("_"), spec.bodies[part_of].kind) if part_of else ()
     words = {*name.lower().split("_"), *body.color.split(), *(body.material or "").split("_"), *of}
     return Thing(
@@ -173,22 +160,19 @@ def _read_thing(spec: SceneSpec, name: str, body: Body) -> Thing:
         heads=_find_heads(name) | {body.kind.lower().replace("_", " ")},
         movable=not (body.fixed or body.joint or body.part_of),
         has_interior=body.interior is not None,
-        opens=body.joint.kind if body.joint is not None else "",
+        opens=body.joint.kind if body.joint else "",
         part_of=part_of,
         stands=body.place.frame or "",
-        contents=body.contents.count if body.contents is not None else 0,
+        contents=body.contents.count if body.contents else 0,
     )
 
 
 def _find_frame(spec: SceneSpec, name: str) -> str:
     """The fixed thing that one with a joint is a part of: the nearest, as a scene does not say; empty where none is."""
     at = _find_position(spec, name)
-    near = {
-        other: math.dist(at, _find_position(spec, other))
-        for other, body in spec.bodies.items()
-        if body.fixed and body.kind not in SURFACES
-    }
-    return min((other for other, apart_m in near.items() if apart_m <= FRAME_M), key=near.__getitem__, default="")
+    fixed = (other for other, body in spec.bodies.items() if body.fixed and body.kind not in SURFACES)
+    apart_m = {other: math.dist(at, _find_position(spec, other)) for other in fixed}
+    return min((other for other in apart_m if apart_m[other] <= FRAME_M), key=apart_m.__getitem__, default="")
 
 
 def _find_position(spec: SceneSpec, name: str) -> tuple[float, ...]:
@@ -198,16 +182,12 @@ def _find_position(spec: SceneSpec, name: str) -> tuple[float, ...]:
     return tuple(a + b for a, b in zip(base, place.position_m, strict=True))
 
 
-def _find_capabilities(catalogue: Catalogue) -> dict[str, tuple[str, ...]]:
-    """Each predicate that some skill guarantees, negated ones as `not inside`, with the skills that a target can do."""
-    found: dict[str, set[str]] = {}
-    for name, runtime in catalogue.skills.items():
-        if all(any(True for _ in find_lacks(runtime, target)) for target in catalogue.targets.values()):
-            continue
-        for text in runtime.guarantees:
-            for is_true, call in iter_literals(parse_predicate(text, template=True).formula):
-                found.setdefault(call.name if is_true else f"not {call.name}", set()).add(name)
-    return {predicate: tuple(sorted(skills)) for predicate, skills in sorted(found.items())}
+def _find_capabilities(catalogue: Catalogue) -> tuple[str, ...]:
+    targets = catalogue.targets.values()
+    able = (skill for skill in catalogue.skills.values() if not all(any(find_lacks(skill, each)) for each in targets))
+    formulas = (parse_predicate(text, template=True).formula for skill in able for text in skill.guarantees)
+    literals = (literal for formula in formulas for literal in iter_literals(formula))
+    return tuple(sorted({call.name if is_true else f"not {call.name}" for is_true, call in literals}))
 
 
 def iter_literals(formula: syntax.Formula, *, is_true: bool = True) -> Iterator[tuple[bool, syntax.Call]]:
@@ -218,8 +198,7 @@ def iter_literals(formula: syntax.Formula, *, is_true: bool = True) -> Iterator[
         case syntax.Not(body):
             yield from iter_literals(body, is_true=not is_true)
         case syntax.And(parts) | syntax.Or(parts):
-            for part in parts:
-                yield from iter_literals(part, is_true=is_true)
+            yield from chain.from_iterable(iter_literals(part, is_true=is_true) for part in parts)
         case syntax.Count(body):
             yield from iter_literals(body, is_true=is_true)
         case syntax.Compare(left, relation, _):

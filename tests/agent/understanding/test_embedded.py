@@ -5,8 +5,15 @@ from dataclasses import replace
 import pytest
 
 from phyagentos.agent.goals.wanted import WantedGoal
-from phyagentos.agent.understanding.embedded import EmbeddedUnderstander, name_goal
-from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, LackKind, QuestionKind, Understood
+from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
+from phyagentos.agent.understanding.understanding import (
+    Ambiguous,
+    Impossible,
+    LackKind,
+    QuestionKind,
+    Understood,
+    name_goal,
+)
 from phyagentos.agent.understanding.vocabulary import find_robot
 
 from .conftest import CUBES, get_vocabulary, read_catalogue
@@ -223,3 +230,19 @@ def test_what_a_scene_calls_a_thing_breaks_nothing_and_is_no_request(understand,
     }
 
     assert understand(PUT, replace(vocabulary, things=things)).goal.accept == ("inside(red_cube, red_tray)",)
+
+
+@pytest.mark.parametrize(
+    "request_", ["wipe off all things clean", "put all things into the red tray", "lift all objects up"]
+)
+def test_words_with_several_readings_are_quoted(understand, request_):
+    found = understand(request_)
+
+    said = found.lacks if isinstance(found, Impossible) else found.questions if isinstance(found, Ambiguous) else ()
+    assert all(each.words for each in said)
+
+
+def test_what_shall_stay_empty_is_a_constraint(understand):
+    goal = understand("put the red cube into the red tray and keep the blue tray empty").goal
+
+    assert goal.constraints == ("not inside(*, blue_tray)",)

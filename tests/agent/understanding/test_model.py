@@ -9,8 +9,7 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from phyagentos.agent.understanding.answers import replay_answers, write_answers
-from phyagentos.agent.understanding.model import ModelLimits, ModelUnderstander
+from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers, write_answers
 from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, LackKind, Understood
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
@@ -44,7 +43,7 @@ def serve():
 
 def ask(server, request=REQUEST, vocabulary=None, *, key="", answers=None, **limits):
     endpoint = OpenAiEndpoint(url=server.url, model="m-1", key=key)
-    understander = ModelUnderstander(complete=endpoint.complete, clock=SystemClock(), limits=ModelLimits(**limits))
+    understander = ModelUnderstander(name=endpoint.name, complete=endpoint.complete, clock=SystemClock(), **limits)
     return understander.understand(request, vocabulary or get_vocabulary(), answers or {})
 
 
@@ -175,9 +174,9 @@ def test_text_of_a_scene_is_data_and_an_obedient_model_gets_no_further_than_a_go
 def test_the_key_is_sent_to_the_server_and_written_nowhere(serve, tmp_path):
     server = serve(RIGHT)
     endpoint = OpenAiEndpoint(url=server.url, model="m-1", key="sk-secret")
-    model = ModelUnderstander(complete=endpoint.complete, clock=SystemClock())
+    model = ModelUnderstander(name=endpoint.name, complete=endpoint.complete, clock=SystemClock())
     model.understand(REQUEST, get_vocabulary(), {})
-    write_answers(tmp_path / "a.json", REQUEST, SCENE, endpoint.name, model.kept, model.shown)
+    write_answers(tmp_path / "a.json", REQUEST, SCENE, model)
 
     assert server.keys == ["Bearer sk-secret"]
     assert "sk-secret" not in (tmp_path / "a.json").read_text(encoding="utf-8")
@@ -187,10 +186,12 @@ def test_the_key_is_sent_to_the_server_and_written_nowhere(serve, tmp_path):
 def test_kept_answers_are_used_again_without_a_server(serve, tmp_path):
     server = serve(UNKNOWN, RIGHT)
     endpoint = OpenAiEndpoint(url=server.url, model="m-1")
-    model = ModelUnderstander(complete=endpoint.complete, clock=SystemClock())
+    model = ModelUnderstander(name=endpoint.name, complete=endpoint.complete, clock=SystemClock())
     first = model.understand(REQUEST, get_vocabulary(), {})
-    write_answers(tmp_path / "a.json", REQUEST, SCENE, endpoint.name, model.kept, model.shown)
-    again = ModelUnderstander(complete=replay_answers(tmp_path / "a.json", REQUEST, SCENE), clock=SystemClock())
+    write_answers(tmp_path / "a.json", REQUEST, SCENE, model)
+    again = ModelUnderstander(
+        name="kept", complete=replay_answers(tmp_path / "a.json", REQUEST, SCENE), clock=SystemClock()
+    )
 
     assert again.understand(REQUEST, get_vocabulary(), {}) == first
     assert len(server.asked) == 2
@@ -210,9 +211,9 @@ def test_a_file_that_holds_no_answers_is_refused(tmp_path, text):
 
 def test_answers_are_plain_json(serve, tmp_path):
     endpoint = OpenAiEndpoint(url=serve(RIGHT, tokens=77).url, model="m-1")
-    model = ModelUnderstander(complete=endpoint.complete, clock=SystemClock())
+    model = ModelUnderstander(name=endpoint.name, complete=endpoint.complete, clock=SystemClock())
     model.understand(REQUEST, get_vocabulary(), {})
-    write_answers(tmp_path / "a.json", REQUEST, SCENE, endpoint.name, model.kept, model.shown)
+    write_answers(tmp_path / "a.json", REQUEST, SCENE, model)
     kept = msgspec.json.decode((tmp_path / "a.json").read_bytes())
 
     ((sha256, shown),) = kept["shown"].items()

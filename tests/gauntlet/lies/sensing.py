@@ -285,7 +285,7 @@ SABOTAGES = (
         lie="A verdict that is formed again from frames is formed from the recorded snapshot.",
         edits=(
             Edit(
-                "phyagentos.agent.judging.from_frames",
+                "phyagentos.agent.judging.review",
                 "before=before, after=snapshots.get(LookRole.END)",
                 "before=before",
             ),

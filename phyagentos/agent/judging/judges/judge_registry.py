@@ -1,4 +1,4 @@
-"""The registry of judges, by the names that `verification.judges` and `paos verify --with` use.
+"""The port of judges, and their registry by the names that `verification.judges` and `paos verify --with` use.
 
 Installed packages announce a `JudgeDefinition` by the entry point group `phyagentos.judges`, under its own name. Where
 such a judge raises, or answers with anything but criteria, its answer is unknown.
@@ -6,25 +6,43 @@ such a judge raises, or answers with anything but criteria, its answer is unknow
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib.metadata import entry_points
+from typing import Protocol
+
+from msgspec import UNSET, UnsetType
 
 from phyagentos.agent.judging.causes import Cause
-from phyagentos.agent.judging.judges.judge import Judge, make_unknown
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.settings.verification import JUDGE_ENTRY_POINTS, JudgeOption, Verification
+from phyagentos.protocol.world.truth import Truth
+
+FORESEEN = "lookahead"
+"""Kind of predictions: recorded with every judgement, decisive only where nothing was observed that could decide."""
+
+
+class Judge(Protocol):
+    """Answers for one kind of criterion."""
+
+    @property
+    def name(self) -> str:
+        """Name, version and configuration, as recorded with every judgement (`predicates/2`)."""
+
+    def judge(self, bundle: Bundle) -> Sequence[Criterion]:
+        """Every criterion of this kind in the session's contract or the settings, each with its evidence."""
+
+
+def make_unknown(text: str, kind: str, evidence: str, because: str, *, failure: str | UnsetType = UNSET) -> Criterion:
+    """An undecided criterion, and why; `failure` is the code of a judge that gave no usable answer."""
+    return Criterion(text=text, kind=kind, truth=Truth.UNKNOWN, evidence=evidence, because=because, failure=failure)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgeSettings:
-    """Settings of a judge.
-
-    Attributes:
-        options: Those of the block `options` for this judge.
-        address: Where the block stands, for messages.
-    """
+    """Settings of a judge; `options` are those for it alone, `address` is for messages."""
 
     verification: Verification
     clock: Clock
@@ -37,7 +55,6 @@ class JudgeDefinition:
     """One judge.
 
     Attributes:
-        name: As written in the settings.
         open: Makes it; raises DefinitionError for unusable settings.
         is_costly: Whether it is asked last, and only while nothing is false.
     """
@@ -48,48 +65,31 @@ class JudgeDefinition:
     description: str = ""
 
 
-class JudgeRegistry:
-    """Judges by name."""
+def add_installed(known: dict[str, JudgeDefinition]) -> None:
+    """Add judges of installed packages to those known by name; one that does not load raises when it is opened.
 
-    def __init__(self) -> None:
-        self._definitions: dict[str, JudgeDefinition] = {}
+    Raises:
+        ValueError: A name is taken, or what is announced is no judge of that name.
+    """
+    for point in sorted(entry_points(group=JUDGE_ENTRY_POINTS), key=lambda point: point.name):
+        try:
+            found = point.load()
+        except Exception as error:  # foreign code
+            reason = f"{type(error).__name__}: {error}"
+            refuse = partial(_refuse, point.name, reason)
+            found = JudgeDefinition(name=point.name, open=refuse, description=f"Does not load: {reason}")
+        if not isinstance(found, JudgeDefinition) or found.name != point.name:
+            raise ValueError(f"entry point {point.value!r} is no JudgeDefinition of the name {point.name!r}")
+        if point.name in known:
+            raise ValueError(f"judge {point.name!r} is registered already")
+        known[point.name] = replace(found, open=partial(_open_foreign, found))
 
-    def register(self, definition: JudgeDefinition) -> None:
-        """Add one; raises ValueError when the name is taken."""
-        if definition.name in self._definitions:
-            raise ValueError(f"judge {definition.name!r} is registered already")
-        self._definitions[definition.name] = definition
 
-    def register_installed(self) -> None:
-        """Add judges of installed packages; one that does not load raises when it is opened."""
-        for point in sorted(entry_points(group=JUDGE_ENTRY_POINTS), key=lambda point: point.name):
-            try:
-                definition = point.load()
-            except Exception as error:  # foreign code
-                self.register(_make_unloadable(point.name, f"{type(error).__name__}: {error}"))
-                continue
-            if not isinstance(definition, JudgeDefinition) or definition.name != point.name:
-                raise ValueError(f"entry point {point.value!r} is no JudgeDefinition of the name {point.name!r}")
-            self.register(_make_closed(definition))
-
-    def names(self) -> list[str]:
-        """Every name, sorted."""
-        return sorted(self._definitions)
-
-    def get(self, names: Sequence[str], address: str) -> list[JudgeDefinition]:
-        """Those of these names, in this order, each once.
-
-        Raises:
-            DefinitionError: `UNKNOWN_JUDGE` for each unregistered name.
-        """
-        problems = [
-            Problem.unknown("UNKNOWN_JUDGE", address, name, self._definitions)
-            for name in names
-            if name not in self._definitions
-        ]
-        if problems:
-            raise DefinitionError(problems)
-        return [self._definitions[name] for name in dict.fromkeys(names)]
+def choose_judges(known: Mapping[str, JudgeDefinition], names: Sequence[str], address: str) -> list[JudgeDefinition]:
+    """Those of these names, in this order, each once; raises DefinitionError `UNKNOWN_JUDGE` for each other name."""
+    if unknown := [name for name in names if name not in known]:
+        raise DefinitionError([Problem.unknown("UNKNOWN_JUDGE", address, each, known) for each in unknown])
+    return [known[name] for name in dict.fromkeys(names)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,23 +110,18 @@ class ForeignJudge:
             criteria: tuple[object, ...] = tuple(self.other.judge(bundle))
         except Exception as error:  # foreign code; the session must be judged
             return [self._fail(f"the judge raised {type(error).__name__}: {error}")]
-        known = [each for each in criteria if isinstance(each, Criterion)]
-        if len(known) == len(criteria):
-            return known
-        strangers = sorted({type(each).__name__ for each in criteria if not isinstance(each, Criterion)})
-        return [self._fail(f"the judge answered with {', '.join(strangers)}")]
+        if strangers := sorted({type(each).__name__ for each in criteria if not isinstance(each, Criterion)}):
+            return [self._fail(f"the judge answered with {', '.join(strangers)}")]
+        return [each for each in criteria if isinstance(each, Criterion)]
 
     def _fail(self, because: str) -> Criterion:
         return make_unknown(self.kind, self.kind, "", because, failure=Cause.JUDGE_FAILED)
 
 
-def _make_unloadable(name: str, reason: str) -> JudgeDefinition:
-    def open(settings: JudgeSettings) -> Judge:
-        found = f"judge {name!r}, whose package does not load: {reason}"
-        raise DefinitionError.of("UNKNOWN_JUDGE", settings.address, found, "a package that loads")
-
-    return JudgeDefinition(name=name, open=open, description=f"Does not load: {reason}")
+def _open_foreign(definition: JudgeDefinition, settings: JudgeSettings) -> Judge:
+    return ForeignJudge(definition.open(settings), definition.name)
 
 
-def _make_closed(definition: JudgeDefinition) -> JudgeDefinition:
-    return replace(definition, open=lambda settings: ForeignJudge(definition.open(settings), definition.name))
+def _refuse(name: str, reason: str, settings: JudgeSettings) -> Judge:
+    found = f"judge {name!r}, whose package does not load: {reason}"
+    raise DefinitionError.of("UNKNOWN_JUDGE", settings.address, found, "a package that loads")

@@ -1,5 +1,6 @@
-"""The judge of numbers, `metric(name) <= bound`, and how each metric is computed from the bundle.
+"""The judges of what was recorded on the way: numbers, `metric(name) <= bound`, and conditions that hold all through.
 
+Of a condition the recorded worst sample is judged; conditions on metrics alone use every control period.
 Peaks are taken over every control period, so that a spike of one period counts. An unmeasured metric is unknown. What a
 leaf or the session's outputs say of themselves is not measured: it counts only as `metric(reported_NAME)`.
 """
@@ -11,10 +12,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
-from phyagentos.protocol.sessions.evidence import EXECUTION, TRAJECTORY, Bundle
+from phyagentos.protocol.sessions.evidence import EXECUTION, HOLDS, TRAJECTORY, Bundle
 from phyagentos.protocol.sessions.verdicts import Criterion
-from phyagentos.protocol.world.predicates.predicate import has_metric, iter_metrics
+from phyagentos.protocol.world.predicates.predicate import (
+    Predicate,
+    find_formula,
+    has_metric,
+    is_metric_only,
+    iter_metrics,
+)
+from phyagentos.protocol.world.truth import Truth
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,16 +34,12 @@ if TYPE_CHECKING:
 REPORTED = "reported_"  # begins the name of a number that is the controller's own word
 REST_RAD = 0.02  # what a joint that is held moves by as others stop
 MAX_BYTES = 64 * 1024 * 1024  # of a trajectory: an hour of a seven-jointed arm
+_LAST = slice(-1, None)  # row
 
 
-def _read_last(array: str) -> "Callable[[Trajectory], float]":
-    """The largest magnitude in the last row."""
-    return lambda trajectory: float(abs(trajectory[array][-1]).max())
-
-
-def _read_peak(array: str) -> "Callable[[Trajectory], float]":
-    """The largest magnitude in any row."""
-    return lambda trajectory: float(abs(trajectory[array]).max())
+def _read_peak(array: str, rows: slice = slice(None)) -> "Callable[[Trajectory], float]":
+    """The largest magnitude in some rows, of all without any."""
+    return lambda trajectory: float(abs(trajectory[array][rows]).max())
 
 
 def _read_error(trajectory: "Trajectory", rows: slice) -> float:
@@ -60,10 +65,10 @@ def _read_rest(trajectory: "Trajectory") -> float:
 
 
 TRAJECTORY_METRICS: "Mapping[str, Callable[[Trajectory], float]]" = {
-    "final_joint_speed_rad_s": _read_last("qd_measured"),
-    "final_tracking_error_rad": lambda trajectory: _read_error(trajectory, slice(-1, None)),
+    "final_joint_speed_rad_s": _read_peak("qd_measured", _LAST),
+    "final_tracking_error_rad": lambda trajectory: _read_error(trajectory, _LAST),
     "final_rest_s": _read_rest,
-    "final_gripper_width_m": _read_last("gripper_measured_m"),
+    "final_gripper_width_m": _read_peak("gripper_measured_m", _LAST),
     "peak_joint_speed_rad_s": _read_peak("qd_measured"),
     "peak_joint_acceleration_rad_s2": _read_peak_acceleration,
     "peak_tracking_error_rad": lambda trajectory: _read_error(trajectory, slice(None)),
@@ -111,11 +116,7 @@ def read_course(folder: Path, wanted: set[str]) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True)
 class MetricJudge:
-    """Judges numbers.
-
-    Attributes:
-        criteria: Apply to every session, beside the metrics of its own acceptance.
-    """
+    """Judges numbers; `criteria` apply to every session, beside the metrics of its own acceptance."""
 
     criteria: tuple[str, ...] = ()
 
@@ -128,8 +129,6 @@ class MetricJudge:
         """One criterion for each predicate about metrics."""
         asked = [("accept", text) for text in bundle.session.accept if has_metric(text)]
         asked += [("metric", text) for text in self.criteria]
-        if not asked:
-            return []
         metrics = read_metrics(bundle, {name for _, text in asked for name in iter_metrics(text)})
         return [
             evaluate_criterion(
@@ -146,3 +145,28 @@ def read_metrics(bundle: Bundle, wanted: set[str]) -> Mapping[str, float]:
     if wanted & TRAJECTORY_METRICS.keys():
         found |= read_course(bundle.folder, wanted)
     return {name: value for name, value in found.items() if name in wanted}
+
+
+@dataclass(frozen=True, slots=True)
+class HoldJudge:
+    """Judges conditions that had to hold all through, on the worst that was recorded."""
+
+    name: str = "holds/2"
+
+    def judge(self, bundle: Bundle) -> Sequence[Criterion]:
+        """One criterion for each predicate of `hold`; unknown without a sample."""
+        sampled = {criterion.text: criterion for criterion in bundle.holds}
+        return [_judge_hold(text, sampled.get(text), bundle) for text in bundle.session.hold]
+
+
+def _judge_hold(text: str, sampled: Criterion | None, bundle: Bundle) -> Criterion:
+    if sampled is not None and sampled.truth is Truth.FALSE:
+        return sampled
+    formula = find_formula(text)
+    if formula is not None and is_metric_only(Predicate(formula)):  # the last sample may be older than the last spike
+        if bundle.execution.is_idle:
+            because = f"{bundle.execution.code}: no control period was commanded"
+            return Criterion(text=text, kind="hold", truth=Truth.TRUE, evidence=EXECUTION, because=because)
+        metrics = read_metrics(bundle, set(iter_metrics(text)))
+        return evaluate_criterion(text, "hold", bundle, metrics, evidence=TRAJECTORY)
+    return sampled or make_unknown(text, "hold", HOLDS, "it was never sampled")

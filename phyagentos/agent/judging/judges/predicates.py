@@ -1,6 +1,7 @@
-"""The judge of acceptance: predicates on the snapshots before and after a session.
+"""The judges of acceptance: as it was observed on the snapshots before and after a session, and as it was foreseen.
 
-A fact about a movable entity counts only when the look at the end shows it, see `Environment.explain_unseen`.
+A fact about a movable entity counts only when the look at the end shows it, see `Environment.explain_unseen`. What was
+foreseen never outvotes an observation.
 """
 
 from collections.abc import Mapping, Sequence
@@ -8,13 +9,15 @@ from dataclasses import dataclass
 
 from msgspec import UNSET
 
-from phyagentos.agent.judging.judges.judge import make_unknown
-from phyagentos.errors import DefinitionError
+from phyagentos.agent.judging.judges.judge_registry import FORESEEN, make_unknown
+from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions.evidence import AFTER, Bundle
+from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, read_lookahead
 from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import View, has_metric, parse_predicate
+from phyagentos.protocol.world.truth import Truth
 
 _LOST = {Ended.RUNNER_LOST, Ended.TARGET_LOST}
 _NO_METRICS: Mapping[str, float] = {}
@@ -29,6 +32,37 @@ class PredicateJudge:
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
         """One criterion for each predicate of `accept` that speaks of no metric."""
         return [evaluate_criterion(text, "accept", bundle) for text in bundle.session.accept if not has_metric(text)]
+
+
+@dataclass(frozen=True, slots=True)
+class LookaheadJudge:
+    """Judges the chance of success that was foreseen before the session."""
+
+    name: str = "lookahead/1"
+
+    def judge(self, bundle: Bundle) -> Sequence[Criterion]:
+        """One criterion when a forecast was asked for and made, none otherwise."""
+        if bundle.session.lookahead is None:
+            return []
+        try:
+            result = read_lookahead(bundle.folder)
+        except ExecutionError as error:
+            return [make_unknown(FORESEEN, FORESEEN, LOOKAHEAD, str(error))]
+        if result is None or (result.withheld and not result.samples):
+            return []
+        text = f"{FORESEEN} >= {result.threshold:g}"
+        if result.samples <= 0:
+            return [make_unknown(text, FORESEEN, LOOKAHEAD, "no rollout came to an end")]
+        because = f"{result.succeeded:.4g} of {result.samples} {result.cases} met the acceptance"
+        if result.likely_cause:
+            others = ", ".join(f"{cause} ({number:.4g})" for cause, number in sorted(result.causes.items()))
+            because += f"; the others failed with {others}"
+        truth = Truth.FALSE if result.is_low else Truth.TRUE
+        measured: dict[str, float | str | bool] = {"share": round(result.share, 4), "samples": result.samples}
+        measured["cost_ms"] = round(result.cost_ms, 1)
+        return [
+            Criterion(text=text, kind=FORESEEN, truth=truth, measured=measured, evidence=LOOKAHEAD, because=because)
+        ]
 
 
 def evaluate_criterion(

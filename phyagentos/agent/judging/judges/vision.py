@@ -17,7 +17,7 @@ import msgspec
 
 from phyagentos.agent.context.context import Section, build_context, select
 from phyagentos.agent.context.of_workspace import describe_attempts
-from phyagentos.agent.judging.judges.judge import make_unknown
+from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.network.chat import OpenAiEndpoint
 from phyagentos.protocol.sessions.evidence import Bundle
@@ -35,8 +35,7 @@ REMEMBERED = 64  # answers; the verifier may ask twice about one session
 _SYSTEM = Path(__file__).with_name("vision_instruction.txt").read_text(encoding="utf-8")
 
 
-Pictures = tuple[bytes, ...]
-"""PNG, one a camera."""
+Pictures = tuple[bytes, ...]  # PNG, one a camera
 
 
 class _Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -46,11 +45,7 @@ class _Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class VisionJudge:
-    """Judges acceptance on camera frames.
-
-    Attributes:
-        max_questions: Criteria of one session; any further one is unknown.
-    """
+    """Judges acceptance on camera frames; of one session at most so many criteria, any further one is unknown."""
 
     endpoint: OpenAiEndpoint
     max_questions: int = 8
@@ -80,10 +75,9 @@ class VisionJudge:
         try:
             context = _build_context(text, bundle, pictures)
             shown = keep_shown(bundle.folder, context)
-        except DefinitionError as error:
-            return make_unknown(text, KIND, file, str(error), failure=error.problems[0].code)
-        except ExecutionError as error:
-            return make_unknown(text, KIND, file, str(error), failure=error.code)
+        except (DefinitionError, ExecutionError) as error:
+            code = error.problems[0].code if isinstance(error, DefinitionError) else error.code
+            return make_unknown(text, KIND, file, str(error), failure=code)
         if shown in self._known:
             self._known.move_to_end(shown)
             return self._known[shown]
@@ -92,9 +86,8 @@ class VisionJudge:
         except ExecutionError as error:  # another time it may answer, so this is not remembered
             unknown = make_unknown(text, KIND, file, str(error), failure=error.code)
             return msgspec.structs.replace(unknown, shown=shown)
-        criterion = Criterion(
-            text=text, kind=KIND, truth=answer.truth, evidence=file, because=answer.because[:400], shown=shown
-        )
+        because = answer.because[:400]
+        criterion = Criterion(text=text, kind=KIND, truth=answer.truth, evidence=file, because=because, shown=shown)
         self._known[shown] = criterion
         if len(self._known) > REMEMBERED:
             self._known.popitem(last=False)
