@@ -329,7 +329,7 @@ class _Finisher:
             requires=requires,
             changes=changes,
             cost=100 * (20 + burden) + draft.rank,
-            reasons=(f"{skill.skill} guarantees {promise}",),
+            reason=f"{skill.skill} guarantees {promise}",
         )
 
 

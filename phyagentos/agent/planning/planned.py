@@ -14,8 +14,17 @@ from phyagentos.agent.goals.selector import find_lacks
 from phyagentos.agent.goals.wanted import WantedGoal
 from phyagentos.agent.planning.answer_sets import AnswerSetPlanner
 from phyagentos.agent.planning.domain import Domain, Tried, build_domain
-from phyagentos.agent.planning.ordering import find_causal_links, order_steps
-from phyagentos.agent.planning.problem import Fact, Operator, Plan, Planner, PlanningProblem, ProvenUnsolvable
+from phyagentos.agent.planning.problem import (
+    Fact,
+    Operator,
+    Plan,
+    Planner,
+    PlanningProblem,
+    ProvenUnsolvable,
+    find_causal_links,
+    iter_states,
+    order_steps,
+)
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.predicates.syntax import iter_calls
@@ -169,7 +178,7 @@ def _iter_steps(plan: Plan, problem: PlanningProblem, roles: Mapping[str, str]) 
             after=tuple(names[before] for before in sorted(dag.pred[index])),
             accept=tuple(dict.fromkeys(authored[literal] for literal in wants if literal in authored)),
             reasons=(
-                *operator.reasons,
+                operator.reason,
                 *(f"brings about {_render(*literal)}, which the goal wants" for literal in wants),
                 *(f"brings about {text}" for text in needs),
             ),
@@ -241,11 +250,8 @@ def _iter_unreachable(makers: list[Operator], problem: PlanningProblem) -> Itera
 
 def _iter_overfull(plan: Plan, problem: PlanningProblem) -> Iterator[str]:
     """Places that a plan overfills."""
+    states = [*iter_states(problem, plan)]
     for capacity in problem.capacities:
-        state = dict.fromkeys(problem.initial, True)
-        loads = []
-        for operator in plan.operators:
-            state |= operator.changes
-            loads.append(sum(weight for fact, weight in capacity.weights.items() if state.get(fact)))
-        if max(loads, default=0) > capacity.most:
+        loads = (sum(weight for fact, weight in capacity.weights.items() if state.get(fact)) for state in states)
+        if max(loads) > capacity.most:
             yield capacity.place
