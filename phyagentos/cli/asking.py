@@ -99,7 +99,7 @@ def _read_vocabulary(library: "Library", catalogue: "Catalogue", scene: str | No
     Raises:
         DefinitionError: Scene or robot is unknown, or no scene is named.
     """
-    from phyagentos.agent.planning.wanted_file import read_wanted
+    from phyagentos.agent.planning.domain import read_wanted
     from phyagentos.agent.understanding.vocabulary import Vocabulary, find_robot
 
     past = []
@@ -193,7 +193,7 @@ def _write(
     """Goal, graph, and what a model answered, as files; raises DefinitionError where the graph has problems."""
     import yaml
 
-    from phyagentos.agent.planning.graph_file import write_graph
+    from phyagentos.agent.planning.planned import write_graph
     from phyagentos.agent.understanding.answers import write_answers
     from phyagentos.cli.lint import lint_file
 

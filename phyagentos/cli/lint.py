@@ -167,7 +167,7 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             problems = check_goal_graph(path, Catalogue.read(library))
         case FileKind.WANTED:
             from phyagentos.agent.goals.catalogue import Catalogue
-            from phyagentos.agent.planning.wanted_file import read_wanted
+            from phyagentos.agent.planning.domain import read_wanted
 
             read_wanted(path, Catalogue.read(library))
         case FileKind.SKILL:

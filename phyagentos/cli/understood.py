@@ -57,7 +57,7 @@ def _phrase(question: "Question") -> str:
 
 def show(understood: "Understood", planned: "PlannedGoal", *, mermaid: bool) -> None:
     """The goal, what was left open or out, and the graph with its reasons."""
-    from phyagentos.agent.planning.graph_file import render_mermaid
+    from phyagentos.agent.planning.planned import render_mermaid
 
     goal = understood.goal
     lines = [f"{goal.goal}  in {goal.scene}", *(f"  first   {', '.join(step)}" for step in goal.steps)]

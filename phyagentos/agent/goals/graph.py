@@ -1,6 +1,6 @@
 """The goal graph: a checked DAG of nodes, each bound to a skill and a target. Paper sections 3.3 and 4.1."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -94,16 +94,21 @@ def check_goal_graph(path: Path, catalogue: Catalogue) -> list[Problem]:
 
 def render_mermaid(graph: GoalGraph) -> str:
     """The DAG as a Mermaid flowchart; data edges carry the names of their outputs, those on failure are dotted."""
-    ids = {name: f"n{index}" for index, name in enumerate(graph.nodes)}
-    lines = ["flowchart LR"]
-    for name, choice in graph.choices.items():
-        label = f"<b>{escape_label(name)}</b><br/>{escape_label(f'{choice.skill} on {choice.target}')}"
-        lines.append(f'    {ids[name]}["{label}"]')
+    edges = []
     for before, after, facts in graph.dag.edges(data=True):
-        outputs = facts["data"]
-        arrow = f'-- "{escape_label(", ".join(outputs))}" -->' if outputs else "-->"
-        arrow = '-. "on failure" .->' if facts["on_failure"] else arrow
-        lines.append(f"    {ids[before]} {arrow} {ids[after]}")
+        arrow = f'-- "{escape_label(", ".join(facts["data"]))}" -->' if facts["data"] else "-->"
+        edges.append((before, '-. "on failure" .->' if facts["on_failure"] else arrow, after))
+    return draw_flowchart({name: (each.skill, each.target) for name, each in graph.choices.items()}, edges)
+
+
+def draw_flowchart(nodes: Mapping[str, tuple[str, str]], edges: Iterable[tuple[str, str, str]]) -> str:
+    """Nodes with skill and target, and edges (from, arrow, to), in Mermaid."""
+    ids = {name: f"n{index}" for index, name in enumerate(nodes)}
+    lines = ["flowchart LR"]
+    for name, (skill, target) in nodes.items():
+        label = f"<b>{escape_label(name)}</b><br/>{escape_label(f'{skill} on {target}')}"
+        lines.append(f'    {ids[name]}["{label}"]')
+    lines += [f"    {ids[before]} {arrow} {ids[after]}" for before, arrow, after in edges]
     return "\n".join(lines) + "\n"
 
 

@@ -37,14 +37,14 @@ class Replanner:
 
     def find_unmet(self, session: Session, world: Environment) -> tuple[str, ...]:
         """What a session needs of the world and lacks now, so that no other way of carrying it out can help."""
-        from phyagentos.agent.planning.domain import build_domain, find_unmet
+        from phyagentos.agent.planning.domain import build_domain
 
         accept = tuple(text for text in session.accept if parse_predicate(text).is_lasting)
         try:
             domain = build_domain(self._want(accept), self.drafter.compiler.catalogue, world) if accept else None
         except DefinitionError:  # of a form that no plan is made for
             domain = None
-        return find_unmet((session.skill, session.target, session.parameters), domain) if domain is not None else ()
+        return domain.find_unmet((session.skill, session.target, session.parameters)) if domain is not None else ()
 
     def plan(self, node: str, world: Environment) -> list[Entry]:
         """The amendment that makes up for a node, and the end of nodes that it replaces; empty without a plan."""
