@@ -1,19 +1,16 @@
 """Changes of a goal's graph while it is pursued: asked for by a person, or decided on what is seen.
 
-A change is one record with the difference, and a file in `goals/` with the whole graph, written before it. Whoever
-continues the goal reads that file.
+A change is one record with the difference, and a file in `goals/` with the whole graph, which is read from then on.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from phyagentos.agent.goals.amendment import find_contradictions, find_fitting, set_values
 from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.agent.goals.selector import ANY
 from phyagentos.agent.judging.goal_judgement import Evidence, Seen
 from phyagentos.agent.judging.judges.predicates import evaluate_on
-from phyagentos.agent.mission.amending import Amender
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.mission.recovery import Recovery
@@ -38,29 +35,29 @@ class Changes:
     def answer(self, file: str) -> list[Entry]:
         """The graph in `goals/` that a person wants, taken over or refused."""
         try:
-            wanted = read_goal_graph(self._workspace.goals / file, self.drafter.compiler.catalogue)
+            wanted = read_goal_graph(Workspace(self.evidence.root).goals / file, self.drafter.compiler.catalogue)
             problems = [*find_contradictions(self.facts.graph, wanted, self.facts.ledger.goals[self.facts.goal])]
         except DefinitionError as error:
             problems = list(error.problems)
         if problems:
-            why = join(map(str, problems))
-            return [self._note(GoalEvent.AMENDMENT_REFUSED, {"file": file, "reason": f"refused: {why}"})]
-        return [self._amender.note(wanted, file, "as a person asked for")]
+            why = f"refused: {join(map(str, problems))}"
+            return [self.facts.note(GoalEvent.AMENDMENT_REFUSED, {"file": file, "reason": why})]
+        return [self.drafter.amend(wanted, file, "as a person asked for")]
 
     def ask(self, edit: TaskEdit) -> list[Entry]:
         """An edit of TASK.md as a graph that a person wants; `answer` follows."""
-        authored = self._amender.read_authored()
+        authored = self.drafter.read_authored()
         sessions = {name: dict(node) for name, node in authored["sessions"].items() if name not in edit.removed}
         foreign = [*edit.foreign, *({*edit.removed, *edit.after} - authored["sessions"].keys())]
         if foreign:
             why = f"TASK.md: {', '.join(foreign)} cannot be changed there; write the graph, and use `paos amend`"
-            return [self._note(GoalEvent.AMENDMENT_REFUSED, {"reason": f"refused: {why}"})]
+            return [self.facts.note(GoalEvent.AMENDMENT_REFUSED, {"reason": f"refused: {why}"})]
         for name, node in sessions.items():
             edges = [each for each in node.get("after", ()) if isinstance(each, dict)]
             before = edit.after.get(name, [each for each in node.get("after", ()) if isinstance(each, str)])
             node["after"] = [*(each for each in before if each not in edit.removed), *edges]
-        file = self._amender.write(authored | edit.judged | {"sessions": sessions})
-        return [self._note(GoalEvent.AMENDMENT_ASKED, {"file": file.name})]
+        file = self.drafter.keep_graph(authored | edit.judged | {"sessions": sessions})
+        return [self.facts.note(GoalEvent.AMENDMENT_ASKED, {"file": file.name})]
 
     def is_conditional(self, name: str) -> bool:
         """Whether what is seen decides on a node once it is ready."""
@@ -69,25 +66,19 @@ class Changes:
     def decide(self, name: str, *, is_quiet: bool) -> list[Entry] | None:
         """What follows for a ready node whose condition is decided on what is seen.
 
-        Args:
-            name: Of the node.
-            is_quiet: Whether no session lives, so that one may look.
-
-        Returns:
-            None where the node may become a session; empty while its condition cannot be told.
+        None where it may become a session; empty while its condition cannot be told, and sessions live (not `is_quiet`)
+        beside which none may look.
         """
         seen = self._find_seen(name)
         criteria = self._judge(name, seen)
-        false = [each for each in criteria if each.truth is Truth.FALSE]
-        unknown = [each for each in criteria if each.truth is Truth.UNKNOWN]
-        if false:
-            return [self._leave_out(name, f"{false[0].text} is false: {false[0].because}")]
-        if unknown and not is_quiet:
-            return []
-        if unknown:
+        if false := next((each for each in criteria if each.truth is Truth.FALSE), None):
+            return [self.drafter.note(name, GoalEvent.NODE_SKIPPED, f"{false.text} is false: {false.because}")]
+        if unknown := [each for each in criteria if each.truth is Truth.UNKNOWN]:
+            if not is_quiet:
+                return []
             looks = self.recovery.look_for(unknown, seen.now) if seen.now is not None else []
             why = f"its condition cannot be told: {unknown[0].text}: {unknown[0].because}"
-            return looks or [self.drafter.note(name, GoalEvent.NODE_BLOCKED, why)]
+            return looks or self.drafter.block(name, why)
         return self._fan_out(name, seen) if self.facts.graph.nodes[name].is_open else None
 
     def _fan_out(self, name: str, seen: Seen) -> list[Entry]:
@@ -96,28 +87,23 @@ class Changes:
         asked = "; ".join(text for text in node.spec.foreach.values() if isinstance(text, str))
         fitting = find_fitting(node, self._roles, self._view(name, seen)) if seen.now is not None else {}
         if not fitting or not all(fitting.values()):
-            return [self._leave_out(name, f"nothing is seen that fits {asked}")]
-        file = self._amender.write(set_values(self._amender.read_authored(), node, fitting))
+            return [self.drafter.note(name, GoalEvent.NODE_SKIPPED, f"nothing is seen that fits {asked}")]
+        file = self.drafter.keep_graph(set_values(self.drafter.read_authored(), node, fitting))
         try:
             graph = read_goal_graph(file, self.drafter.compiler.catalogue)
         except DefinitionError as error:
-            return [self.drafter.note(name, GoalEvent.NODE_BLOCKED, str(error))]
+            return self.drafter.block(name, str(error))
         names = ", ".join(each for each in graph.nodes if each not in self.facts.graph.nodes)
-        return [self._amender.note(graph, file.name, f"{name} becomes {names}: seen to fit {asked}")]
-
-    def _leave_out(self, name: str, why: str) -> Entry:
-        return self.drafter.note(name, GoalEvent.NODE_SKIPPED, why)
+        return [self.drafter.amend(graph, file.name, f"{name} becomes {names}: seen to fit {asked}")]
 
     def _judge(self, name: str, seen: Seen) -> list[Criterion]:
         node = self.facts.graph.nodes[name]
         filled = (parse_predicate(substitute(text, node.spec.arguments)) for text in node.spec.when)
         texts = [predicate.rename_targets(self._roles).text for predicate in filled]
-        if seen.now is None:
-            return [
-                Criterion(text=each, kind="accept", truth=Truth.UNKNOWN, because="nothing was seen") for each in texts
-            ]
-        view = self._view(name, seen)
-        return [evaluate_on(text, "accept", view, seen.now_file) for text in texts]
+        if seen.now is not None:
+            return [evaluate_on(text, "accept", self._view(name, seen), seen.now_file) for text in texts]
+        why = "nothing was seen"
+        return [Criterion(text=each, kind="accept", truth=Truth.UNKNOWN, because=why) for each in texts]
 
     def _view(self, name: str, seen: Seen) -> View:
         assert seen.now is not None  # the caller has looked
@@ -135,14 +121,3 @@ class Changes:
     @property
     def _roles(self) -> Mapping[str, str]:
         return {role: target for role, target in self.facts.graph.spec.targets.items() if target != ANY}
-
-    @property
-    def _amender(self) -> Amender:
-        return Amender(facts=self.facts, workspace=self._workspace)
-
-    @property
-    def _workspace(self) -> Workspace:
-        return Workspace(self.evidence.root)
-
-    def _note(self, event: GoalEvent, body: dict[str, Any]) -> Entry:
-        return Entry(f"goal:{self.facts.goal}", event, body)

@@ -106,8 +106,11 @@ class GoalController:
         parts = [names[index : index + NODES_A_RECORD] for index in range(0, len(names), NODES_A_RECORD)]
         first = [name for name in self.graph.order if not self.graph.nodes[name].predecessors]
         return [
-            self._note(GoalEvent.GOAL_SUBMITTED, asked),
-            *(self._note(GoalEvent.GOAL_COMPILED, {"nodes": {n: nodes[n] for n in part}, **judged}) for part in parts),
+            self._facts.note(GoalEvent.GOAL_SUBMITTED, asked),
+            *(
+                self._facts.note(GoalEvent.GOAL_COMPILED, {"nodes": {n: nodes[n] for n in part}, **judged})
+                for part in parts
+            ),
             *self._keep_to_budget(self._start(first, {})),
         ]
 
@@ -139,7 +142,7 @@ class GoalController:
             for status in self.iter_live()
             if (trigger := find_cancel(status.state)) is not None
         ]
-        return entries if self.status.is_cancelled else [*entries, self._note(GoalEvent.GOAL_CANCELLED, body)]
+        return entries if self.status.is_cancelled else [*entries, self._facts.note(GoalEvent.GOAL_CANCELLED, body)]
 
     def _judge_ended(self) -> list[Entry]:
         """Verdicts and consequences: of the sessions that succeeded up to the first that did not, or of that one.
@@ -214,7 +217,7 @@ class GoalController:
         if latest is not None and latest.state == SessionState.REJECTED:
             return self._recovery.follow_refusal(latest)
         if latest is not None and latest.state == SessionState.CANCELLED:
-            return [self._drafter.note(name, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
+            return self._drafter.block(name, f"{latest.state}: {latest.reason}")
         waits_for_restoration = latest is not None and latest.state == SessionState.REPLANNED
         if node.state is NodeState.BLOCKED and self._facts.is_rescued(name):
             by = join((node.reason, f"made up for by {', '.join(self.graph.rescuers[name])}"))
@@ -230,7 +233,7 @@ class GoalController:
         for before in missing:
             is_blocked = before in blocked or self._facts.get_state(before) is NodeState.BLOCKED
             if is_blocked and self._facts.is_rescued(before) is False:
-                return [self._drafter.note(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
+                return self._drafter.block(name, f"it waits for {before}, which is blocked")
         if waits:
             return []
         if missing:  # what it had begun with has been undone further back
@@ -329,7 +332,7 @@ class GoalController:
                 if looks:
                     return looks
         body = {"verdict": outcome.verdict, "criteria": list(outcome.criteria), "reason": outcome.reason}
-        return [self._note(GoalEvent.GOAL_VERDICT, body)]
+        return [self._facts.note(GoalEvent.GOAL_VERDICT, body)]
 
     def _find_freed_by(self, node: str, fresh: Mapping[str, Any]) -> list[str]:
         """Nodes that wait for nothing else once `node` and the other `fresh` ones are done; branches come later."""
@@ -342,9 +345,6 @@ class GoalController:
             and self.worklist.dag.count_open(name) <= len(fresh)
             and fresh.keys() >= set(self.worklist.dag.find_open(name))
         ]
-
-    def _note(self, event: GoalEvent, body: dict[str, Any]) -> Entry:
-        return Entry(f"goal:{self.goal}", event, body)
 
 
 def _lets_go_on(attempt: Attempt, bundle: Bundle) -> bool:

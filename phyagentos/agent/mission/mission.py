@@ -19,6 +19,7 @@ from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.memory.advice import Advisor, NoAdvice
+from phyagentos.agent.mission.drafting import find_graph
 from phyagentos.agent.mission.goal_controller import GoalController
 from phyagentos.agent.mission.report import MissionReport, build_report
 from phyagentos.agent.mission.task_document import TaskDocument
@@ -140,8 +141,7 @@ class Mission:
     def _continue(self, goal: GoalId, catalogue: Catalogue) -> GoalController:
         """The controller of a goal from its records, with the graph that it has now."""
         status = self.ledger.goals[goal]
-        file = self._workspace.goals / status.file if status.file else self._workspace.goal_file_of(goal)
-        graph = read_goal_graph(file, catalogue)
+        graph = read_goal_graph(find_graph(self._workspace, status), catalogue)
         return self._make_controller(SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=status.seed))
 
     def _report_past(self, goal: GoalId) -> MissionReport:

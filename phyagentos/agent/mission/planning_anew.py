@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.agent.goals.wanted import WantedGoal
-from phyagentos.agent.mission.amending import Amender
 from phyagentos.agent.mission.drafting import Drafter
 from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.errors import DefinitionError
@@ -33,7 +32,6 @@ class Replanner:
 
     facts: GoalFacts
     drafter: Drafter
-    amender: Amender
 
     def find_unmet(self, session: Session, world: Environment) -> tuple[str, ...]:
         """What a session needs of the world and lacks now, so that no other way of carrying it out can help."""
@@ -61,14 +59,14 @@ class Replanner:
             planned = plan_goal(self._want(accept), drafter.compiler.catalogue, world, without=tried)
             if not isinstance(planned, PlannedGoal) or not planned.steps:
                 return []
-            file = self.amender.write(self._add_steps(planned, node, f"{_PREFIX}{number}_"))
+            file = drafter.keep_graph(self._add_steps(planned, node, f"{_PREFIX}{number}_"))
             graph = read_goal_graph(file, drafter.compiler.catalogue)
         except DefinitionError:  # of a form that no plan is made for
             return []
         why = f"the rest of the goal was planned anew after {node}"
         over = [name for name in replaced if facts.get_state(name) in _OPEN]
         skipped = [drafter.note(name, GoalEvent.NODE_SKIPPED, why) for name in over]
-        return [self.amender.note(graph, file.name, why), *skipped]
+        return [drafter.amend(graph, file.name, why), *skipped]
 
     def _want(self, accept: tuple[str, ...]) -> WantedGoal:
         spec = self.facts.graph.spec
@@ -78,7 +76,7 @@ class Replanner:
 
     def _add_steps(self, planned: "PlannedGoal", node: str, prefix: str) -> dict[str, Any]:
         """The authored graph with the steps of a plan as nodes that run on the failure of one."""
-        authored, graph = self.amender.read_authored(), self.facts.graph
+        authored, graph = self.drafter.read_authored(), self.facts.graph
         role_of = {choice.target: graph.nodes[name].spec.target for name, choice in graph.choices.items()}
         nodes = {
             prefix + step.name: {

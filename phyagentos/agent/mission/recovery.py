@@ -12,7 +12,6 @@ from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.judging.causes import Cause, find_refusal
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import find_missing_evidence
-from phyagentos.agent.mission.amending import Amender
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts, is_forecast_refusal
 from phyagentos.agent.mission.planning_anew import Replanner
@@ -29,7 +28,6 @@ from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
-from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.predicates.syntax import iter_calls
@@ -70,7 +68,7 @@ class Recovery:
             why = f"{attempt.reason} To look again costs no replan."
             return msgspec.structs.replace(attempt, verdict=Verdict.REPLAN, reason=why), entries
         if miss is None or is_over:
-            return attempt, [self.drafter.note(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
+            return attempt, self.drafter.block(node, attempt.reason)
         entries = self._repair(node, miss)
         if _is_end(entries):  # no revision is worth its budget
             why = str((entries[-1].body or {}).get("reason", ""))
@@ -92,7 +90,7 @@ class Recovery:
             return self.go_on(refused)
         if is_forecast_refusal(refused) and (entries := self._revise_refused(refused)):
             return entries
-        blocked = [self.drafter.note(node, GoalEvent.NODE_BLOCKED, f"{refused.state}: {refused.reason}")]
+        blocked = self.drafter.block(node, f"{refused.state}: {refused.reason}")
         if not self.policy.restores:
             return blocked
         miss = self._find_miss(refused)
@@ -175,7 +173,7 @@ class Recovery:
         revision = decision.chosen.revision
         if revision is None:
             why = join((miss.reason, *decision.reasons))
-            return self._plan_anew(node, miss, why) or [self.drafter.note(node, GoalEvent.NODE_BLOCKED, why)]
+            return self._plan_anew(node, miss, why) or self.drafter.block(node, why)
         return self._submit(node, revision, miss, decision.reasons, restores=restores)
 
     def _plan_anew(self, node: str, miss: Miss, reason: str, *, only_unmet: bool = False) -> list[Entry]:
@@ -185,8 +183,7 @@ class Recovery:
         """
         if not self.restores or miss.cause not in _OF_WORLD or miss.world is None or not self.facts.has_replans(node):
             return []
-        amender = Amender(facts=self.facts, workspace=Workspace(self.evidence.root))
-        replanner = Replanner(facts=self.facts, drafter=self.drafter, amender=amender)
+        replanner = Replanner(facts=self.facts, drafter=self.drafter)
         unmet = replanner.find_unmet(miss.session, miss.world) if only_unmet else ()
         planned = replanner.plan(node, miss.world) if unmet or not only_unmet else []
         if not planned:
@@ -222,7 +219,7 @@ class Recovery:
         """The child, or first the restoration of lost preconditions that an earlier node had achieved."""
         child = self.drafter.draft(node, revision)
         if isinstance(child, str):
-            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, child)]
+            return self.drafter.block(node, child)
         if child.purpose:  # it prepares; only what pursues the objective is paid for as a replan
             return self.drafter.submit(child, reasons)
         if restores and miss.world is not None:
@@ -254,7 +251,7 @@ class Recovery:
             return msgspec.structs.replace(attempt, verdict=decided), self._begin(status)
         miss, catalogue = self._find_miss(subject), self.drafter.compiler.catalogue
         if miss is None:
-            return attempt, [self.drafter.note(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
+            return attempt, self.drafter.block(node, attempt.reason)
         miss = miss.join(bundle)
         if attempt.verdict is Verdict.SUCCESS:
             revision = Revision(
@@ -274,7 +271,7 @@ class Recovery:
         node = prepared.contract.node
         session = self.drafter.draft(node, Revision(parent=prepared.contract.id))
         if isinstance(session, str):
-            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, session)]
+            return self.drafter.block(node, session)
         return self.drafter.submit(session, (f"{prepared.contract.id} came first, as memory advised",))
 
     def _find_miss(self, subject: SessionStatus) -> Miss | None:
