@@ -32,13 +32,12 @@ class GoalGraph:
     Attributes:
         spec: As authored, overrides applied, includes expanded.
         bundle: As authored, overrides applied, included graphs in their places; None where the file says the same.
-        nodes: By name, in authored order.
         dag: Edges lead to the nodes that wait; the attribute `data` names the outputs that flow.
         order: Topological; authored order decides between nodes without an edge.
-        brought: Node -> the thing that it brings to a place, and the place; for nodes that bring anything.
+        brought: Node -> the thing that it brings to a place, and the place.
         rescuers: Node -> nodes that run when it has failed.
         kept: Things that are not moved to make room: some condition names them, and no node brings them anywhere.
-        warnings: What may not be decided when it runs; it can run.
+        warnings: What may not be decided when it runs.
     """
 
     spec: GoalSpec
@@ -60,8 +59,8 @@ class GoalGraph:
 
     def find_coming(self, node: str) -> tuple[str, ...]:
         """Things that other nodes bring to the place where this one brings something."""
-        own = self.brought.get(node, ("", ""))
-        others = (thing for thing, place in self.brought.values() if place == own[1] and thing != own[0])
+        own, destination = self.brought.get(node, ("", ""))
+        others = (thing for thing, place in self.brought.values() if place == destination and thing != own)
         return tuple(dict.fromkeys(others))
 
     def max_replans(self, node: str) -> int:
@@ -71,12 +70,7 @@ class GoalGraph:
 
 
 def read_goal_graph(path: Path, catalogue: Catalogue, overrides: Mapping[str, str] | None = None) -> GoalGraph:
-    """Read and check a goal graph.
-
-    Args:
-        path: The YAML file.
-        catalogue: Skills, targets and scenes.
-        overrides: Dotted path -> YAML value that replaces the file's (`targets.arm` -> `panda`).
+    """Read and check a goal graph; a YAML value in `overrides` replaces the file's (`targets.arm` -> `panda`).
 
     Raises:
         DefinitionError: With every problem of the file.

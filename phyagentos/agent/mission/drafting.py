@@ -1,16 +1,12 @@
-"""Drafts the next session of a node as a contract, records about a node, and the graph of a goal that is amended."""
+"""Drafts the next session of a node as a contract, and the records about a node."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import msgspec
-import yaml
 
-from phyagentos.agent.goals.amendment import compute_difference
 from phyagentos.agent.goals.compiler import Outputs, Revision, SessionCompiler
-from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.memory.advice import NOTHING, Advisor, apply_advice
@@ -18,11 +14,8 @@ from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.foreseen import foresee
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.documents.durable_files import replace_durably
-from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions.session import Session, SessionStatus
-from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation, compute_session_id, get_relation
-from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.sessions.tasks import NodeState, Relation, compute_session_id, get_relation
 from phyagentos.store.admission import NODE_PREFIX, Entry, GoalEvent
 
 _NONE: Outputs = {}
@@ -118,29 +111,8 @@ class Drafter:
         body = {"reason": reason, "child": child, "parent": ids[-1], "relation": relation}
         return self._note(node, event, body | ({"after": list(after)} if after else {}))
 
-    def read_authored(self) -> Any:
-        """The present graph as it is written."""
-        return read_yaml(find_graph(Workspace(self.evidence.root), self.facts.ledger.goals[self.facts.goal])).data
-
-    def keep_graph(self, authored: Any) -> Path:
-        """Keep another graph in `goals/`; it is not read yet."""
-        content = yaml.safe_dump(authored, sort_keys=False, allow_unicode=True).encode()
-        file = Workspace(self.evidence.root).amended_file_of(self.facts.goal, content)
-        replace_durably(file, content)
-        return file
-
-    def amend(self, graph: GoalGraph, file: str, reason: str) -> Entry:
-        """The record that takes a graph over, which is written before it."""
-        body = {"file": file, **compute_difference(graph, self.facts.nodes), "reason": reason}
-        return self.facts.note(GoalEvent.GOAL_AMENDED, body)
-
     def _note(self, node: str, event: GoalEvent, body: Mapping[str, Any]) -> Entry:
         return Entry(f"{NODE_PREFIX}{self.facts.goal}/{node}", event, dict(body))
-
-
-def find_graph(workspace: Workspace, goal: GoalStatus) -> Path:
-    """The file with the graph that a goal has now."""
-    return workspace.goals / goal.file if goal.file else workspace.goal_file_of(goal.id)
 
 
 def join(sentences: Iterable[str]) -> str:

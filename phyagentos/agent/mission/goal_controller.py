@@ -69,14 +69,15 @@ class GoalController:
         self._seed, self._ledger, self._evidence, self._verifier = compiler.seed, ledger, evidence, verifier
         self._facts = GoalFacts(graph=self.graph, goal=self.goal, ledger=ledger, dag=self.worklist.dag)
         self._drafter = Drafter(facts=self._facts, compiler=compiler, evidence=evidence, advisor=advisor)
+        self._changes = Changes(facts=self._facts, drafter=self._drafter, evidence=evidence)
         self._recovery = Recovery(
             facts=self._facts,
             drafter=self._drafter,
             evidence=evidence,
+            changes=self._changes,
             policy=policy,
             restores=policy.restores and verifier.mode is VerificationMode.RECOVERY,
         )
-        self._changes = Changes(facts=self._facts, drafter=self._drafter, evidence=evidence, recovery=self._recovery)
         self._conditional = tuple(name for name in self.graph.order if self.graph.nodes[name].is_conditional)
         self._file = self.status.file if self.goal in ledger.goals else ""
 
@@ -244,7 +245,7 @@ class GoalController:
         if latest is not None:
             return self._recovery.go_on(latest)
         if self._changes.is_conditional(name):
-            found = self._changes.decide(name, is_quiet=not self.worklist.has_live())
+            found = self._changes.decide(name, self._recovery.look_for, is_quiet=not self.worklist.has_live())
             if found is not None:
                 return found
         return self._start((name,), {})

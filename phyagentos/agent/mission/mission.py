@@ -19,7 +19,7 @@ from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.memory.advice import Advisor, NoAdvice
-from phyagentos.agent.mission.drafting import find_graph
+from phyagentos.agent.mission.changes import find_graph
 from phyagentos.agent.mission.goal_controller import GoalController
 from phyagentos.agent.mission.report import MissionReport, build_report
 from phyagentos.agent.mission.task_document import TaskDocument
@@ -57,15 +57,10 @@ class MissionObserver(Protocol):
 
 
 class Mission:
-    """Pursues goals in one workspace, one after the other.
+    """Pursues goals in one workspace, one after the other; its journal is opened for the side `agent`.
 
-    Args:
-        journal: Opened for the side `agent`.
-        clock: For waiting and for wall times of the report.
-        advisor: Changes contracts by experience; none by default.
-        policy: Chooses the repair after a missed objective; graph repair by default.
-        observers: Called after every change.
-        is_runtime_alive: Called while a goal waits; False ends the mission.
+    Without others, no advisor changes contracts and graph repair is the policy after a missed objective. The mission
+    ends where `is_runtime_alive`, called while a goal waits, is False.
     """
 
     def __init__(
@@ -95,13 +90,9 @@ class Mission:
     def run(
         self, graph_file: Path, *, seed: int, overrides: Mapping[str, str] | None = None, goal: GoalId | None = None
     ) -> MissionReport:
-        """Pursue a goal graph to its verdict; continues a goal that the workspace already holds.
+        """Pursue a goal graph to its verdict, and keep a copy; continues a goal that the workspace already holds.
 
-        Args:
-            graph_file: The authored file; a copy stays in the workspace.
-            seed: Root of every random choice.
-            overrides: Dotted path -> YAML value, as of `--set`.
-            goal: Its id; `<graph>-<seed>` by default, with a further number when that one has its verdict.
+        Its id is `<graph>-<seed>` by default, with a further number when that one has its verdict.
 
         Raises:
             DefinitionError: With every problem of the graph; `INVALID_NAME`; `GOAL_DIFFERS`. Nothing was recorded.
@@ -176,13 +167,15 @@ class Mission:
         """Refuse a goal id that belongs to another graph (`own`)."""
         if own.spec == graph.spec:
             return
-        file = self._workspace.goal_file_of(goal)
-        state, hint = "over", "Name another goal with --goal or --seed."
-        if not is_spent(goal, self.ledger, self._journal):
-            state = "open"
+        expected, hint = (
+            f"the graph of {self._workspace.goal_file_of(goal)}",
+            "Name another goal with --goal or --seed.",
+        )
+        is_over = is_spent(goal, self.ledger, self._journal)
+        if not is_over:
             hint = f"Run that one to continue it, cancel it with 'paos cancel {goal}', or name another with --goal."
-        found = f"another graph (overrides included) than that of goal {goal}, which is {state}"
-        raise DefinitionError.of("GOAL_DIFFERS", str(graph_file), found, f"the graph of {file}", hint)
+        found = f"another graph (overrides included) than that of goal {goal}, which is {'over' if is_over else 'open'}"
+        raise DefinitionError.of("GOAL_DIFFERS", str(graph_file), found, expected, hint)
 
     def _pursue(self, goal: GoalController) -> MissionReport:
         begin_s, refused = self._clock.now_s(), 0

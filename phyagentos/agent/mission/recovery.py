@@ -12,9 +12,9 @@ from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.judging.causes import Cause, find_refusal
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import find_missing_evidence
+from phyagentos.agent.mission.changes import Changes
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts, is_forecast_refusal
-from phyagentos.agent.mission.planning_anew import Replanner
 from phyagentos.agent.repair import clearing, looking
 from phyagentos.agent.repair.after_lookahead import revise_refused
 from phyagentos.agent.repair.alternative import AlternativeKind
@@ -47,16 +47,14 @@ class Recovery:
     facts: GoalFacts
     drafter: Drafter
     evidence: Evidence
+    changes: Changes
     policy: RepairPolicy
     restores: bool
 
     def follow(self, status: SessionStatus, bundle: Bundle, attempt: Attempt) -> tuple[Attempt, list[Entry]]:
         """The judgement as it is to be recorded, and the records about its node.
 
-        Args:
-            status: The session that has ended.
-            bundle: Evidence of the judgement.
-            attempt: The judgement; no success, or that of a preparing session.
+        `attempt` is no success, or that of a session that prepares.
         """
         node = status.contract.node
         if self.prepares(status):
@@ -177,15 +175,14 @@ class Recovery:
         return self._submit(node, revision, miss, decision.reasons, restores=restores)
 
     def _plan_anew(self, node: str, miss: Miss, reason: str, *, only_unmet: bool = False) -> list[Entry]:
-        """The end of a node, after the rest of the goal that is planned anew; empty where no plan can make up for it.
+        """The end of a node, after the rest of the goal was planned anew at the price of a replan; empty without one.
 
-        A plan costs a replan of the node. `only_unmet` asks for one where the session lacks something of the world.
+        `only_unmet` asks for a plan where the session lacks something of the world.
         """
         if not self.restores or miss.cause not in _OF_WORLD or miss.world is None or not self.facts.has_replans(node):
             return []
-        replanner = Replanner(facts=self.facts, drafter=self.drafter)
-        unmet = replanner.find_unmet(miss.session, miss.world) if only_unmet else ()
-        planned = replanner.plan(node, miss.world) if unmet or not only_unmet else []
+        unmet = self.changes.find_unmet(miss.session, miss.world) if only_unmet else ()
+        planned = self.changes.plan_anew(node, miss.world) if unmet or not only_unmet else []
         if not planned:
             return []
         why = join((reason, *(f"it needs {text}" for text in unmet)))

@@ -76,10 +76,9 @@ def _iter_problems(wanted: WantedGoal, located: Located, catalogue: Catalogue) -
     fields = wanted.model_dump(include={"goal", "objective", "scene", "targets", "constraints", "accept"})
     checks = Checks(GoalSpec.model_construct(**fields), {}, located, catalogue)
     found = list(checks.check_spec())
-    names = {*wanted.targets, *catalogue.targets, "target"}
     for index, step in enumerate(wanted.steps):
         for place, text in enumerate(step):
-            found += checks.check_predicate(("steps", index, place), text, names)
+            found += checks.check_predicate(("steps", index, place), text)
     yield from found
     if not found:
         try:
