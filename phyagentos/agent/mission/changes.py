@@ -76,10 +76,6 @@ class Changes:
         file = self._keep(authored | edit.judged | {"sessions": sessions})
         return [self.facts.note(GoalEvent.AMENDMENT_ASKED, {"file": file.name})]
 
-    def is_conditional(self, name: str) -> bool:
-        """Whether what is seen decides on a node once it is ready."""
-        return self.facts.graph.nodes[name].is_conditional and not self.facts.get_ids(name)
-
     def decide(
         self, name: str, look_for: Callable[[Sequence[Criterion], Environment], list[Entry]], *, is_quiet: bool
     ) -> list[Entry] | None:
@@ -132,8 +128,7 @@ class Changes:
 
     def _find_seen(self, name: str) -> Seen:
         """The first and the latest snapshot on the node's target; without one there, those of all."""
-        for status in self.facts.find_ended():
-            self.evidence.take_in(status)
+        self.drafter.take_in_ended()
         own = self.evidence.by_target.get(self.facts.graph.choices[name].target)
         return own if own is not None and own.now is not None else self.evidence.all
 

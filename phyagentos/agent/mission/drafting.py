@@ -14,7 +14,7 @@ from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.foreseen import foresee
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.sessions.session import Session, SessionStatus
+from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.tasks import NodeState, Relation, compute_session_id, get_relation
 from phyagentos.store.admission import NODE_PREFIX, Entry, GoalEvent
 
@@ -50,7 +50,11 @@ class Drafter:
             return session  # what a repair chose rests on fresher evidence
         advice = self.advisor.advise(session, self.evidence.all.now)
         if advice.means:
-            step = foresee(self._make_case(node, session, before, fresh), advice.means)
+            self.take_in_ended()
+            own = self.evidence.by_target.get(session.target, self.evidence.all)
+            world = own.now or self.evidence.all.now
+            miss = Miss(session=session, cause=Cause.NO_PLAN, reason="", world=world)
+            step = foresee(self.make_case(node, miss, fresh, session.kept), advice.means)
             try:
                 if step is not None:
                     session = self.compiler.compile_node(node, outputs=outputs, attempt=attempt, revision=step)
@@ -61,21 +65,24 @@ class Drafter:
             advice = advice if step is not None else advice.otherwise or NOTHING
         return apply_advice(session, advice)
 
-    def _make_case(self, node: str, session: Session, before: tuple[SessionStatus, ...], fresh: Outputs) -> Case:
-        """The case of a first attempt that has not failed yet."""
+    def take_in_ended(self) -> None:
+        """Take in what is seen at the end of every session."""
         for status in self.facts.find_ended():
             self.evidence.take_in(status)
-        own = self.evidence.by_target.get(session.target, self.evidence.all)
-        miss = Miss(session=session, cause=Cause.NO_PLAN, reason="", world=own.now or self.evidence.all.now)
+
+    def make_case(self, node: str, miss: Miss, fresh: Outputs = _NONE, kept: Iterable[str] = ()) -> Case:
+        """What a repair decides on; things that are `kept` are not moved."""
+        facts = self.facts
         return Case(
             miss=miss,
-            choice=self.facts.graph.choices[node],
+            choice=facts.graph.choices[node],
             catalogue=self.compiler.catalogue,
-            lineage=before,
-            replans_left=self.facts.graph.max_replans(node),
-            left=self.facts.compute_left(node),
-            protected=self.facts.find_protected(fresh).union(session.kept),
-            time_of=self.facts.compute_times(),
+            lineage=facts.get_sessions(node),
+            replans_left=facts.graph.max_replans(node) - facts.count_replans(node),
+            left=facts.compute_left(node),
+            protected=facts.find_protected(fresh).union(kept),
+            time_of=facts.compute_times(),
+            recall=lambda status: self.evidence.read(status) if status.execution is not None else None,
         )
 
     def submit(self, session: Session, reasons: Iterable[str] = (), relation: Relation | None = None) -> list[Entry]:

@@ -7,6 +7,7 @@ recorded whole or not at all. A step costs what has changed, however large the g
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import msgspec
@@ -45,16 +46,10 @@ _OPEN = (NodeState.WAITING, NodeState.READY, NodeState.INVALIDATED)
 
 
 class GoalController:
-    """The decisions of one goal.
-
-    Attributes:
-        graph: As authored.
-        worklist: Changes since the last look, and the goal's one graph.
-    """
+    """The decisions of one goal; `worklist` has the changes since the last look, and the goal's one graph."""
 
     def __init__(
         self,
-        *,
         compiler: SessionCompiler,
         ledger: Ledger,
         evidence: Evidence,
@@ -103,17 +98,12 @@ class GoalController:
         asked = {"graph": spec.goal, "seed": self._seed, "objective": spec.objective, "scene": spec.scene}
         asked |= {"memory": self._memory} if self._memory else {}
         judged = {"accept": list(spec.accept), "constraints": list(spec.constraints)}
-        names = list(nodes)
-        parts = [names[index : index + NODES_A_RECORD] for index in range(0, len(names), NODES_A_RECORD)]
+        entries = [self._facts.note(GoalEvent.GOAL_SUBMITTED, asked)]
+        for begin in range(0, len(nodes), NODES_A_RECORD):
+            part = dict(islice(nodes.items(), begin, begin + NODES_A_RECORD))
+            entries.append(self._facts.note(GoalEvent.GOAL_COMPILED, {"nodes": part, **judged}))
         first = [name for name in self.graph.order if not self.graph.nodes[name].predecessors]
-        return [
-            self._facts.note(GoalEvent.GOAL_SUBMITTED, asked),
-            *(
-                self._facts.note(GoalEvent.GOAL_COMPILED, {"nodes": {n: nodes[n] for n in part}, **judged})
-                for part in parts
-            ),
-            *self._keep_to_budget(self._start(first, {})),
-        ]
+        return [*entries, *self._keep_to_budget(self._start(first, {}))]
 
     def decide(self) -> list[Entry]:
         """The next batch; empty when there is nothing to do but wait."""
@@ -175,16 +165,19 @@ class GoalController:
         A session that only looked is judged by the criteria of its subject, on the snapshot of the look.
         """
         facts, node = self._facts, status.contract.node
-        history = History(replans=facts.count_replans(node), max_replans=self.graph.max_replans(node))
         judges_another = is_look(status.contract) and not self._recovery.prepares(status)
         subject = facts.find_subject(status.contract) if judges_another else status
         looks = subject is not status
         seen = self._evidence.read(status, with_course=False)
         bundle = join_evidence(self._evidence.read(subject, with_course=False), seen) if looks else seen
         lineage = facts.get_sessions(node)
-        carried = carry_conditions(subject.contract, seen.after, lineage, self._evidence)
-        lessons = find_lessons(self._evidence.root / LESSONS.file, subject.contract, seen.before or seen.after)
-        history = replace(history, carried=carried, prior=lineage[: status.contract.attempt], lessons=lessons)
+        history = History(
+            replans=facts.count_replans(node),
+            max_replans=self.graph.max_replans(node),
+            carried=carry_conditions(subject.contract, seen.after, lineage, self._evidence),
+            prior=lineage[: status.contract.attempt],
+            lessons=find_lessons(self._evidence.root / LESSONS.file, subject.contract, seen.before or seen.after),
+        )
         attempt = self._verifier.judge(bundle, history)
         if attempt.found is not Verdict.SUCCESS:  # now it matters what happened on the way
             course = self._evidence.read(subject)
@@ -244,11 +237,10 @@ class GoalController:
             return [self._drafter.note(name, GoalEvent.NODE_SKIPPED, why)]
         if latest is not None:
             return self._recovery.go_on(latest)
-        if self._changes.is_conditional(name):
+        found = None
+        if name in self._conditional and not node.sessions:
             found = self._changes.decide(name, self._recovery.look_for, is_quiet=not self.worklist.has_live())
-            if found is not None:
-                return found
-        return self._start((name,), {})
+        return self._start((name,), {}) if found is None else found
 
     def _look_at_conditional(self) -> list[Entry]:
         """What follows for the first ready node whose condition could not be told while other sessions lived."""
@@ -309,8 +301,7 @@ class GoalController:
         """The verdict of the goal, or the nodes to do again; empty while a session lives."""
         if self.worklist.has_live():
             return []
-        for status in self._facts.find_ended():
-            self._evidence.take_in(status)
+        self._drafter.take_in_ended()
         blocked = self._facts.find_first_cause()
         outcome = judge_goal(self.graph, self._evidence, blocked)
         mode = self._verifier.mode
@@ -319,11 +310,9 @@ class GoalController:
             outcome = replace(outcome, verdict=Verdict.UNVERIFIED, criteria=(), reason=reason)
         decides = mode in {VerificationMode.ENFORCE, VerificationMode.RECOVERY} and not blocked
         if decides and outcome.now is not None and (outcome.verdict is Verdict.FAILURE or not self.graph.spec.accept):
-            regressions = self._recovery.find_regressions()
             restores = self._recovery.restores
-            payable = {
-                name: reason for name, reason in regressions.items() if restores and self._facts.has_replans(name)
-            }
+            regressions = self._recovery.find_regressions()
+            payable = {name: why for name, why in regressions.items() if restores and self._facts.has_replans(name)}
             if payable:
                 return self._recovery.reopen(payable)
             if regressions:
@@ -337,14 +326,14 @@ class GoalController:
 
     def _find_freed_by(self, node: str, fresh: Mapping[str, Any]) -> list[str]:
         """Nodes that wait for nothing else once `node` and the other `fresh` ones are done; branches come later."""
+        dag = self.worklist.dag
         return [
             name
-            for name in self.worklist.dag.find_next(node)
-            if not self.graph.rescuers
-            and name not in self._conditional
+            for name in (() if self.graph.rescuers else dag.find_next(node))
+            if name not in self._conditional
             and self._facts.get_state(name) is NodeState.WAITING
-            and self.worklist.dag.count_open(name) <= len(fresh)
-            and fresh.keys() >= set(self.worklist.dag.find_open(name))
+            and dag.count_open(name) <= len(fresh)
+            and fresh.keys() >= set(dag.find_open(name))
         ]
 
 
@@ -355,8 +344,6 @@ def _lets_go_on(attempt: Attempt, bundle: Bundle) -> bool:
 
 
 def _record_verdict(status: SessionStatus, attempt: Attempt) -> list[Entry]:
-    id = status.contract.id
-    verdict = Entry(id, _TRIGGERS[attempt.verdict], {"attempt": attempt}, status.epoch)
-    if status.state == SessionState.VERIFYING:
-        return [verdict]
-    return [Entry(id, "verify", epoch=status.epoch), verdict]
+    id, is_begun = status.contract.id, status.state == SessionState.VERIFYING
+    begun = [] if is_begun else [Entry(id, "verify", epoch=status.epoch)]
+    return [*begun, Entry(id, _TRIGGERS[attempt.verdict], {"attempt": attempt}, status.epoch)]

@@ -154,14 +154,8 @@ class Mission:
         self.ledger.keep_goal(compiler.goal)  # the report comes after the verdict
         if compiler.asks_ahead:
             compiler = dataclasses.replace(compiler, distrusted=find_distrusted(self._workspace, compiler.goal))
-        return GoalController(
-            compiler=compiler,
-            ledger=self.ledger,
-            evidence=Evidence(self._workspace.root),
-            verifier=self._verifier,
-            advisor=self._advisor,
-            policy=self._policy,
-        )
+        evidence = Evidence(self._workspace.root)
+        return GoalController(compiler, self.ledger, evidence, self._verifier, self._advisor, self._policy)
 
     def _check_same(self, graph: GoalGraph, own: GoalGraph, graph_file: Path, goal: GoalId) -> None:
         """Refuse a goal id that belongs to another graph (`own`)."""

@@ -18,7 +18,7 @@ from phyagentos.agent.mission.goal_facts import GoalFacts, is_forecast_refusal
 from phyagentos.agent.repair import clearing, looking
 from phyagentos.agent.repair.after_lookahead import revise_refused
 from phyagentos.agent.repair.alternative import AlternativeKind
-from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.case import Miss
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.agent.repair.regressions import find_lost_preconditions, find_regressions
 from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_requires
@@ -124,8 +124,8 @@ class Recovery:
         """Finished nodes that must be done again, each at the price of one replan."""
         entries: list[Entry] = []
         for name, reason in regressions.items():
-            entries.append(self.drafter.note_next(name, GoalEvent.INVALIDATED, reason))
-            entries.append(self.drafter.note(name, GoalEvent.BUDGET_SPENT, reason))
+            spent = self.drafter.note(name, GoalEvent.BUDGET_SPENT, reason)
+            entries += [self.drafter.note_next(name, GoalEvent.INVALIDATED, reason), spent]
         return entries
 
     def look_for(self, criteria: Sequence[Criterion], now: Environment) -> list[Entry]:
@@ -135,15 +135,15 @@ class Recovery:
         seen, or the limit of looks is reached.
         """
         missing = find_missing_evidence(criteria, now)
-        finished = [(name, self.facts.find_own(name)) for name in self.facts.find_finished()]
-        own = [(name, status) for name, status in finished if status is not None and status.execution is not None]
-        named = [each for each in own if set(missing) & set(map(str, each[1].contract.parameters.values()))]
+        finished = (self.facts.find_own(name) for name in self.facts.find_finished())
+        own = [status for status in finished if status is not None and status.execution is not None]
         if not missing or not own:
             return []
-        node, subject = (named or own)[-1]
-        unknown = next(each for each in criteria if each.truth is Truth.UNKNOWN)
+        named = [each for each in own if set(missing) & set(map(str, each.contract.parameters.values()))]
+        subject = (named or own)[-1]
         if self.facts.count_looks(subject.contract) >= looking.LOOKS_MAX:
             return []
+        unknown = next(each for each in criteria if each.truth is Truth.UNKNOWN)
         bundle = self.evidence.read(subject)
         miss = Miss(
             session=subject.contract,
@@ -154,7 +154,7 @@ class Recovery:
             criteria=tuple(criteria),
             missing_evidence=missing,
         )
-        return self._look_once_more(node, miss)
+        return self._look_once_more(subject.contract.node, miss)
 
     def wait_for(self, regressions: Sequence[str], node: str) -> Entry:
         """Nodes that must be done again before the next session of a begun node."""
@@ -167,7 +167,7 @@ class Recovery:
         """Records of the policy's choice; the last one blocks the node when it gives up."""
         if planned := self._plan_anew(node, miss, miss.reason, only_unmet=True):
             return planned
-        decision = self.policy.choose(self._make_case(node, miss))
+        decision = self.policy.choose(self.drafter.make_case(node, miss))
         revision = decision.chosen.revision
         if revision is None:
             why = join((miss.reason, *decision.reasons))
@@ -204,7 +204,7 @@ class Recovery:
 
     def _look_once_more(self, node: str, miss: Miss) -> list[Entry]:
         """A look for a session that cannot be replanned; empty when the policy has none."""
-        decision = self.policy.choose(self._make_case(node, miss))
+        decision = self.policy.choose(self.drafter.make_case(node, miss))
         if decision.chosen.kind is not AlternativeKind.LOOK or decision.chosen.revision is None:
             return []
         child = self.drafter.draft(node, decision.chosen.revision)
@@ -222,8 +222,7 @@ class Recovery:
         if restores and miss.world is not None:
             needy = [child, miss.session] if child.skill == miss.session.skill else [child]
             lost = {predicate.text for each in needy for predicate in find_lost_preconditions(each, miss.world)}
-            restorers = self._find_restorers(child.node, lost)
-            if restorers:
+            if restorers := self._find_restorers(child.node, lost):
                 return self.reopen(restorers)  # the child is paid for when its turn comes
         spent = self.drafter.note(child.node, GoalEvent.BUDGET_SPENT, f"{miss.cause}: {miss.session.id}")
         return [spent, *self.drafter.submit(child, reasons)]
@@ -276,9 +275,10 @@ class Recovery:
         if subject.execution is not None:
             decided = subject.decision
             return Miss.of_execution(self.evidence.read(subject), decided) if decided is not None else None
-        codes = {problem.code for problem in subject.problems}
-        cause = find_refusal(subject.problems)
-        unmet, world = _find_unmet(subject), self.evidence.find_latest(subject.contract.scene.episode)
+        codes, cause = {each.code for each in subject.problems}, find_refusal(subject.problems)
+        lacking = (each.subject for each in subject.problems if each.code == _UNMET and each.subject)
+        unmet = {call.name for text in lacking for call in iter_calls(parse_predicate(text).formula)}
+        world = self.evidence.find_latest(subject.contract.scene.episode)
         if world is None or "AMBIGUOUS" in codes:  # no look tells which is meant
             return None
         if not codes & _NEVER_CARRIED and ("visible" in unmet or codes & {"ENTITY_UNKNOWN", "NEVER_SEEN"}):
@@ -287,20 +287,6 @@ class Recovery:
         elif "holding" in unmet:
             cause = Cause.GRASP_LOST
         return Miss.of_refusal(subject, cause, world) if cause is not None else None
-
-    def _make_case(self, node: str, miss: Miss) -> Case:
-        facts = self.facts
-        return Case(
-            miss=miss,
-            choice=facts.graph.choices[node],
-            catalogue=self.drafter.compiler.catalogue,
-            lineage=facts.get_sessions(node),
-            replans_left=facts.graph.max_replans(node) - facts.count_replans(node),
-            left=facts.compute_left(node),
-            protected=facts.find_protected(),
-            time_of=facts.compute_times(),
-            recall=lambda status: self.evidence.read(status) if status.execution is not None else None,
-        )
 
     def _find_restorers(self, node: str, lost: Set[str]) -> dict[str, str]:
         """Finished nodes before one that had achieved what it needs and lacks now -> the lack."""
@@ -315,12 +301,6 @@ class Recovery:
 def is_look(session: Session) -> bool:
     """Whether a session only looks, so that its subject is judged on its snapshot."""
     return session.purpose == looking.PURPOSE
-
-
-def _find_unmet(refused: SessionStatus) -> frozenset[str]:
-    """Names of the predicates in unmet preconditions."""
-    unmet = (parse_predicate(each.subject) for each in refused.problems if each.code == _UNMET and each.subject)
-    return frozenset(call.name for each in unmet for call in iter_calls(each.formula))
 
 
 def _is_end(entries: list[Entry]) -> bool:
