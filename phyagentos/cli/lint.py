@@ -108,7 +108,7 @@ def find_kind(path: Path) -> FileKind | None:
         return known.get(path.name)
     if path.name in SETTINGS_FILES:
         return FileKind.SETTINGS
-    from phyagentos.agent.goals.wanted import is_wanted
+    from phyagentos.agent.goals.spec import is_wanted
 
     keys = _read_keys(path)
     if is_wanted(dict.fromkeys(keys)):  # without `accept`, a graph that is only begun

@@ -6,13 +6,19 @@ it is; everything else may become other nodes.
 
 import copy
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
+
+import yaml
 
 from phyagentos.agent.goals.expansion import Node
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.selector import Choice
 from phyagentos.errors import Problem
+from phyagentos.protocol.documents.durable_files import replace_durably
+from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
+from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import UNNAMED
 from phyagentos.protocol.world.predicates.predicate import View, iter_entities, parse_predicate, substitute
 from phyagentos.protocol.world.truth import Truth
@@ -103,3 +109,21 @@ def set_values(authored: Any, node: Node, values: Mapping[str, list[str]]) -> An
         place = place["include"]["sessions"][name] if "include" in place else place["any_of"][int(name) - 1]
     place["foreach"].update(values)
     return changed
+
+
+def find_graph(workspace: Workspace, goal: GoalStatus) -> Path:
+    """The file with the graph that a goal has now."""
+    return workspace.goals / goal.file if goal.file else workspace.goal_file_of(goal.id)
+
+
+def keep_graph(workspace: Workspace, goal: GoalId, authored: Any) -> Path:
+    """Keep another graph in `goals/`, as data or as a whole file; the record that takes it over comes later."""
+    content = authored if isinstance(authored, bytes) else encode_graph(authored)
+    file = workspace.amended_file_of(goal, content)
+    replace_durably(file, content)
+    return file
+
+
+def encode_graph(authored: Any) -> bytes:
+    """A graph as a file."""
+    return yaml.safe_dump(authored, sort_keys=False, allow_unicode=True).encode()

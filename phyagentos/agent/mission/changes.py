@@ -8,25 +8,28 @@ what waited for it is left out.
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
-from phyagentos.agent.goals.amendment import compute_difference, find_contradictions, find_fitting, set_values
+from phyagentos.agent.goals.amendment import (
+    compute_difference,
+    find_contradictions,
+    find_fitting,
+    find_graph,
+    keep_graph,
+    set_values,
+)
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.goals.selector import ANY
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.judging.goal_judgement import Evidence, Seen
 from phyagentos.agent.judging.judges.predicates import evaluate_on
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.mission.task_document import TaskEdit
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions.session import Session
-from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState
+from phyagentos.protocol.sessions.tasks import NodeState
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
@@ -52,7 +55,7 @@ class Changes:
     def answer(self, file: str) -> list[Entry]:
         """The graph in `goals/` that a person wants, taken over or refused."""
         try:
-            wanted = read_goal_graph(Workspace(self.evidence.root).goals / file, self.drafter.compiler.catalogue)
+            wanted = read_goal_graph(self._workspace.goals / file, self.drafter.compiler.catalogue)
             problems = [*find_contradictions(self.facts.graph, wanted, self.facts.ledger.goals[self.facts.goal])]
         except DefinitionError as error:
             problems = list(error.problems)
@@ -73,7 +76,7 @@ class Changes:
             edges = [each for each in node.get("after", ()) if isinstance(each, dict)]
             before = edit.after.get(name, [each for each in node.get("after", ()) if isinstance(each, str)])
             node["after"] = [*(each for each in before if each not in edit.removed), *edges]
-        file = self._keep(authored | edit.judged | {"sessions": sessions})
+        file = keep_graph(self._workspace, self.facts.goal, authored | edit.judged | {"sessions": sessions})
         return [self.facts.note(GoalEvent.AMENDMENT_ASKED, {"file": file.name})]
 
     def decide(
@@ -103,7 +106,7 @@ class Changes:
         fitting = find_fitting(node, self._roles, self._view(name, seen)) if seen.now is not None else {}
         if not fitting or not all(fitting.values()):
             return [self.drafter.note(name, GoalEvent.NODE_SKIPPED, f"nothing is seen that fits {asked}")]
-        file = self._keep(set_values(self._read_authored(), node, fitting))
+        file = keep_graph(self._workspace, self.facts.goal, set_values(self._read_authored(), node, fitting))
         try:
             graph = read_goal_graph(file, self.drafter.compiler.catalogue)
         except DefinitionError as error:
@@ -163,7 +166,7 @@ class Changes:
             planned = plan_goal(self._want(accept), drafter.compiler.catalogue, world, without=tried)
             if not isinstance(planned, PlannedGoal) or not planned.steps:
                 return []
-            file = self._keep(self._add_steps(planned, node, f"anew{number}_"))
+            file = keep_graph(self._workspace, self.facts.goal, self._add_steps(planned, node, f"anew{number}_"))
             graph = read_goal_graph(file, drafter.compiler.catalogue)
         except DefinitionError:  # of a form that no plan is made for
             return []
@@ -211,21 +214,13 @@ class Changes:
 
     def _read_authored(self) -> Any:
         """The present graph as it is written."""
-        return read_yaml(find_graph(Workspace(self.evidence.root), self.facts.ledger.goals[self.facts.goal])).data
+        return read_yaml(find_graph(self._workspace, self.facts.ledger.goals[self.facts.goal])).data
 
-    def _keep(self, authored: Any) -> Path:
-        """Keep another graph in `goals/`; it is not read yet."""
-        content = yaml.safe_dump(authored, sort_keys=False, allow_unicode=True).encode()
-        file = Workspace(self.evidence.root).amended_file_of(self.facts.goal, content)
-        replace_durably(file, content)
-        return file
+    @property
+    def _workspace(self) -> Workspace:
+        return Workspace(self.evidence.root)
 
     def _amend(self, graph: GoalGraph, file: str, reason: str) -> Entry:
         """The record that takes a graph over."""
         body = {"file": file, **compute_difference(graph, self.facts.nodes), "reason": reason}
         return self.facts.note(GoalEvent.GOAL_AMENDED, body)
-
-
-def find_graph(workspace: Workspace, goal: GoalStatus) -> Path:
-    """The file with the graph that a goal has now."""
-    return workspace.goals / goal.file if goal.file else workspace.goal_file_of(goal.id)

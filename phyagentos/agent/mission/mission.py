@@ -11,15 +11,13 @@ from contextlib import closing
 from pathlib import Path
 from typing import Protocol
 
-import yaml
-
+from phyagentos.agent.goals.amendment import encode_graph, find_graph
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.compiler import SessionCompiler
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.memory.advice import Advisor, NoAdvice
-from phyagentos.agent.mission.changes import find_graph
 from phyagentos.agent.mission.goal_controller import GoalController
 from phyagentos.agent.mission.report import MissionReport, build_report
 from phyagentos.agent.mission.task_document import TaskDocument
@@ -108,7 +106,7 @@ class Mission:
             self._check_same(graph, read_goal_graph(file, catalogue), graph_file, id)
             return self.resume(id)
         if graph.bundle is not None:
-            replace_durably(file, yaml.safe_dump(graph.bundle, sort_keys=False, allow_unicode=True).encode())
+            replace_durably(file, encode_graph(graph.bundle))
         elif file.resolve() != graph_file.resolve():
             replace_durably(file, graph_file.read_bytes())
         controller = self._make_controller(SessionCompiler(graph=graph, catalogue=catalogue, goal=id, seed=seed))

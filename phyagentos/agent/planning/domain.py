@@ -9,8 +9,7 @@ from typing import Any
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.checks import Checks
 from phyagentos.agent.goals.selector import ANY, find_lacks
-from phyagentos.agent.goals.spec import GoalSpec
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import GoalSpec, WantedGoal
 from phyagentos.agent.planning.goal_facts import is_held, make_fact, read_conditions, relates
 from phyagentos.agent.planning.operators import Scope, list_operators
 from phyagentos.agent.planning.problem import Capacity, Condition, Fact, Literal, Operator, PlanningProblem

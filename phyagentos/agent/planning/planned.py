@@ -15,7 +15,7 @@ import yaml
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import draw_flowchart
 from phyagentos.agent.goals.selector import find_lacks
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.planning.answer_sets import AnswerSetPlanner
 from phyagentos.agent.planning.domain import Domain, Tried, build_domain
 from phyagentos.agent.planning.problem import (

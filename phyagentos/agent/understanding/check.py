@@ -5,7 +5,7 @@ The same for both understanders: what a model writes passes no easier than what 
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.understanding import Lack, LackKind
 from phyagentos.agent.understanding.vocabulary import ROLE, Vocabulary, iter_literals
 from phyagentos.errors import DefinitionError, find_nearest

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from typing_extensions import override
 
-from phyagentos.agent.goals.spec import NAME_MAX
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import NAME_MAX, WantedGoal
 from phyagentos.agent.understanding.check import find_lacks
 from phyagentos.agent.understanding.clauses import Clauses, finish
 from phyagentos.agent.understanding.nouns import Discourse, Node

@@ -13,7 +13,7 @@ import pydantic
 from typing_extensions import override
 
 from phyagentos.agent.context.context import Section, build_context
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.check import find_lacks
 from phyagentos.agent.understanding.embedded import name_goal
 from phyagentos.agent.understanding.understanding import (
