@@ -140,6 +140,10 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
     unique = list(reversed(by_finding.values()))
     if unique or len(choices) < len(nodes):
         return None, unique
+    brought: dict[str, tuple[str, str]] = {}
+    for name, choice in choices.items():
+        thing, place = (choice.parameters.get(key) for key in find_roles(catalogue.skills[choice.skill]))
+        brought |= {name: (str(thing), str(place))} if place and not nodes[name].is_open else {}
     graph = GoalGraph(
         spec=spec,
         source=located.source,
@@ -147,21 +151,13 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
         choices=choices,
         dag=dag,
         order=order,
-        brought=(brought := _find_brought({n: c for n, c in choices.items() if not nodes[n].is_open}, catalogue)),
+        brought=brought,
         kept=_find_kept(spec, nodes, choices, {thing for thing, _ in brought.values()}),
         warnings=tuple(checks.iter_warnings()),
         bundle=composed.bundle if composed.bundle != written.data else None,
         rescuers=rescuers,
     )
     return graph, []
-
-
-def _find_brought(choices: Mapping[str, Choice], catalogue: Catalogue) -> dict[str, tuple[str, str]]:
-    found: dict[str, tuple[str, str]] = {}
-    for name, choice in choices.items():
-        thing, place = (choice.parameters.get(key) for key in find_roles(catalogue.skills[choice.skill]))
-        found |= {name: (str(thing), str(place))} if place else {}
-    return found
 
 
 def _find_kept(

@@ -35,11 +35,10 @@ class Drafter:
 
         `fresh` has outputs of nodes that are not yet in the records.
         """
-        outputs = {
-            edge.node: fresh[edge.node] if edge.node in fresh else self.facts.find_outputs(edge.node)
-            for edge in self.facts.graph.nodes[node].data
-            if edge.node in fresh or self.facts.get_state(edge.node) is NodeState.DONE
-        }
+        outputs = dict(fresh)
+        for source in {edge.node for edge in self.facts.graph.nodes[node].data} - fresh.keys():
+            done = self.facts.find_own(source) if self.facts.get_state(source) is NodeState.DONE else None
+            outputs |= {source: done.execution.outputs} if done is not None and done.execution else {}
         attempt = len(self.facts.get_ids(node))
         try:
             session = self.compiler.compile_node(node, outputs=outputs, attempt=attempt, revision=revision)

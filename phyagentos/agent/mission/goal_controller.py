@@ -74,17 +74,12 @@ class GoalController:
             restores=policy.restores and verifier.mode is VerificationMode.RECOVERY,
         )
         self._conditional = tuple(name for name in self.graph.order if self.graph.nodes[name].is_conditional)
-        self._file = self.status.file if self.goal in ledger.goals else ""
+        self.file = self.status.file if self.goal in ledger.goals else ""  # of its graph, since it was amended
 
     @property
     def status(self) -> GoalStatus:
         """The goal as it stands."""
         return self._ledger.goals[self.goal]
-
-    @property
-    def is_outdated(self) -> bool:
-        """Whether the goal has another graph by now."""
-        return self.status.file != self._file
 
     @property
     def is_over(self) -> bool:
@@ -147,7 +142,8 @@ class GoalController:
         for status in waiting[:BATCH]:
             node = status.contract.node
             bundle, attempt = self._judge(status)
-            if _lets_go_on(attempt, bundle) and not self._recovery.prepares(status):
+            is_over = attempt.verdict is Verdict.UNVERIFIED and bundle.execution.ended is Ended.COMPLETED
+            if (is_over or attempt.verdict is Verdict.SUCCESS) and not self._recovery.prepares(status):
                 fresh[node] = bundle.execution.outputs
                 done = self._drafter.note(node, GoalEvent.NODE_DONE, attempt.reason)
                 freed = self._find_freed_by(node, fresh)
@@ -335,12 +331,6 @@ class GoalController:
             and dag.count_open(name) <= len(fresh)
             and fresh.keys() >= set(dag.find_open(name))
         ]
-
-
-def _lets_go_on(attempt: Attempt, bundle: Bundle) -> bool:
-    """Whether the successors of the session may begin; without verification, because its execution completed."""
-    is_completed = bundle.execution.ended is Ended.COMPLETED
-    return attempt.verdict is Verdict.SUCCESS or (attempt.verdict is Verdict.UNVERIFIED and is_completed)
 
 
 def _record_verdict(status: SessionStatus, attempt: Attempt) -> list[Entry]:

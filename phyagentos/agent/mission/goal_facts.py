@@ -64,13 +64,9 @@ class GoalFacts:
         """Whether of all that a node waits for, or takes an output of, nothing was to be done."""
         node = self.graph.nodes[name]
         skipped = {each for each in node.after if self.get_state(each) is NodeState.SKIPPED}
-        left_out = {each for each in skipped if not self._was_unneeded(each)}
+        conditional = {each for each in skipped if self.graph.nodes[each].is_conditional and self.is_taken(each)}
+        left_out = skipped - {each for each in conditional if not self.is_left_out(each)}  # by its own condition
         return bool(left_out and left_out >= set(node.after)) or any(edge.node in skipped for edge in node.data)
-
-    def _was_unneeded(self, name: str) -> bool:
-        """Whether a node that was left out was so by its own condition, so that what waits for it goes on."""
-        is_conditional = self.graph.nodes[name].is_conditional
-        return is_conditional and self.is_taken(name) is True and not self.is_left_out(name)
 
     def is_rescued(self, name: str) -> bool | None:
         """Whether the branches on the failure of a node succeeded; None while one is open."""
@@ -110,11 +106,6 @@ class GoalFacts:
             status.contract.purpose == looking.PURPOSE and self.find_subject(status.contract).contract.id == subject.id
             for status in self.get_sessions(subject.node)
         )
-
-    def find_outputs(self, name: str) -> Mapping[str, Any]:
-        """What a finished node left for others."""
-        own = self.find_own(name)
-        return own.execution.outputs if own and own.execution else {}
 
     def find_finished(self, fresh: Collection[str] = ()) -> dict[str, Session]:
         """Nodes that are done, and those whose end is not yet recorded -> the session that did it."""

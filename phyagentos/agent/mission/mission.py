@@ -179,7 +179,7 @@ class Mission:
                 self._read(goal)
                 if goal.is_over:
                     break
-                if goal.is_outdated:
+                if goal.status.file != goal.file:
                     goal = self._continue(goal.goal, self._read_catalogue())
                 if self._cancelled.is_set():
                     entries = goal.cancel()

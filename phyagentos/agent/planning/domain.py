@@ -124,7 +124,9 @@ def build_domain(
         targets=targets,
         lids={place: lid for place in world.entities if (lid := find_lid(world, place))},
     )
-    operators = [each for each in list_operators(catalogue.skills, scope) if not _breaks(each, invariants)]
+    kept = [each.literals[0] for each in invariants if len(each.literals) == 1]
+    broken = {(fact, not value) for fact, value in kept}
+    operators = [each for each in list_operators(catalogue.skills, scope) if broken.isdisjoint(each.changes.items())]
     facts = dict.fromkeys(make_fact(call) for call in present)
     facts |= dict.fromkeys(fact for each in operators for fact in (*each.requires, *each.changes))
     facts |= dict.fromkeys(fact for stage in stages for each in stage for fact, _ in each.literals)
@@ -141,7 +143,7 @@ def build_domain(
         stages=tuple(stages),
         capacities=tuple(_iter_capacities(facts, initial, scope)),
         exclusive=tuple(groups),
-        exact=tuple(group for group in groups if group & initial and not any(_leaves(each, group) for each in needed)),
+        exact=tuple(group for group in groups if group & initial and _is_exact(group, needed)),
     )
     return Domain(problem=problem, roles=roles, operators=tuple(operators), state=state)
 
@@ -203,12 +205,6 @@ def _is_same(operator: Operator, skill: str, target: str, parameters: Mapping[st
     return (operator.skill, operator.target) == (skill, target) and all(parameters.get(k) == v for k, v in given)
 
 
-def _breaks(operator: Operator, invariants: Iterable[Condition]) -> bool:
-    """Whether it makes an invariant false that is one literal."""
-    single = (each.literals[0] for each in invariants if len(each.literals) == 1)
-    return any(operator.changes.get(fact, value) is not value for fact, value in single)
-
-
 def _drop_needless(operators: Sequence[Operator], state: frozenset[Literal]) -> Iterator[Operator]:
     """Operators that change something, and of those with equal effects none that needs more and costs more."""
     varying = {change[0] for each in operators for change in each.changes.items() if change not in state}
@@ -237,10 +233,10 @@ def _iter_capacities(facts: Iterable[Fact], initial: frozenset[Fact], scope: Sco
             yield Capacity(place, each, max(FILL, present))
 
 
-def _leaves(operator: Operator, group: frozenset[Fact]) -> bool:
-    """Whether it takes something out of a group and puts nothing into it."""
-    values = {value for fact, value in operator.changes.items() if fact in group}
-    return values == {False}
+def _is_exact(group: frozenset[Fact], operators: Sequence[Operator]) -> bool:
+    """Whether each operator that takes something out of a group puts something into it."""
+    changed = ({value for fact, value in each.changes.items() if fact in group} for each in operators)
+    return {False} not in changed
 
 
 def _iter_exclusive(operators: Sequence[Operator], initial: frozenset[Fact]) -> Iterator[frozenset[Fact]]:

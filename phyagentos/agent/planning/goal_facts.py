@@ -23,6 +23,7 @@ from phyagentos.protocol.world.predicates.syntax import (
     Or,
     Point,
     Star,
+    Variable,
     iter_calls,
     iter_free_stars,
     map_calls,
@@ -58,10 +59,11 @@ def is_held(call: Call) -> bool:
     return list_kinds(call) == (ArgumentKind.TARGET, ArgumentKind.ENTITY)
 
 
-def find_subject(call: Call) -> str:
-    """The thing that a call is about: the first that it names."""
-    terms = zip(call.terms, list_kinds(call), strict=True)
-    return next((term.text for term, kind in terms if kind in THINGS and isinstance(term, Name)), "")
+def find_subject(call: Call, written: type[Name | Variable] = Name) -> str:
+    """The thing that a call is about: the first that it names, or has a variable for."""
+    terms = (term for term, kind in zip(call.terms, list_kinds(call), strict=True) if kind in THINGS)
+    found = next((term for term in terms if isinstance(term, written)), None)
+    return "" if found is None else found.path if isinstance(found, Variable) else found.text
 
 
 @lru_cache(maxsize=8192)

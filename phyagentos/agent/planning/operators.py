@@ -11,7 +11,6 @@ from typing import Any
 
 from phyagentos.agent.goals.selector import find_lacks
 from phyagentos.agent.planning.goal_facts import (
-    THINGS,
     find_subject,
     is_held,
     list_defaults,
@@ -220,7 +219,7 @@ def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> I
     requires = [each for text in skill.requires for each in _split(parse_predicate(text, template=True).formula)]
     for chosen in product(*(offer.parts if isinstance(offer, Or) else (offer,) for offer in offers)):
         literals = [literal for formula in chosen for literal in _split(formula)]
-        moved = next((_find_variable(call) for call, value in literals if value and relates(call)), "")
+        moved = next((find_subject(call, Variable) for call, value in literals if value and relates(call)), "")
         choices = _list_choices(skill, [*literals, *(r for r in requires if relates(r[0]))], moved, target, scope)
         relations = {call.name for call, value in literals if value}
         for values in product(*choices.values()):
@@ -349,11 +348,6 @@ def _find_place(effects: Iterable[Effect], moved: str) -> str:
         term.text for call in calls if find_subject(call) == moved for term in call.terms[1:] if isinstance(term, Name)
     )
     return next(found, "")
-
-
-def _find_variable(call: Call) -> str:
-    kinds = zip(call.terms, list_kinds(call), strict=True)
-    return next((term.path for term, kind in kinds if kind in THINGS and isinstance(term, Variable)), "")
 
 
 def _split(formula: Formula, value: bool = True) -> Iterator[Effect]:

@@ -20,7 +20,6 @@ from phyagentos.agent.planning.answer_sets import AnswerSetPlanner
 from phyagentos.agent.planning.domain import Domain, Tried, build_domain
 from phyagentos.agent.planning.problem import (
     Fact,
-    Operator,
     Plan,
     Planner,
     PlanningProblem,
@@ -249,8 +248,11 @@ def _explain(
 def _explain_fact(fact: Fact, domain: Domain, catalogue: Catalogue) -> Missing:
     value = fact not in domain.problem.initial
     makers = [each for each in domain.problem.operators if each.changes.get(fact) is value]
-    if makers:
-        return Missing(Lack.PRECONDITION, _render(fact, value), tuple(_iter_unreachable(makers, domain)))
+    if makers:  # what these need, and nothing brings about
+        made = {change for each in domain.problem.operators for change in each.changes.items()} | domain.state
+        needs = dict.fromkeys(literal for each in makers for literal in each.requires.items())
+        unreachable = tuple(_render(*literal) for literal in needs if literal not in made)
+        return Missing(Lack.PRECONDITION, _render(fact, value), unreachable)
     wanted = _find_predicates([fact])
     skills = [skill for skill in catalogue.skills.values() if wanted <= _find_predicates(skill.guarantees)]
     if not skills:
@@ -265,13 +267,6 @@ def _explain_fact(fact: Fact, domain: Domain, catalogue: Catalogue) -> Missing:
 
 def _find_predicates(texts: Iterable[str]) -> set[str]:
     return {call.name for text in texts for call in iter_calls(parse_predicate(text, template=True).formula)}
-
-
-def _iter_unreachable(makers: list[Operator], domain: Domain) -> Iterator[str]:
-    """Preconditions of some operators that nothing brings about."""
-    made = {change for each in domain.problem.operators for change in each.changes.items()} | domain.state
-    needs = dict.fromkeys(literal for each in makers for literal in each.requires.items())
-    yield from (_render(*literal) for literal in needs if literal not in made)
 
 
 def _iter_overfull(plan: Plan, problem: PlanningProblem) -> Iterator[str]:
