@@ -100,8 +100,7 @@ def answer(task: Task, folder: Path, graphs: list[Planned]) -> tuple[bool, str, 
     """Whether the answer is right, what is wrong with the plan, its sessions, and the time."""
     catalogue = Catalogue.read(Library.open(folder))
     start = perf_counter()
-    from phyagentos.agent.planning.graph_file import write_graph
-    from phyagentos.agent.planning.planned import PlannedGoal, plan_goal
+    from phyagentos.agent.planning.planned import PlannedGoal, plan_goal, write_graph
 
     planned = plan_goal(task.wanted, catalogue, task.world)
     elapsed_s = perf_counter() - start

@@ -25,7 +25,7 @@ from rich.table import Table
 
 from benchmarks.outcome import format_outcome
 from phyagentos.agent.goals.catalogue import Catalogue
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, Understanding, Understood
 from phyagentos.agent.understanding.vocabulary import Vocabulary

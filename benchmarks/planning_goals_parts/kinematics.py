@@ -14,7 +14,7 @@ import networkx as nx
 from msgspec.structs import replace
 
 from phyagentos.agent.goals.graph import GoalGraph
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.geometry import Pose, Vector, to_child, to_parent
 from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.protocol.world.mechanisms import compute_motion

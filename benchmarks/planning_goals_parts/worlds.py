@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from benchmarks.planning_goals_parts.kinematics import Invalid, Kinematics
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.assembly.scene_start import draw_start
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.world.environment import Environment

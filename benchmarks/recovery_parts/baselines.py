@@ -86,7 +86,7 @@ class RestartingRecovery(Recovery):
     def _repair(self, node: str, miss: Miss, *, restores: bool = True) -> list[Entry]:
         if not isinstance(self.policy, FullRestart):
             return super()._repair(node, miss, restores=restores)
-        decision = self.policy.choose(self._make_case(node, miss))
+        decision = self.policy.choose(self.drafter.make_case(node, miss))
         if decision.chosen.kind is AlternativeKind.GIVE_UP:
             return super()._repair(node, miss, restores=restores)
         why = f"{decision.chosen.effect}: {miss.cause} of {node}"

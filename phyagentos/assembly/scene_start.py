@@ -9,13 +9,7 @@ from phyagentos.protocol.world.environment import Environment
 
 
 def draw_start(library: Library, scene: str, targets: Iterable[str], seed: int) -> Environment:
-    """Things and regions at their start, as the simulator would place them, known without doubt.
-
-    Args:
-        library: Where scenes and profiles are.
-        scene: Its name.
-        targets: As whose profiles place it; what names none, as `any`, changes nothing.
-        seed: Root of every random choice.
+    """Things and regions at their start, as the simulator would place them for these targets, known without doubt.
 
     Raises:
         DefinitionError: The scene is not there, or invalid.

@@ -3,16 +3,14 @@
 import contextlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
-import yaml
 
 from phyagentos.cli.arguments import AsJson, Overrides, choose_newest, get_file, parse_overrides
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.tasks import GoalStatus
@@ -21,28 +19,23 @@ from phyagentos.store.admission import GOAL_PREFIX, Entry, GoalEvent
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
 
-if TYPE_CHECKING:
-    from phyagentos.agent.goals.graph import GoalGraph
-
 LOOK_S = 0.1  # between two looks for the answer
-Space = Annotated[
-    Path,
-    typer.Option("--workspace", "-w", default_factory=choose_newest, show_default="the newest", help="Its folder."),
-]
-Wait = Annotated[float, typer.Option("--wait", min=0.0, help="Longest wait for the agent's answer [s].")]
+_NEWEST = typer.Option(
+    "--workspace", "-w", default_factory=choose_newest, show_default="the newest", help="Its folder."
+)
 
 
 def amend(
     goal: Annotated[str, typer.Argument(metavar="GOAL", help="Its id, as TASK.md shows it.")],
     graph: Annotated[Path, typer.Argument(help="The whole graph as it shall be.")],
-    workspace: Space,
+    workspace: Annotated[Path, _NEWEST],
     set_: Overrides = None,
-    wait_s: Wait = 10.0,
+    wait_s: Annotated[float, typer.Option("--wait", min=0.0, help="Longest wait for the agent's answer [s].")] = 10.0,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show the difference; ask for nothing.")] = False,
     as_json: AsJson = False,
 ) -> int:
     """Change the graph of a goal that is pursued: what has begun stays, everything else may become other nodes."""
-    from phyagentos.agent.goals.amendment import compute_difference, find_contradictions
+    from phyagentos.agent.goals.amendment import compute_difference, find_contradictions, find_graph, keep_graph
     from phyagentos.agent.goals.catalogue import Catalogue
     from phyagentos.agent.goals.graph import read_goal_graph
 
@@ -51,16 +44,16 @@ def amend(
     with contextlib.closing(Journal(place.root, side=Side.OPERATOR, by="paos amend", clock=clock)) as journal:
         ledger = journal.open_ledger()
         status = _get_open(id, ledger)
-        wanted = read_goal_graph(get_file(graph, "goal_graphs"), catalogue, parse_overrides(set_))
-        current = place.goals / status.file if status.file else place.goal_file_of(id)
-        if problems := [*find_contradictions(read_goal_graph(current, catalogue), wanted, status)]:
+        path = get_file(graph, "goal_graphs")
+        wanted = read_goal_graph(path, catalogue, parse_overrides(set_))
+        if problems := [*find_contradictions(read_goal_graph(find_graph(place, status), catalogue), wanted, status)]:
             raise DefinitionError(problems)
         difference = compute_difference(wanted, status.nodes)
         if not as_json:
             _print_difference(difference, status)
         answer = ""
         if not dry_run:
-            file = _keep(place, id, wanted, graph)
+            file = keep_graph(place, id, path.read_bytes() if wanted.bundle is None else wanted.bundle).name
             journal.commit([Entry(f"{GOAL_PREFIX}{id}", GoalEvent.AMENDMENT_ASKED, {"file": file})])
             answer = _wait_for_answer(id, file, ledger, journal, clock, wait_s)
     if as_json:
@@ -80,16 +73,6 @@ def _get_open(id: GoalId, ledger: Ledger) -> GoalStatus:
         how = f"has its verdict, {status.verdict}, which is final" if status.verdict else "is cancelled"
         raise Exit(ExitCode.INVALID_INPUT, f"{id} {how}; run the other graph as a goal of its own")
     return status
-
-
-def _keep(place: Workspace, id: GoalId, wanted: "GoalGraph", graph: Path) -> str:
-    """Name of the file in `goals/` that holds the wanted graph, included graphs in their places."""
-    content = get_file(graph, "goal_graphs").read_bytes()
-    if wanted.bundle is not None:
-        content = yaml.safe_dump(wanted.bundle, sort_keys=False, allow_unicode=True).encode()
-    file = place.amended_file_of(id, content)
-    replace_durably(file, content)
-    return file.name
 
 
 def _wait_for_answer(id: GoalId, file: str, ledger: Ledger, journal: Journal, clock: Clock, wait_s: float) -> str:

@@ -120,7 +120,7 @@ def find_kind(path: Path) -> FileKind | None:
         return known.get(path.name)
     if path.name in SETTINGS_FILES:
         return FileKind.SETTINGS
-    from phyagentos.agent.goals.wanted import is_wanted
+    from phyagentos.agent.goals.spec import is_wanted
 
     keys = _read_keys(path)
     if is_wanted(dict.fromkeys(keys)):  # without `accept`, a graph that is only begun
@@ -169,7 +169,7 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
 
             problems = check_goal_graph(path, Catalogue.read(library))
         case FileKind.WANTED:
-            from phyagentos.agent.planning.wanted_file import read_wanted
+            from phyagentos.agent.planning.domain import read_wanted
 
             read_wanted(path, Catalogue.read(library))
         case FileKind.SKILL:

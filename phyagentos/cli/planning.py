@@ -24,8 +24,7 @@ def plan(
     as_json: AsJson = False,
 ) -> int:
     """Plan a goal by the effects of skills: sessions, their order, and why; start nothing."""
-    from phyagentos.agent.planning.graph_file import render_mermaid, write_graph
-    from phyagentos.agent.planning.planned import Unsolvable
+    from phyagentos.agent.planning.planned import Unsolvable, render_mermaid, write_graph
 
     path = get_file(goal, "goal_graphs")
     planned = plan_file(path, open_library(path), seed, workspace)
@@ -47,8 +46,8 @@ def plan(
 def plan_file(path: Path, library: Library, seed: int, workspace: Path | None) -> "PlannedGoal | Unsolvable":
     """The plan of a goal without one, from what a workspace last observed, else from the start of its scene."""
     from phyagentos.agent.goals.catalogue import Catalogue
+    from phyagentos.agent.planning.domain import read_wanted
     from phyagentos.agent.planning.planned import plan_goal
-    from phyagentos.agent.planning.wanted_file import read_wanted
     from phyagentos.assembly.scene_start import draw_start
     from phyagentos.protocol.documents.schema import read_text
     from phyagentos.protocol.workspace.workspace import Workspace

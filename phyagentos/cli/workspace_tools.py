@@ -102,8 +102,7 @@ class WorkspaceTools:
 
         It begins with the scene of that seed, or `from_now` with the world as observed last.
         """
-        from phyagentos.agent.planning.graph_file import write_graph
-        from phyagentos.agent.planning.planned import Unsolvable
+        from phyagentos.agent.planning.planned import Unsolvable, write_graph
 
         with as_file(goal) as file:
             planned = plan_file(file, Workspace.open(self.root).library(), seed, self.root if from_now else None)

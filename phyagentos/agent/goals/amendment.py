@@ -4,18 +4,25 @@ Upstream: a person (`paos amend`), a node that fans out over what is seen, or a 
 it is; everything else may become other nodes.
 """
 
+import copy
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
+
+import yaml
 
 from phyagentos.agent.goals.expansion import Node
 from phyagentos.agent.goals.graph import GoalGraph
+from phyagentos.agent.goals.selector import Choice
 from phyagentos.errors import Problem
+from phyagentos.protocol.documents.durable_files import replace_durably
+from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
-from phyagentos.protocol.world.environment import UNNAMED, Environment
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import UNNAMED
 from phyagentos.protocol.world.predicates.predicate import View, iter_entities, parse_predicate, substitute
 from phyagentos.protocol.world.truth import Truth
 
-_SHARED = ("goal", "scene", "targets", "worlds")
 _NEW = NodeStatus()
 _TAKEN_OUT = frozenset({NodeState.BLOCKED, NodeState.SKIPPED})  # begun, and yet nothing that was done
 
@@ -23,27 +30,18 @@ _TAKEN_OUT = frozenset({NodeState.BLOCKED, NodeState.SKIPPED})  # begun, and yet
 def describe_node(graph: GoalGraph, name: str) -> dict[str, Any]:
     """A node as the journal holds it."""
     node, choice = graph.nodes[name], graph.choices[name]
-    return _describe(
-        NodeStatus(
-            objective=node.spec.objective,
-            skill=choice.skill,
-            target=choice.target,
-            after=node.after,
-            on_failure=node.on_failure,
-            reasons=choice.reasons,
-        )
-    )
+    return _describe(node.spec.objective, choice, node)
 
 
-def _describe(node: NodeStatus) -> dict[str, Any]:
-    failing = {"on_failure": [list(edge) for edge in node.on_failure]} if node.on_failure else {}
-    named = {key: getattr(node, key) for key in ("objective", "skill", "target")}
-    return {**named, "after": list(node.after), **failing, "reasons": list(node.reasons)}
+def _describe(objective: str, carried: NodeStatus | Choice, ordered: NodeStatus | Node) -> dict[str, Any]:
+    failing = {"on_failure": [list(edge) for edge in ordered.on_failure]} if ordered.on_failure else {}
+    named = {"objective": objective, "skill": carried.skill, "target": carried.target, "after": list(ordered.after)}
+    return {**named, **failing, "reasons": list(carried.reasons)}
 
 
 def find_contradictions(old: GoalGraph, new: GoalGraph, status: GoalStatus) -> Iterator[Problem]:
     """Why a goal cannot go on with another graph: it is another goal, or what has begun is not in it as it was."""
-    for key in _SHARED:
+    for key in ("goal", "scene", "targets", "worlds"):
         before, after = getattr(old.spec, key), getattr(new.spec, key)
         if before != after:
             yield Problem("GOAL_DIFFERS", f"{new.source}: {key}", repr(after), repr(before))
@@ -79,7 +77,7 @@ def compute_difference(new: GoalGraph, nodes: Mapping[str, NodeStatus]) -> dict[
         known = nodes.get(name, _NEW)
         if known.sessions:  # its objective is that of its sessions
             described["objective"] = known.objective
-        if described != _describe(known) or known is _NEW:
+        if described != _describe(known.objective, known, known) or known is _NEW:
             changed[name] = described
     removed = [name for name in nodes if name not in new.nodes]
     judged = {"accept": list(new.spec.accept), "constraints": list(new.spec.constraints)}
@@ -88,15 +86,12 @@ def compute_difference(new: GoalGraph, nodes: Mapping[str, NodeStatus]) -> dict[
 
 def find_fitting(node: Node, roles: Mapping[str, str], view: View) -> dict[str, list[str]]:
     """For each variable of a fan-out over what is seen the things of the inventory that fit, sorted by name."""
+    seen = sorted(name for name, each in view.now.entities.items() if each.visible and each.kind != UNNAMED)
     return {
-        key: sorted(name for name in _list_seen(view.now) if _fits(text, {key: name}, roles, view))
+        key: [name for name in seen if _fits(text, {key: name}, roles, view)]
         for key, text in node.spec.foreach.items()
         if isinstance(text, str)
     }
-
-
-def _list_seen(world: Environment) -> list[str]:
-    return [name for name, each in world.entities.items() if each.visible and each.kind != UNNAMED]
 
 
 def _fits(text: str, values: Mapping[str, str], roles: Mapping[str, str], view: View) -> bool:
@@ -107,19 +102,28 @@ def _fits(text: str, values: Mapping[str, str], roles: Mapping[str, str], view: 
 
 def set_values(authored: Any, node: Node, values: Mapping[str, list[str]]) -> Any:
     """The authored graph with values for a fan-out; the node may stand in an included graph, or be an alternative."""
-    return _set(authored, node.authored.split("-"), values)
+    changed = copy.deepcopy(authored)
+    first, *names = node.authored.split("-")
+    place = changed["sessions"][first]
+    for name in names:
+        place = place["include"]["sessions"][name] if "include" in place else place["any_of"][int(name) - 1]
+    place["foreach"].update(values)
+    return changed
 
 
-def _set(graph: Any, names: list[str], values: Mapping[str, list[str]]) -> Any:
-    first, *rest = names
-    authored = graph["sessions"][first]
-    if "include" in authored:
-        changed = authored | {"include": _set(authored["include"], rest, values)}
-    elif "any_of" in authored:
-        index = int(rest[0]) - 1
-        alternatives = list(authored["any_of"])
-        alternatives[index] = alternatives[index] | {"foreach": {**alternatives[index]["foreach"], **values}}
-        changed = authored | {"any_of": alternatives}
-    else:
-        changed = authored | {"foreach": {**authored["foreach"], **values}}
-    return graph | {"sessions": graph["sessions"] | {first: changed}}
+def find_graph(workspace: Workspace, goal: GoalStatus) -> Path:
+    """The file with the graph that a goal has now."""
+    return workspace.goals / goal.file if goal.file else workspace.goal_file_of(goal.id)
+
+
+def keep_graph(workspace: Workspace, goal: GoalId, authored: Any) -> Path:
+    """Keep another graph in `goals/`, as data or as a whole file; the record that takes it over comes later."""
+    content = authored if isinstance(authored, bytes) else encode_graph(authored)
+    file = workspace.amended_file_of(goal, content)
+    replace_durably(file, content)
+    return file
+
+
+def encode_graph(authored: Any) -> bytes:
+    """A graph as a file."""
+    return yaml.safe_dump(authored, sort_keys=False, allow_unicode=True).encode()

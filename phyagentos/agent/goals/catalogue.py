@@ -1,8 +1,9 @@
 """Skills, targets and scenes from which goals are built."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
@@ -11,17 +12,14 @@ from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_s
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.alike import find_alike
-from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.protocol.world.scenes import SceneSpec, read_scene
+
+Read = TypeVar("Read")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Catalogue:
-    """Skills, targets and scenes by name.
-
-    Attributes:
-        skills: Front matter of each SKILL.md.
-        problems: Of skills and targets that could not be read; they are left out.
-    """
+    """Skills, targets and scenes by name, and `problems` of skills and targets that could not be read."""
 
     skills: Mapping[str, SkillRuntime]
     targets: Mapping[str, TargetProfile]
@@ -31,20 +29,9 @@ class Catalogue:
     @classmethod
     def read(cls, library: Library) -> "Catalogue":
         """Everything that a library holds; unreadable parts become `problems`."""
-        problems: list[Problem] = []
-        skills: dict[str, SkillRuntime] = {}
-        for name in library.names_of_skills():
-            try:
-                skills[name], _ = read_skill(library.get_skill(name))
-            except DefinitionError as error:
-                problems += error.problems
-        targets: dict[str, TargetProfile] = {}
-        for name in library.names_of_targets():
-            try:
-                targets[name] = read_target(library.get_target(name))
-            except DefinitionError as error:
-                problems += error.problems
-        return cls(skills=skills, targets=targets, scenes=_find_scenes(library), problems=tuple(problems))
+        skills, problems = _read_each(library.names_of_skills(), lambda name: read_skill(library.get_skill(name))[0])
+        targets, more = _read_each(library.names_of_targets(), lambda name: read_target(library.get_target(name)))
+        return cls(skills=skills, targets=targets, scenes=_find_scenes(library), problems=(*problems, *more))
 
     @classmethod
     def of_workspace(cls, workspace: Workspace) -> "Catalogue":
@@ -61,31 +48,42 @@ class Catalogue:
 
     def find_kinds(self, scene: str) -> dict[str, str] | None:
         """Kind of each listed body, `region` of each region; None when the scene cannot be read, reported elsewhere."""
-        if scene not in self.scenes:
-            return None
-        try:
-            content = read_scene(self.scenes[scene])
-        except DefinitionError:
+        content = self._find_scene(scene)
+        if content is None:
             return None
         listed = {name: body.kind for name, body in content.bodies.items() if body.listed}
         return dict.fromkeys(content.regions, "region") | listed
 
     def find_mechanisms(self, scene: str) -> dict[str, str]:
         """How each thing with a joint moves, `slide` or `hinge`; empty when the scene cannot be read."""
-        try:
-            content = read_scene(self.scenes[scene])
-        except (KeyError, DefinitionError):
-            return {}
-        return {name: body.joint.kind for name, body in content.bodies.items() if body.joint is not None}
+        content = self._find_scene(scene)
+        bodies = content.bodies.items() if content is not None else ()
+        return {name: body.joint.kind for name, body in bodies if body.joint is not None}
 
     def find_alike(self, scene: str) -> dict[str, frozenset[str]]:
         """Things of a scene that no picture tells from others, and those; empty when it cannot be read."""
-        try:
-            content = read_scene(self.scenes[scene])
-        except (KeyError, DefinitionError):
+        content = self._find_scene(scene)
+        if content is None:
             return {}
         found = {name: find_alike(content, name) for name, body in content.bodies.items() if body.listed}
         return {name: others for name, others in found.items() if others}
+
+    def _find_scene(self, name: str) -> SceneSpec | None:
+        try:
+            return read_scene(self.scenes[name])
+        except (KeyError, DefinitionError):
+            return None
+
+
+def _read_each(names: Iterable[str], read: Callable[[str], Read]) -> tuple[dict[str, Read], list[Problem]]:
+    found: dict[str, Read] = {}
+    problems: list[Problem] = []
+    for name in names:
+        try:
+            found[name] = read(name)
+        except DefinitionError as error:
+            problems += error.problems
+    return found, problems
 
 
 def _find_scenes(library: Library) -> dict[str, Path]:

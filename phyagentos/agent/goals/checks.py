@@ -56,9 +56,8 @@ class Checks:
                 parse_description(text, self.located.address_of(path))
             except DefinitionError as error:
                 yield from error.problems
-        targets = {*self.spec.targets, *self.catalogue.targets, "target"}
         for path, text in self._iter_predicates():
-            yield from self.check_predicate(path, text, targets)
+            yield from self.check_predicate(path, text)
 
     def check_bindings(self, dag: "nx.DiGraph[str]", order: Iterable[str]) -> tuple[dict[str, Choice], list[Problem]]:
         """Skill and target of each node in the order of the graph, and the problems of these and their arguments."""
@@ -93,27 +92,25 @@ class Checks:
             problems.append(self.located.unknown("UNKNOWN_SKILL", (*node.path, "skill"), skill, self.catalogue.skills))
         if problems:
             raise DefinitionError(problems)
-        address = self.located.address_of((*node.path, "skill"))
-        if isinstance(skill, Promise):  # a promise that is no predicate has been reported with the predicates
-            parse_predicate(
-                skill.guarantees, address=self.located.address_of((*node.path, "skill", "guarantees")), template=True
-            )
         established: list[str] = []
-        earlier = nx.ancestors(dag, node.name) & choices.keys() - itertools.chain(*node.on_failure)
-        for before in sorted(earlier) if isinstance(skill, Promise) else ():
+        earlier: set[str] = set()
+        if isinstance(skill, Promise):
+            promise = self.located.address_of((*node.path, "skill", "guarantees"))
+            parse_predicate(skill.guarantees, address=promise, template=True)  # what is none is reported once
+            earlier = nx.ancestors(dag, node.name) & choices.keys() - itertools.chain(*node.on_failure)
+        for before in sorted(earlier):
             done = choices[before]
             values = {"target": done.target, **done.parameters}
             promised = (substitute(text, values) for text in self.catalogue.skills[done.skill].guarantees)
             established += (*self.nodes[before].spec.accept, *promised)
-        mechanisms = self.catalogue.find_mechanisms(self.spec.scene)
         return select(
             skill,
             target,
             node.spec.arguments,
             self.catalogue,
             established=established,
-            mechanisms=mechanisms,
-            address=address,
+            mechanisms=self.catalogue.find_mechanisms(self.spec.scene),
+            address=self.located.address_of((*node.path, "skill")),
         )
 
     def _check_conditions(self, node: Node) -> Iterator[Problem]:
@@ -184,22 +181,16 @@ class Checks:
     def _iter_predicates(self) -> Iterator[tuple[Path, str]]:
         yield from ((("constraints", index), text) for index, text in enumerate(self.spec.constraints))
         for node in self.nodes.values():
-            yield from (
-                ((*node.path, "foreach", key), text) for key, text in node.spec.foreach.items() if isinstance(text, str)
-            )
-            for key, texts in (
-                ("when", node.spec.when),
-                ("requires", node.spec.requires),
-                ("hold", node.spec.hold),
-                ("accept", node.spec.accept),
-            ):
-                yield from (((*node.path, key, index), text) for index, text in enumerate(texts))
+            open_ = ((key, text) for key, text in node.spec.foreach.items() if isinstance(text, str))
+            yield from (((*node.path, "foreach", key), text) for key, text in open_)
+            for key in ("when", "requires", "hold", "accept"):
+                yield from (((*node.path, key, index), text) for index, text in enumerate(getattr(node.spec, key)))
             if isinstance(node.spec.skill, Promise):
                 yield (*node.path, "skill", "guarantees"), node.spec.skill.guarantees
         yield from ((("accept", index), text) for index, text in enumerate(self.spec.accept))
 
-    def check_predicate(self, path: Path, text: str, targets: Iterable[str]) -> Iterator[Problem]:
-        """Problems of one predicate: its form, and names that neither the scene nor `targets` holds."""
+    def check_predicate(self, path: Path, text: str) -> Iterator[Problem]:
+        """Problems of one predicate: its form, and names that neither scene, roles nor targets hold."""
         in_node = path[0] == "sessions"
         try:
             predicate = parse_predicate(text, address=self.located.address_of(path), template=in_node)
@@ -207,12 +198,12 @@ class Checks:
             yield from error.problems
             return
         for reference in predicate.iter_references():
-            known = targets if reference.kind is ArgumentKind.TARGET else self._kinds
-            if known is None or reference.name in known:
-                continue
-            code = "UNKNOWN_TARGET" if reference.kind is ArgumentKind.TARGET else "UNKNOWN_ENTITY"
-            found = f"{reference.name!r} at column {reference.column} of {text!r}"
-            yield self.located.unknown(code, path, reference.name, known, found)
+            code, known = "UNKNOWN_ENTITY", self._kinds and {*self._kinds}
+            if reference.kind is ArgumentKind.TARGET:
+                code, known = "UNKNOWN_TARGET", {*self.spec.targets, *self.catalogue.targets, "target"}
+            if known is not None and reference.name not in known:
+                found = f"{reference.name!r} at column {reference.column} of {text!r}"
+                yield self.located.unknown(code, path, reference.name, known, found)
 
     def _check_arguments(self, node: Node, choice: Choice, runtime: SkillRuntime) -> Iterator[Problem]:
         for key in choice.parameters:
@@ -239,12 +230,11 @@ class Checks:
                 continue
             source = self.catalogue.skills[choices[edge.node].skill]
             output = source.outputs.get(edge.output)
+            wanted = _find_wanted_type(edge, node, runtime)
             if output is None:
                 found = f"{edge.output!r} of node {edge.node!r} (skill {source.skill})"
                 yield self.located.unknown("UNKNOWN_OUTPUT", edge.path, edge.output, source.outputs, found)
-            elif (wanted := _find_wanted_type(edge, node, runtime)) and (output.type, wanted) not in _FITTING | {
-                (wanted, wanted)
-            }:
+            elif wanted not in (None, output.type) and (output.type, wanted) not in _FITTING:
                 found = f"output '{edge.node}.outputs.{edge.output}', which is a {output.type}"
                 yield self.located.problem("INVALID_PARAMETER", edge.path, found, f"a {wanted}")
 

@@ -36,8 +36,7 @@ class Revision:
 
     Attributes:
         parent: None for the first session of a node.
-        requires: Preconditions of the child; None keeps those of skill and node.
-        reasons: One sentence for each change.
+        requires: None keeps those of skill and node.
         choice: None keeps the node's own skill, target and parameters.
         purpose: What it prepares (`inspect`, `clear`); empty when it pursues the node's objective.
         lead: Added to the priority.
@@ -56,12 +55,9 @@ class Revision:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionCompiler:
-    """Compiles the nodes of one goal.
+    """Compiles the nodes of one goal, whose id is also the episode, so that its sessions share one world.
 
-    Attributes:
-        goal: Id of the goal; also the episode, so that its sessions share one world.
-        seed: Root of every random choice of the goal.
-        distrusted: Forecasters that its sessions do not ask.
+    Its sessions do not ask `distrusted` forecasters.
     """
 
     graph: GoalGraph
@@ -73,13 +69,7 @@ class SessionCompiler:
     def compile_node(
         self, name: str, *, outputs: Outputs | None = None, attempt: int = 0, revision: Revision | None = None
     ) -> Session:
-        """The contract of one node.
-
-        Args:
-            name: The node.
-            outputs: Of the nodes before it; None leaves data edges unresolved, as for a preview.
-            attempt: 0 for the first session of the node.
-            revision: Of a child.
+        """The contract of one node; without the outputs of those before it, data edges stay as they are written.
 
         Raises:
             DefinitionError: An output of a data edge is missing, or leads to an invalid predicate.
@@ -105,10 +95,9 @@ class SessionCompiler:
         roles = {role: choice.target if target == ANY else target for role, target in self.graph.spec.targets.items()}
         roles["target"] = choice.target
         resolve = _Resolver(known, roles, omitted, f"{self.goal}.{name}", preview=outputs is None)
-        defaults_of_goal = self.graph.spec.defaults
-        limits = msgspec.convert(defaults_of_goal, Limits, from_attributes=True)
-        if node.spec.timeout_s:
-            limits = msgspec.structs.replace(limits, timeout_s=node.spec.timeout_s)
+        of_goal = self.graph.spec
+        limits = msgspec.convert(of_goal.defaults, Limits, from_attributes=True)
+        limits = msgspec.structs.replace(limits, timeout_s=node.spec.timeout_s or limits.timeout_s)
         spec = node.spec if not purpose else _NOTHING  # what prepares a node does not pursue its objective
         requires = resolve((*skill.requires, *spec.requires))
         return Session(
@@ -122,26 +111,24 @@ class SessionCompiler:
             target=choice.target,
             parameters=parameters,
             requires=requires if revision is None or revision.requires is None else revision.requires,
-            hold=resolve((*skill.hold, *spec.hold, *self.graph.spec.constraints)),
+            hold=resolve((*skill.hold, *spec.hold, *of_goal.constraints)),
             accept=resolve((*spec.accept, *promiser.guarantees)),
             scene=Scene(
-                name=name_placed(
-                    self.graph.spec.scene, map(self.catalogue.targets.get, self.graph.spec.targets.values())
-                ),
+                name=name_placed(of_goal.scene, map(self.catalogue.targets.get, of_goal.targets.values())),
                 seed=self.seed,
                 episode=self.goal,
-                described=self.graph.spec.described,
+                described=of_goal.described,
             ),
             seed=compute_seed(self.seed, "node", name, "attempt", attempt),
             limits=limits,
             strategy=revision.strategy if revision else OWN_WAY,
             priority=node.spec.priority + (revision.lead if revision else 0),
             resources=tuple(dict.fromkeys((*skill.needs.resources, *spec.resources))),
-            reset_policy=defaults_of_goal.reset_policy,
+            reset_policy=of_goal.defaults.reset_policy,
             purpose=purpose,
             lookahead=self._ask_ahead(name, attempt, revision),
             unless_met=not purpose and not spec.even_if_met and _wants_state(promiser, spec),
-            interchangeable=self.graph.spec.interchangeable,
+            interchangeable=of_goal.interchangeable,
             coming=() if purpose else self.graph.find_coming(name),
             kept=self.graph.kept if name in self.graph.brought and not purpose else (),
         )
@@ -152,12 +139,10 @@ class SessionCompiler:
         asked = self.graph.spec.defaults.lookahead if own is None else own
         if not asked or (revision and revision.purpose):
             return None
-        threshold = asked.threshold if revision is None or revision.threshold is None else revision.threshold
-        seed = compute_seed(self.seed, "node", name, "attempt", attempt)
         return LookaheadRequest(
             samples=asked.samples,
-            threshold=threshold,
-            seed=seed,
+            threshold=asked.threshold if revision is None or revision.threshold is None else revision.threshold,
+            seed=compute_seed(self.seed, "node", name, "attempt", attempt),
             forecasters=asked.forecasters,
             distrusted=dict(self.distrusted),
         )
@@ -168,10 +153,7 @@ class SessionCompiler:
         return any(self._ask_ahead(name, 0, None) for name in self.graph.nodes)
 
     def preview(self) -> tuple[Session, ...]:
-        """The first session of every node, in the order of the graph; data edges stay as they are written.
-
-        A node that fans out over what is seen has none before it is ready.
-        """
+        """The first session of every node in order, but of those that fan out over what is seen."""
         return tuple(self.compile_node(name) for name in self.graph.order if not self.graph.nodes[name].is_open)
 
 
@@ -186,7 +168,7 @@ class _Resolver:
     roles: Mapping[str, str]
     omitted: Sequence[str]
     address: str
-    preview: bool = False
+    preview: bool
 
     def __call__(self, texts: Iterable[str]) -> tuple[str, ...]:
         resolved: dict[str, None] = {}
@@ -195,13 +177,11 @@ class _Resolver:
             if any(f"${{{key}}}" in text for key in self.omitted):
                 continue
             try:
-                predicate = parse_predicate(
-                    substitute(text, self.values), address=self.address, template=self.preview
-                ).rename_targets(self.roles)
+                filled = substitute(text, self.values)
+                predicate = parse_predicate(filled, address=self.address, template=self.preview)
+                resolved[predicate.rename_targets(self.roles).text] = None
             except DefinitionError as error:
                 problems += error.problems
-                continue
-            resolved[predicate.text] = None
         if problems:
             raise DefinitionError(problems)
         return tuple(resolved)

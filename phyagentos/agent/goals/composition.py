@@ -43,13 +43,12 @@ class _Scope:
 
 
 class Composer:
-    """Composes one file.
+    """Composes one file, and keeps the problems found so far.
 
     Attributes:
         flat: The graph without includes and without references to parameters; its form is not checked yet.
         bundle: As authored, with included graphs in their places, so that it needs no other file.
         groups: Include, or choice among alternatives -> its nodes.
-        problems: Found so far.
     """
 
     def __init__(self, located: Located, catalogue: Catalogue) -> None:
@@ -96,16 +95,15 @@ class Composer:
                 self.problems.append(located.problem("INVALID_NAME", path, repr(name), expected))
             is_plain = not isinstance(authored, dict) or not (scope.prefix or values)
             node = authored if is_plain else _fill(_lengthen(authored, scope.prefix), values)
-            if isinstance(node, dict) and "include" in node:
+            alone = replace(located, data={"sessions": {name: node}})
+            if "include" in as_dict(node):
                 for inside, text in iter_strings(node.get("with"), (*path, "with")):
                     self._check_references(located, inside, text, values)
-                inner = self._include(replace(located, data={"sessions": {name: node}}), path, scope)
-                bundled[name] = bundled[name] | {"include": inner or node["include"]}
-                continue
-            if isinstance(node, dict) and "any_of" in node:
-                self._add_alternatives(replace(located, data={"sessions": {name: node}}), path, full, scope)
-                continue
-            self._add_node(located, path, full, node, scope)
+                bundled[name] = bundled[name] | {"include": self._include(alone, path, scope) or node["include"]}
+            elif "any_of" in as_dict(node):
+                self._add_alternatives(alone, path, full, scope)
+            else:
+                self._add_node(located, path, full, node, scope)
         return as_dict(located.data) | {"sessions": bundled}
 
     def _add_node(self, located: Located, path: Address, full: str, node: Any, scope: _Scope) -> None:
@@ -142,8 +140,7 @@ class Composer:
         self._includes += 1
         group = f"{scope.prefix}{path[1]}"
         self.groups[group] = ()
-        inner = self._open(spec.include, outer, (*path, "include"), scope.above) if spec is not None else None
-        if spec is None or inner is None:
+        if spec is None or (inner := self._open(spec.include, outer, (*path, "include"), scope.above)) is None:
             return None
         own = dict(_iter_parameters(inner))
         for key in spec.arguments.keys() - own.keys():

@@ -14,17 +14,11 @@ _CLOSED = frozenset({NodeState.DONE, NodeState.RESCUED, NodeState.SKIPPED})
 
 
 class GoalDag:
-    """A `networkx.DiGraph` that follows the records of one goal.
+    """A `networkx.DiGraph` (`steps`) that follows the records of one goal; `status` is None before it is submitted.
 
     A vertex has `node`, `rank` (position of the node in the order of the graph), `state` and `waits`: the number of its
     open predecessors, edges on failure left out. An attempt is open while it is the latest of a node that is not done.
     An edge has `relation`.
-
-    Args:
-        status: As the ledger holds it; None before the goal is submitted.
-
-    Attributes:
-        steps: The graph.
     """
 
     def __init__(self, graph: GoalGraph, goal: GoalId, status: GoalStatus | None = None) -> None:
@@ -68,9 +62,10 @@ class GoalDag:
             step["waits"] += change if facts["relation"] is not Relation.ON_FAILURE else 0
             if not step["waits"] or status.state is NodeState.BLOCKED:
                 touched.append(step["node"])
-        failed = [before for before, facts in self.steps.pred[name].items() if facts["relation"] is Relation.ON_FAILURE]
-        for before in (self.steps.nodes[each]["node"] for each in failed):  # what waits for it waits for this one, too
-            touched += (before, *self.find_next(before))
+        for before, facts in self.steps.pred[name].items():
+            if facts["relation"] is Relation.ON_FAILURE:  # what waits for it waits for this one, too
+                node = self.steps.nodes[before]["node"]
+                touched += (node, *self.find_next(node))
         return touched
 
     def get_rank(self, name: str) -> int:

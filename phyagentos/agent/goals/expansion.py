@@ -33,8 +33,7 @@ class Node:
     """One node of the graph.
 
     Attributes:
-        name: The authored name, plus the values of its fan-out.
-        authored: Name under `sessions`.
+        authored: Name under `sessions`; `name` has the values of its fan-out besides.
         spec: As authored, with the fan-out variables substituted.
         after: Direct predecessors by precedence or by data, in authored order; it waits for their success.
         on_failure: Edges on failure: of each one the nodes of which at least one must have failed.
@@ -72,23 +71,28 @@ def expand_nodes(
     spec: GoalSpec, located: Located, problems: list[Problem], includes: Mapping[str, Sequence[str]]
 ) -> dict[str, Node]:
     """Every node of the graph by name, in authored order; adds to `problems`. `includes`: include -> its nodes."""
-    expanded: dict[str, list[tuple[str, NodeSpec]]] = {
-        name: list(_iter_fan_out(name, node, located, problems)) for name, node in spec.sessions.items()
-    }
-    groups = {authored: [name for name, _ in members] for authored, members in expanded.items()}
-    names = {name: (name,) for members in groups.values() for name in members}
-    known: dict[str, tuple[str, ...]] = {**{group: tuple(members) for group, members in groups.items()}, **names}
-    known |= {name: tuple(itertools.chain(*(groups.get(each, ()) for each in m))) for name, m in includes.items()}
+    expanded = {name: [*_iter_fan_out(name, node, located, problems)] for name, node in spec.sessions.items()}
+    known = {authored: tuple(name for name, _ in members) for authored, members in expanded.items()}
+    groups = {group: tuple(itertools.chain(*(known.get(each, ()) for each in m))) for group, m in includes.items()}
+    known |= {name: (name,) for members in expanded.values() for name, _ in members} | groups
     nodes = {}
     for authored, members in expanded.items():
         for name, node in members:
             variables = (*spec.sessions[authored].foreach, *spec.parameters)
             data = tuple(_iter_data_edges(authored, node, variables, known, located, problems))
-            waits = [*_iter_predecessors(authored, node, known, located, problems)]
+            for index, edge in enumerate(node.after):
+                if edge.node not in known:
+                    path = ("sessions", authored, "after", index)
+                    problems.append(located.unknown("UNKNOWN_NODE", path, edge.node, known))
+            waits = [(edge.on, known[edge.node]) for edge in node.after if edge.node in known]
             after = [*(each for on, names in waits if on == "success" for each in names), *(edge.node for edge in data)]
-            failed = tuple(names for on, names in waits if on == "failure")
             nodes[name] = Node(
-                name=name, authored=authored, spec=node, after=tuple(dict.fromkeys(after)), data=data, on_failure=failed
+                name=name,
+                authored=authored,
+                spec=node,
+                after=tuple(dict.fromkeys(after)),
+                data=data,
+                on_failure=tuple(names for on, names in waits if on == "failure"),
             )
     return nodes
 
@@ -129,31 +133,21 @@ def _iter_fan_out(
         yield name, node
         return
     seen: set[str] = set()
+    path = ("sessions", name, "foreach")
     for values in itertools.product(*node.foreach.values()):
         label = "-".join(re.sub(r"[^A-Za-z0-9_]", "_", format_value(value)) for value in values)
         if label in seen:
-            path = ("sessions", name, "foreach")
             problems.append(located.problem("DUPLICATE_VALUE", path, repr(label), "values that differ"))
             continue
         seen.add(label)
         if len(full := f"{name}-{label}") > NODE_MAX:
-            path, expected = ("sessions", name, "foreach"), f"values that make a name of at most {NODE_MAX} letters"
+            expected = f"values that make a name of at most {NODE_MAX} letters"
             problems.append(located.problem("INVALID_NAME", path, repr(full), expected))
         data = node.model_dump(by_alias=True, exclude={"foreach"}, exclude_unset=True)
         bound = substitute_value(data, dict(zip(node.foreach, values, strict=True)))
         yield full, NodeSpec.model_validate(bound)
     if not seen:
-        problems.append(located.problem("EMPTY_FOREACH", ("sessions", name, "foreach"), "no value", "at least one"))
-
-
-def _iter_predecessors(
-    authored: str, node: NodeSpec, known: Mapping[str, tuple[str, ...]], located: Located, problems: list[Problem]
-) -> Iterator[tuple[str, tuple[str, ...]]]:
-    for index, edge in enumerate(node.after):
-        if edge.node in known:
-            yield edge.on, known[edge.node]
-        else:
-            problems.append(located.unknown("UNKNOWN_NODE", ("sessions", authored, "after", index), edge.node, known))
+        problems.append(located.problem("EMPTY_FOREACH", path, "no value", "at least one"))
 
 
 def _iter_data_edges(
@@ -182,13 +176,11 @@ def _iter_data_edges(
             members = known.get(source, ())
             if not output:
                 possible = [*variables, *node.arguments, *(f"{name}.outputs.<name>" for name in known)]
-                problem = located.unknown("UNKNOWN_REFERENCE", path, reference, possible, match[0])
+                problems.append(located.unknown("UNKNOWN_REFERENCE", path, reference, possible, match[0]))
             elif not members:
-                problem = located.unknown("UNKNOWN_NODE", path, source, known, f"{source!r} in {match[0]}")
+                problems.append(located.unknown("UNKNOWN_NODE", path, source, known, f"{source!r} in {match[0]}"))
             elif len(members) > 1:
                 expected = " or ".join(f"${{{member}.outputs.{output}}}" for member in members)
-                problem = located.problem("AMBIGUOUS_REFERENCE", path, match[0], expected)
+                problems.append(located.problem("AMBIGUOUS_REFERENCE", path, match[0], expected))
             else:
                 yield DataEdge(node=members[0], output=output, path=path)
-                continue
-            problems.append(problem)

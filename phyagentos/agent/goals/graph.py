@@ -1,6 +1,6 @@
 """The goal graph: a checked DAG of nodes, each bound to a skill and a target. Paper sections 3.3 and 4.1."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -32,13 +32,12 @@ class GoalGraph:
     Attributes:
         spec: As authored, overrides applied, includes expanded.
         bundle: As authored, overrides applied, included graphs in their places; None where the file says the same.
-        nodes: By name, in authored order.
         dag: Edges lead to the nodes that wait; the attribute `data` names the outputs that flow.
         order: Topological; authored order decides between nodes without an edge.
-        brought: Node -> the thing that it brings to a place, and the place; for nodes that bring anything.
+        brought: Node -> the thing that it brings to a place, and the place.
         rescuers: Node -> nodes that run when it has failed.
         kept: Things that are not moved to make room: some condition names them, and no node brings them anywhere.
-        warnings: What may not be decided when it runs; it can run.
+        warnings: What may not be decided when it runs.
     """
 
     spec: GoalSpec
@@ -60,8 +59,8 @@ class GoalGraph:
 
     def find_coming(self, node: str) -> tuple[str, ...]:
         """Things that other nodes bring to the place where this one brings something."""
-        own = self.brought.get(node, ("", ""))
-        others = (thing for thing, place in self.brought.values() if place == own[1] and thing != own[0])
+        own, destination = self.brought.get(node, ("", ""))
+        others = (thing for thing, place in self.brought.values() if place == destination and thing != own)
         return tuple(dict.fromkeys(others))
 
     def max_replans(self, node: str) -> int:
@@ -71,12 +70,7 @@ class GoalGraph:
 
 
 def read_goal_graph(path: Path, catalogue: Catalogue, overrides: Mapping[str, str] | None = None) -> GoalGraph:
-    """Read and check a goal graph.
-
-    Args:
-        path: The YAML file.
-        catalogue: Skills, targets and scenes.
-        overrides: Dotted path -> YAML value that replaces the file's (`targets.arm` -> `panda`).
+    """Read and check a goal graph; a YAML value in `overrides` replaces the file's (`targets.arm` -> `panda`).
 
     Raises:
         DefinitionError: With every problem of the file.
@@ -94,16 +88,21 @@ def check_goal_graph(path: Path, catalogue: Catalogue) -> list[Problem]:
 
 def render_mermaid(graph: GoalGraph) -> str:
     """The DAG as a Mermaid flowchart; data edges carry the names of their outputs, those on failure are dotted."""
-    ids = {name: f"n{index}" for index, name in enumerate(graph.nodes)}
-    lines = ["flowchart LR"]
-    for name, choice in graph.choices.items():
-        label = f"<b>{escape_label(name)}</b><br/>{escape_label(f'{choice.skill} on {choice.target}')}"
-        lines.append(f'    {ids[name]}["{label}"]')
+    edges = []
     for before, after, facts in graph.dag.edges(data=True):
-        outputs = facts["data"]
-        arrow = f'-- "{escape_label(", ".join(outputs))}" -->' if outputs else "-->"
-        arrow = '-. "on failure" .->' if facts["on_failure"] else arrow
-        lines.append(f"    {ids[before]} {arrow} {ids[after]}")
+        arrow = f'-- "{escape_label(", ".join(facts["data"]))}" -->' if facts["data"] else "-->"
+        edges.append((before, '-. "on failure" .->' if facts["on_failure"] else arrow, after))
+    return draw_flowchart({name: (each.skill, each.target) for name, each in graph.choices.items()}, edges)
+
+
+def draw_flowchart(nodes: Mapping[str, tuple[str, str]], edges: Iterable[tuple[str, str, str]]) -> str:
+    """Nodes with skill and target, and edges (from, arrow, to), in Mermaid."""
+    ids = {name: f"n{index}" for index, name in enumerate(nodes)}
+    lines = ["flowchart LR"]
+    for name, (skill, target) in nodes.items():
+        label = f"<b>{escape_label(name)}</b><br/>{escape_label(f'{skill} on {target}')}"
+        lines.append(f'    {ids[name]}["{label}"]')
+    lines += [f"    {ids[before]} {arrow} {ids[after]}" for before, arrow, after in edges]
     return "\n".join(lines) + "\n"
 
 
@@ -141,6 +140,10 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
     unique = list(reversed(by_finding.values()))
     if unique or len(choices) < len(nodes):
         return None, unique
+    brought: dict[str, tuple[str, str]] = {}
+    for name, choice in choices.items():
+        thing, place = (choice.parameters.get(key) for key in find_roles(catalogue.skills[choice.skill]))
+        brought |= {name: (str(thing), str(place))} if place and not nodes[name].is_open else {}
     graph = GoalGraph(
         spec=spec,
         source=located.source,
@@ -148,21 +151,13 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
         choices=choices,
         dag=dag,
         order=order,
-        brought=(brought := _find_brought({n: c for n, c in choices.items() if not nodes[n].is_open}, catalogue)),
+        brought=brought,
         kept=_find_kept(spec, nodes, choices, {thing for thing, _ in brought.values()}),
         warnings=tuple(checks.iter_warnings()),
         bundle=composed.bundle if composed.bundle != written.data else None,
         rescuers=rescuers,
     )
     return graph, []
-
-
-def _find_brought(choices: Mapping[str, Choice], catalogue: Catalogue) -> dict[str, tuple[str, str]]:
-    found: dict[str, tuple[str, str]] = {}
-    for name, choice in choices.items():
-        thing, place = (choice.parameters.get(key) for key in find_roles(catalogue.skills[choice.skill]))
-        found |= {name: (str(thing), str(place))} if place else {}
-    return found
 
 
 def _find_kept(

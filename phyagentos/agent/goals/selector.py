@@ -22,11 +22,10 @@ WRITE_SKILL = "docs/skills_and_trees.md"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """Skill, target and parameters of a node.
+    """Skill, target and parameters of a node: arguments as authored, plus those bound by unification.
 
     Attributes:
-        parameters: Arguments as authored, plus those bound by unification.
-        reasons: One sentence each; empty when the author named both.
+        reasons: Empty when the author named both.
         rejected: Candidate -> why not.
     """
 
@@ -62,30 +61,28 @@ def select(
         DefinitionError: A name is unknown, or every candidate is rejected: with the reason of each rejection.
     """
     rejected: dict[str, str] = {}
-    skills = list(_iter_skills(skill, arguments, catalogue, established, mechanisms, rejected))
-    certain = {name: is_beside(profile.model) for name, profile in catalogue.targets.items()}
-    targets = sorted(certain, key=lambda name: (not certain[name], name)) if target == ANY else [target]
+    skills = [*_iter_skills(skill, arguments, catalogue, established, mechanisms, rejected)]
+    own = {name: is_beside(profile.model) for name, profile in catalogue.targets.items()}
+    targets = sorted(own, key=lambda name: (not own[name], name)) if target == ANY else [target]
     candidates = []
-    for score, runtime, parameters, reasons in skills:
+    for runtime, parameters, reasons in skills:
         for name in targets:
             lacks = list(find_lacks(runtime, catalogue.targets[name])) if name in catalogue.targets else ["a profile"]
             if lacks:
                 rejected[f"{runtime.skill} on {name}"] = f"{name} lacks {', '.join(lacks)}"
             else:
-                candidates.append((score, runtime.skill, name, parameters, reasons))
+                candidates.append((runtime, name, parameters, reasons))
     if not candidates:
         raise DefinitionError(_describe_nothing(skill, target, rejected, catalogue, address))
-    candidates.sort(key=lambda candidate: (*candidate[:2], targets.index(candidate[2])))
-    _, chosen, where, parameters, reasons = candidates[0]
-    more = list(reasons)
+    candidates.sort(key=lambda each: (len(each[0].requires), each[0].skill, targets.index(each[1])))
+    (runtime, where, parameters, reasons), *others = candidates
     if target == ANY:
-        needs = catalogue.skills[chosen].needs
+        needs = runtime.needs
         needed = ", ".join((*needs.observations, *needs.actions, *needs.capabilities)) or "nothing"
-        more.append(f"{where} offers what {chosen} needs: {needed}")
-    for _, other, place, _, _ in candidates[1:]:
-        first = f"{chosen} on {where} comes first: fewer assumptions, own model, name"
-        rejected[f"{other} on {place}"] = f"possible, but {first}"
-    return Choice(skill=chosen, target=where, parameters=parameters, reasons=tuple(more), rejected=rejected)
+        reasons = (*reasons, f"{where} offers what {runtime.skill} needs: {needed}")
+    first = f"{runtime.skill} on {where} comes first: fewer assumptions, own model, name"
+    rejected |= {f"{other.skill} on {place}": f"possible, but {first}" for other, place, _, _ in others}
+    return Choice(skill=runtime.skill, target=where, parameters=parameters, reasons=reasons, rejected=rejected)
 
 
 def unify(wanted: syntax.Formula, offered: syntax.Formula) -> dict[str, Any] | None:
@@ -121,9 +118,6 @@ def _unify_term(term: syntax.Term, pattern: syntax.Term, bound: dict[str, Any]) 
     return bool(bound.setdefault(pattern.path, value) == value)
 
 
-_Candidate = tuple[int, SkillRuntime, dict[str, Any], tuple[str, ...]]
-
-
 def _iter_skills(
     skill: str | Promise,
     arguments: Mapping[str, Any],
@@ -131,10 +125,11 @@ def _iter_skills(
     established: Sequence[str],
     mechanisms: Mapping[str, str],
     rejected: dict[str, str],
-) -> Iterator[_Candidate]:
+) -> Iterator[tuple[SkillRuntime, dict[str, Any], tuple[str, ...]]]:
+    """Skills with their parameters and the reasons for these; those that do not fit go to `rejected`."""
     if isinstance(skill, str):
         if skill in catalogue.skills:
-            yield 0, catalogue.skills[skill], dict(arguments), ()
+            yield catalogue.skills[skill], dict(arguments), ()
         return
     wanted = parse_predicate(skill.guarantees, template=True)
     for name, runtime in sorted(catalogue.skills.items()):
@@ -143,16 +138,13 @@ def _iter_skills(
             rejected[name] = found
             continue
         parameters, promise = found
-        missing = _find_unestablished(runtime, parameters, established)
-        if missing:
+        if missing := _find_unestablished(runtime, parameters, established):
             rejected[name] = f"it must begin with {missing}, which no earlier node brings about"
-            continue
-        if unfit := _find_unfit(runtime, parameters, mechanisms):
+        elif unfit := _find_unfit(runtime, parameters, mechanisms):
             rejected[name] = unfit
-            continue
-        bindings = ", ".join(f"{key} = {syntax.format_value(value)}" for key, value in parameters.items())
-        reason = f"{name} guarantees {promise}, so {wanted.text} with {bindings}"
-        yield len(runtime.requires), runtime, parameters, (reason,)
+        else:
+            bindings = ", ".join(f"{key} = {syntax.format_value(value)}" for key, value in parameters.items())
+            yield runtime, parameters, (f"{name} guarantees {promise}, so {wanted.text} with {bindings}",)
 
 
 def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, Any]) -> tuple[dict[str, Any], str] | str:
@@ -172,28 +164,20 @@ def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, Any])
                 f"it does not guarantee {Predicate(part)}; it guarantees {'; '.join(runtime.guarantees) or 'nothing'}"
             )
     parameters.pop("target", None)
-    missing = [
-        key
-        for key, parameter in runtime.parameters.items()
-        if key not in parameters and not parameter.optional and parameter.default is None
-    ]
-    unknown = [key for key in parameters if key not in runtime.parameters]
-    if missing:
-        return f"parameter {missing[0]!r} follows neither from the guarantee nor from 'with'"
-    if unknown:
+    for key, parameter in runtime.parameters.items():
+        if key not in parameters and not parameter.optional and parameter.default is None:
+            return f"parameter {key!r} follows neither from the guarantee nor from 'with'"
+    if unknown := [key for key in parameters if key not in runtime.parameters]:
         return f"it has no parameter {unknown[0]!r}"
     return parameters, " and ".join(used)
 
 
-def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, Any], established: Iterable[str]) -> str | None:
-    """A thing that the skill must hold from the start and that nothing before it takes hold of."""
-    before = [_find_held(parse_predicate(text, template=True)) for text in established]
-    for text in runtime.requires:
-        predicate = parse_predicate(substitute(text, parameters), template=True)
-        held = _find_held(predicate)
-        if held is not None and held not in before:
-            return predicate.text
-    return None
+def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, Any], established: Iterable[str]) -> str:
+    """What the skill must hold from the start and nothing before it takes hold of; empty where there is none."""
+    before = [None, *(_find_held(text) for text in established)]
+    required = (substitute(text, parameters) for text in runtime.requires)
+    missing = (text for text in required if _find_held(text) not in before)
+    return next((parse_predicate(text, template=True).text for text in missing), "")
 
 
 def _find_unfit(runtime: SkillRuntime, parameters: Mapping[str, Any], mechanisms: Mapping[str, str]) -> str:
@@ -213,11 +197,11 @@ def _find_calls(texts: Iterable[str]) -> set[str]:
 
 def begins_with_holding(runtime: SkillRuntime) -> bool:
     """Whether a skill must hold something from the start."""
-    return any(_find_held(parse_predicate(text, template=True)) is not None for text in runtime.requires)
+    return any(_find_held(text) is not None for text in runtime.requires)
 
 
-def _find_held(predicate: Predicate) -> syntax.Term | None:
-    match predicate.formula:
+def _find_held(text: str) -> syntax.Term | None:
+    match parse_predicate(text, template=True).formula:
         case syntax.Call("holding", (_, held)):
             return held
     return None
@@ -226,12 +210,9 @@ def _find_held(predicate: Predicate) -> syntax.Term | None:
 def find_lacks(runtime: SkillRuntime, target: TargetProfile) -> Iterator[str]:
     """What a skill needs and a target does not offer, in words."""
     needs = runtime.needs
-    for what, needed, offered in (
-        ("observation", needs.observations, target.observations),
-        ("action", needs.actions, target.actions),
-        ("capability", needs.capabilities, target.capabilities),
-    ):
-        yield from (f"{what} {name}" for name in needed if name not in offered)
+    yield from (f"observation {name}" for name in needs.observations if name not in target.observations)
+    yield from (f"action {name}" for name in needs.actions if name not in target.actions)
+    yield from (f"capability {name}" for name in needs.capabilities if name not in target.capabilities)
 
 
 def _describe_nothing(
@@ -244,11 +225,10 @@ def _describe_nothing(
         return Problem("NO_CANDIDATE", address, f"skill {skill!r} on target {target!r}", hint=f"Rejected: {reasons}.")
     wanted = _find_calls([skill.guarantees])
     strangers = {name for name, each in catalogue.skills.items() if not wanted & _find_calls(each.guarantees)}
-    near = [f"{name}: {why}" for name, why in rejected.items() if name not in strangers]
+    found = f"a skill that guarantees {skill.guarantees!r} on target {target!r}"
+    if near := [f"{name}: {why}" for name, why in rejected.items() if name not in strangers]:
+        return Problem("NO_CANDIDATE", address, found, hint=f"Rejected: {'; '.join(near)}.")
     offered = {text: name for name, each in sorted(catalogue.skills.items()) for text in each.guarantees}
     expected = ", ".join(f"{text} ({name})" for text, name in sorted(offered.items()))
-    hint = (
-        f"Rejected: {'; '.join(near)}." if near else f"No skill guarantees {skill.guarantees}; write one: {WRITE_SKILL}"
-    )
-    found = f"a skill that guarantees {skill.guarantees!r} on target {target!r}"
-    return Problem("NO_CANDIDATE", address, found, f"one of {expected}" if not near else "", hint)
+    hint = f"No skill guarantees {skill.guarantees}; write one: {WRITE_SKILL}"
+    return Problem("NO_CANDIDATE", address, found, f"one of {expected}", hint)

@@ -14,9 +14,9 @@ from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.foreseen import foresee
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.sessions.session import Session, SessionStatus
+from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.tasks import NodeState, Relation, compute_session_id, get_relation
-from phyagentos.store.admission import Entry, GoalEvent
+from phyagentos.store.admission import NODE_PREFIX, Entry, GoalEvent
 
 _NONE: Outputs = {}
 
@@ -31,18 +31,14 @@ class Drafter:
     advisor: Advisor
 
     def draft(self, node: str, revision: Revision | None = None, fresh: Outputs = _NONE) -> Session | str:
-        """The next session of a node, or why it cannot be compiled.
+        """The next session of a node, a child with a revision, or why it cannot be compiled.
 
-        Args:
-            node: Of the graph.
-            revision: Of a child; None for the first session.
-            fresh: Node -> outputs that are not yet in the records.
+        `fresh` has outputs of nodes that are not yet in the records.
         """
-        outputs = {
-            edge.node: fresh[edge.node] if edge.node in fresh else self.facts.find_outputs(edge.node)
-            for edge in self.facts.graph.nodes[node].data
-            if edge.node in fresh or self.facts.get_state(edge.node) is NodeState.DONE
-        }
+        outputs = dict(fresh)
+        for source in {edge.node for edge in self.facts.graph.nodes[node].data} - fresh.keys():
+            done = self.facts.find_own(source) if self.facts.get_state(source) is NodeState.DONE else None
+            outputs |= {source: done.execution.outputs} if done is not None and done.execution else {}
         attempt = len(self.facts.get_ids(node))
         try:
             session = self.compiler.compile_node(node, outputs=outputs, attempt=attempt, revision=revision)
@@ -53,7 +49,11 @@ class Drafter:
             return session  # what a repair chose rests on fresher evidence
         advice = self.advisor.advise(session)
         if advice.means:
-            step = foresee(self._make_case(node, session, before, fresh), advice.means)
+            self.take_in_ended()
+            own = self.evidence.by_target.get(session.target, self.evidence.all)
+            world = own.now or self.evidence.all.now
+            miss = Miss(session=session, cause=Cause.NO_PLAN, reason="", world=world)
+            step = foresee(self.make_case(node, miss, fresh, session.kept), advice.means)
             try:
                 if step is not None:
                     session = self.compiler.compile_node(node, outputs=outputs, attempt=attempt, revision=step)
@@ -64,21 +64,24 @@ class Drafter:
             advice = advice if step is not None else advice.otherwise or NOTHING
         return apply_advice(session, advice)
 
-    def _make_case(self, node: str, session: Session, before: tuple[SessionStatus, ...], fresh: Outputs) -> Case:
-        """The case of a first attempt that has not failed yet."""
+    def take_in_ended(self) -> None:
+        """Take in what is seen at the end of every session."""
         for status in self.facts.find_ended():
             self.evidence.take_in(status)
-        own = self.evidence.by_target.get(session.target, self.evidence.all)
-        miss = Miss(session=session, cause=Cause.NO_PLAN, reason="", world=own.now or self.evidence.all.now)
+
+    def make_case(self, node: str, miss: Miss, fresh: Outputs = _NONE, kept: Iterable[str] = ()) -> Case:
+        """What a repair decides on; things that are `kept` are not moved."""
+        facts = self.facts
         return Case(
             miss=miss,
-            choice=self.facts.graph.choices[node],
+            choice=facts.graph.choices[node],
             catalogue=self.compiler.catalogue,
-            lineage=before,
-            replans_left=self.facts.graph.max_replans(node),
-            left=self.facts.compute_left(node),
-            protected=self.facts.find_protected(fresh).union(session.kept),
-            time_of=self.facts.compute_times(),
+            lineage=facts.get_sessions(node),
+            replans_left=facts.graph.max_replans(node) - facts.count_replans(node),
+            left=facts.compute_left(node),
+            protected=facts.find_protected(fresh).union(kept),
+            time_of=facts.compute_times(),
+            recall=lambda status: self.evidence.read(status) if status.execution is not None else None,
         )
 
     def submit(self, session: Session, reasons: Iterable[str] = (), relation: Relation | None = None) -> list[Entry]:
@@ -98,17 +101,16 @@ class Drafter:
         """A record about a node."""
         return self._note(node, event, {"reason": reason})
 
+    def block(self, node: str, reason: str) -> list[Entry]:
+        """The end of a node that cannot be done."""
+        return [self.note(node, GoalEvent.NODE_BLOCKED, reason)]
+
     def note_next(
         self, node: str, event: GoalEvent, reason: str, relation: Relation = Relation.AGAIN, after: Sequence[str] = ()
     ) -> Entry:
-        """A record about a node that will have another session: a step of the graph that is not yet submitted.
+        """A record about a node that will have another session, which comes `after` nodes that are done again first.
 
-        Args:
-            node: With at least one session.
-            event: `invalidated` or `node_waits`.
-            reason: One sentence.
-            relation: Of the next session to the latest one.
-            after: Nodes that must be done again before it.
+        `relation` is that of the next session to the latest one.
         """
         ids = self.facts.get_ids(node)
         child = compute_session_id(self.facts.goal, node, len(ids))
@@ -116,7 +118,7 @@ class Drafter:
         return self._note(node, event, body | ({"after": list(after)} if after else {}))
 
     def _note(self, node: str, event: GoalEvent, body: Mapping[str, Any]) -> Entry:
-        return Entry(f"node:{self.facts.goal}/{node}", event, dict(body))
+        return Entry(f"{NODE_PREFIX}{self.facts.goal}/{node}", event, dict(body))
 
 
 def join(sentences: Iterable[str]) -> str:

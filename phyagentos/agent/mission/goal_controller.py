@@ -7,6 +7,7 @@ recorded whole or not at all. A step costs what has changed, however large the g
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import msgspec
@@ -47,16 +48,10 @@ _OPEN = (NodeState.WAITING, NodeState.READY, NodeState.INVALIDATED)
 
 
 class GoalController:
-    """The decisions of one goal.
-
-    Attributes:
-        graph: As authored.
-        worklist: Changes since the last look, and the goal's one graph.
-    """
+    """The decisions of one goal; `worklist` has the changes since the last look, and the goal's one graph."""
 
     def __init__(
         self,
-        *,
         compiler: SessionCompiler,
         ledger: Ledger,
         evidence: Evidence,
@@ -71,27 +66,23 @@ class GoalController:
         self._seed, self._ledger, self._evidence, self._verifier = compiler.seed, ledger, evidence, verifier
         self._facts = GoalFacts(graph=self.graph, goal=self.goal, ledger=ledger, dag=self.worklist.dag)
         self._drafter = Drafter(facts=self._facts, compiler=compiler, evidence=evidence, advisor=advisor)
+        self._changes = Changes(facts=self._facts, drafter=self._drafter, evidence=evidence)
         self._recovery = Recovery(
             facts=self._facts,
             drafter=self._drafter,
             evidence=evidence,
+            changes=self._changes,
             policy=policy,
             restores=policy.restores and verifier.mode is VerificationMode.RECOVERY,
         )
-        self._changes = Changes(facts=self._facts, drafter=self._drafter, evidence=evidence, recovery=self._recovery)
         self._conditional = tuple(name for name in self.graph.order if self.graph.nodes[name].is_conditional)
-        self._file = self.status.file if self.goal in ledger.goals else ""
+        self.file = self.status.file if self.goal in ledger.goals else ""  # of its graph, since it was amended
         self._held: set[str] = set()  # ready nodes before which memory wants another one to be done
 
     @property
     def status(self) -> GoalStatus:
         """The goal as it stands."""
         return self._ledger.goals[self.goal]
-
-    @property
-    def is_outdated(self) -> bool:
-        """Whether the goal has another graph by now."""
-        return self.status.file != self._file
 
     @property
     def is_over(self) -> bool:
@@ -105,14 +96,12 @@ class GoalController:
         asked = {"graph": spec.goal, "seed": self._seed, "objective": spec.objective, "scene": spec.scene}
         asked |= {"memory": self._memory} if self._memory else {}
         judged = {"accept": list(spec.accept), "constraints": list(spec.constraints)}
-        names = list(nodes)
-        parts = [names[index : index + NODES_A_RECORD] for index in range(0, len(names), NODES_A_RECORD)]
+        entries = [self._facts.note(GoalEvent.GOAL_SUBMITTED, asked)]
+        for begin in range(0, len(nodes), NODES_A_RECORD):
+            part = dict(islice(nodes.items(), begin, begin + NODES_A_RECORD))
+            entries.append(self._facts.note(GoalEvent.GOAL_COMPILED, {"nodes": part, **judged}))
         first = [name for name in self.graph.order if not self.graph.nodes[name].predecessors]
-        return [
-            self._note(GoalEvent.GOAL_SUBMITTED, asked),
-            *(self._note(GoalEvent.GOAL_COMPILED, {"nodes": {n: nodes[n] for n in part}, **judged}) for part in parts),
-            *self._keep_to_budget(self._start(first, {})),
-        ]
+        return [*entries, *self._keep_to_budget(self._start(first, {}))]
 
     def decide(self) -> list[Entry]:
         """The next batch; empty when there is nothing to do but wait."""
@@ -142,7 +131,7 @@ class GoalController:
             for status in self.iter_live()
             if (trigger := find_cancel(status.state)) is not None
         ]
-        return entries if self.status.is_cancelled else [*entries, self._note(GoalEvent.GOAL_CANCELLED, body)]
+        return entries if self.status.is_cancelled else [*entries, self._facts.note(GoalEvent.GOAL_CANCELLED, body)]
 
     def _judge_ended(self) -> list[Entry]:
         """Verdicts and consequences: of the sessions that succeeded up to the first that did not, or of that one.
@@ -156,7 +145,8 @@ class GoalController:
         for status in waiting[:BATCH]:
             node = status.contract.node
             bundle, attempt = self._judge(status)
-            if _lets_go_on(attempt, bundle) and not self._recovery.prepares(status):
+            is_over = attempt.verdict is Verdict.UNVERIFIED and bundle.execution.ended is Ended.COMPLETED
+            if (is_over or attempt.verdict is Verdict.SUCCESS) and not self._recovery.prepares(status):
                 fresh[node] = bundle.execution.outputs
                 done = self._drafter.note(node, GoalEvent.NODE_DONE, attempt.reason)
                 freed = self._find_freed_by(node, fresh)
@@ -174,16 +164,19 @@ class GoalController:
         A session that only looked is judged by the criteria of its subject, on the snapshot of the look.
         """
         facts, node = self._facts, status.contract.node
-        history = History(replans=facts.count_replans(node), max_replans=self.graph.max_replans(node))
         judges_another = is_look(status.contract) and not self._recovery.prepares(status)
         subject = facts.find_subject(status.contract) if judges_another else status
         looks = subject is not status
         seen = self._evidence.read(status, with_course=False)
         bundle = join_evidence(self._evidence.read(subject, with_course=False), seen) if looks else seen
         lineage = facts.get_sessions(node)
-        carried = carry_conditions(subject.contract, seen.after, lineage, self._evidence)
-        lessons = find_lessons(self._evidence.root / LESSONS.file, subject.contract, seen.before or seen.after)
-        history = replace(history, carried=carried, prior=lineage[: status.contract.attempt], lessons=lessons)
+        history = History(
+            replans=facts.count_replans(node),
+            max_replans=self.graph.max_replans(node),
+            carried=carry_conditions(subject.contract, seen.after, lineage, self._evidence),
+            prior=lineage[: status.contract.attempt],
+            lessons=find_lessons(self._evidence.root / LESSONS.file, subject.contract, seen.before or seen.after),
+        )
         attempt = self._verifier.judge(bundle, history)
         if attempt.found is not Verdict.SUCCESS:  # now it matters what happened on the way
             course = self._evidence.read(subject)
@@ -217,7 +210,7 @@ class GoalController:
         if latest is not None and latest.state == SessionState.REJECTED:
             return self._recovery.follow_refusal(latest)
         if latest is not None and latest.state == SessionState.CANCELLED:
-            return [self._drafter.note(name, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
+            return self._drafter.block(name, f"{latest.state}: {latest.reason}")
         waits_for_restoration = latest is not None and latest.state == SessionState.REPLANNED
         if node.state is NodeState.BLOCKED and self._facts.is_rescued(name):
             by = join((node.reason, f"made up for by {', '.join(self.graph.rescuers[name])}"))
@@ -233,7 +226,7 @@ class GoalController:
         for before in missing:
             is_blocked = before in blocked or self._facts.get_state(before) is NodeState.BLOCKED
             if is_blocked and self._facts.is_rescued(before) is False:
-                return [self._drafter.note(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
+                return self._drafter.block(name, f"it waits for {before}, which is blocked")
         if waits:
             return []
         if missing:  # what it had begun with has been undone further back
@@ -243,11 +236,10 @@ class GoalController:
             return [self._drafter.note(name, GoalEvent.NODE_SKIPPED, why)]
         if latest is not None:
             return self._recovery.go_on(latest)
-        if self._changes.is_conditional(name):
-            found = self._changes.decide(name, is_quiet=not self.worklist.has_live())
-            if found is not None:
-                return found
-        return self._start((name,), {})
+        found = None
+        if name in self._conditional and not node.sessions:
+            found = self._changes.decide(name, self._recovery.look_for, is_quiet=not self.worklist.has_live())
+        return self._start((name,), {}) if found is None else found
 
     def _look_at_conditional(self) -> list[Entry]:
         """What follows for the first ready node whose condition could not be told while other sessions lived."""
@@ -333,8 +325,7 @@ class GoalController:
         """The verdict of the goal, or the nodes to do again; empty while a session lives."""
         if self.worklist.has_live():
             return []
-        for status in self._facts.find_ended():
-            self._evidence.take_in(status)
+        self._drafter.take_in_ended()
         blocked = self._facts.find_first_cause()
         outcome = judge_goal(self.graph, self._evidence, blocked)
         mode = self._verifier.mode
@@ -343,11 +334,9 @@ class GoalController:
             outcome = replace(outcome, verdict=Verdict.UNVERIFIED, criteria=(), reason=reason)
         decides = mode in {VerificationMode.ENFORCE, VerificationMode.RECOVERY} and not blocked
         if decides and outcome.now is not None and (outcome.verdict is Verdict.FAILURE or not self.graph.spec.accept):
-            regressions = self._recovery.find_regressions()
             restores = self._recovery.restores
-            payable = {
-                name: reason for name, reason in regressions.items() if restores and self._facts.has_replans(name)
-            }
+            regressions = self._recovery.find_regressions()
+            payable = {name: why for name, why in regressions.items() if restores and self._facts.has_replans(name)}
             if payable:
                 return self._recovery.reopen(payable)
             if regressions:
@@ -357,33 +346,22 @@ class GoalController:
                 if looks:
                     return looks
         body = {"verdict": outcome.verdict, "criteria": list(outcome.criteria), "reason": outcome.reason}
-        return [self._note(GoalEvent.GOAL_VERDICT, body)]
+        return [self._facts.note(GoalEvent.GOAL_VERDICT, body)]
 
     def _find_freed_by(self, node: str, fresh: Mapping[str, Any]) -> list[str]:
         """Nodes that wait for nothing else once `node` and the other `fresh` ones are done; branches come later."""
+        dag = self.worklist.dag
         return [
             name
-            for name in self.worklist.dag.find_next(node)
-            if not self.graph.rescuers
-            and name not in self._conditional
+            for name in (() if self.graph.rescuers else dag.find_next(node))
+            if name not in self._conditional
             and self._facts.get_state(name) is NodeState.WAITING
-            and self.worklist.dag.count_open(name) <= len(fresh)
-            and fresh.keys() >= set(self.worklist.dag.find_open(name))
+            and dag.count_open(name) <= len(fresh)
+            and fresh.keys() >= set(dag.find_open(name))
         ]
-
-    def _note(self, event: GoalEvent, body: dict[str, Any]) -> Entry:
-        return Entry(f"goal:{self.goal}", event, body)
-
-
-def _lets_go_on(attempt: Attempt, bundle: Bundle) -> bool:
-    """Whether the successors of the session may begin; without verification, because its execution completed."""
-    is_completed = bundle.execution.ended is Ended.COMPLETED
-    return attempt.verdict is Verdict.SUCCESS or (attempt.verdict is Verdict.UNVERIFIED and is_completed)
 
 
 def _record_verdict(status: SessionStatus, attempt: Attempt) -> list[Entry]:
-    id = status.contract.id
-    verdict = Entry(id, _TRIGGERS[attempt.verdict], {"attempt": attempt}, status.epoch)
-    if status.state == SessionState.VERIFYING:
-        return [verdict]
-    return [Entry(id, "verify", epoch=status.epoch), verdict]
+    id, is_begun = status.contract.id, status.state == SessionState.VERIFYING
+    begun = [] if is_begun else [Entry(id, "verify", epoch=status.epoch)]
+    return [*begun, Entry(id, _TRIGGERS[attempt.verdict], {"attempt": attempt}, status.epoch)]

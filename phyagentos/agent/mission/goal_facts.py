@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 from phyagentos.agent.goals.dag import GoalDag
@@ -10,8 +11,9 @@ from phyagentos.agent.repair import looking
 from phyagentos.agent.repair.case import Left, compute_left
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
 from phyagentos.protocol.sessions.session import GoalId, Session, SessionId, SessionStatus
-from phyagentos.protocol.sessions.tasks import NodeState
+from phyagentos.protocol.sessions.tasks import NodeState, NodeStatus
 from phyagentos.protocol.world.predicates.predicate import iter_entities, parse_predicate
+from phyagentos.store.admission import GOAL_PREFIX, Entry, GoalEvent
 from phyagentos.store.ledger import Ledger
 
 LOOKAHEAD_LOW = "LOOKAHEAD_LOW"  # preflight's code for a session whose simulation went too badly
@@ -28,10 +30,16 @@ class GoalFacts:
     ledger: Ledger
     dag: GoalDag
 
+    @property
+    def nodes(self) -> Mapping[str, NodeStatus]:
+        """As they stand; none before the goal is submitted."""
+        goal = self.ledger.goals.get(self.goal)
+        return goal.nodes if goal else {}
+
     def get_ids(self, name: str) -> tuple[SessionId, ...]:
         """Sessions of a node, the oldest first."""
-        goal = self.ledger.goals.get(self.goal)
-        return goal.nodes[name].sessions if goal else ()
+        nodes = self.nodes
+        return nodes[name].sessions if nodes else ()
 
     def get_sessions(self, name: str) -> tuple[SessionStatus, ...]:
         """The same, as they stand."""
@@ -40,6 +48,10 @@ class GoalFacts:
     def get_state(self, name: str) -> NodeState:
         """Of a node."""
         return self.ledger.goals[self.goal].nodes[name].state
+
+    def note(self, event: GoalEvent, body: dict[str, Any]) -> Entry:
+        """A record about the goal."""
+        return Entry(f"{GOAL_PREFIX}{self.goal}", event, body)
 
     def is_taken(self, name: str) -> bool | None:
         """Whether every edge on failure to a node has a failure; None while one is undecided."""
@@ -52,13 +64,9 @@ class GoalFacts:
         """Whether of all that a node waits for, or takes an output of, nothing was to be done."""
         node = self.graph.nodes[name]
         skipped = {each for each in node.after if self.get_state(each) is NodeState.SKIPPED}
-        left_out = {each for each in skipped if not self._was_unneeded(each)}
+        conditional = {each for each in skipped if self.graph.nodes[each].is_conditional and self.is_taken(each)}
+        left_out = skipped - {each for each in conditional if not self.is_left_out(each)}  # by its own condition
         return bool(left_out and left_out >= set(node.after)) or any(edge.node in skipped for edge in node.data)
-
-    def _was_unneeded(self, name: str) -> bool:
-        """Whether a node that was left out was so by its own condition, so that what waits for it goes on."""
-        is_conditional = self.graph.nodes[name].is_conditional
-        return is_conditional and self.is_taken(name) is True and not self.is_left_out(name)
 
     def is_rescued(self, name: str) -> bool | None:
         """Whether the branches on the failure of a node succeeded; None while one is open."""
@@ -71,7 +79,7 @@ class GoalFacts:
 
     def find_first_cause(self) -> dict[str, str]:
         """Of the nodes that cannot be done the one that failed first -> why, its first failure before its last one."""
-        nodes = self.ledger.goals[self.goal].nodes
+        nodes = self.nodes
         blocked = [name for name in self.graph.order if nodes[name].state is NodeState.BLOCKED]
         own = [each for name in blocked for each in self.get_sessions(name) if not each.contract.purpose]
         missed = [each for each in own if each.state in FINAL_STATES and each.state != SessionState.SUCCEEDED]
@@ -99,31 +107,22 @@ class GoalFacts:
             for status in self.get_sessions(subject.node)
         )
 
-    def find_outputs(self, name: str) -> Mapping[str, Any]:
-        """What a finished node left for others."""
-        own = self.find_own(name)
-        return own.execution.outputs if own and own.execution else {}
-
     def find_finished(self, fresh: Collection[str] = ()) -> dict[str, Session]:
         """Nodes that are done, and those whose end is not yet recorded -> the session that did it."""
-        goal = self.ledger.goals.get(self.goal)
-        nodes = goal.nodes if goal else {}
-        done = [name for name, node in nodes.items() if node.state is NodeState.DONE or name in fresh]
+        done = [name for name, node in self.nodes.items() if node.state is NodeState.DONE or name in fresh]
         return {name: own.contract for name in done if (own := self.find_own(name)) is not None}
 
     def find_ended(self) -> list[SessionStatus]:
         """Sessions that were executed and judged."""
-        goal = self.ledger.goals.get(self.goal)
-        sessions = [self.ledger.sessions[id] for node in (goal.nodes.values() if goal else ()) for id in node.sessions]
-        return [status for status in sessions if status.execution and status.state in FINAL_STATES]
+        return [each for each in self._list_sessions() if each.execution and each.state in FINAL_STATES]
+
+    def _list_sessions(self) -> list[SessionStatus]:
+        return [self.ledger.sessions[id] for node in self.nodes.values() for id in node.sessions]
 
     def count_replans(self, name: str) -> int:
         """Children with the node's own objective, without those that look-ahead refused."""
-        ids = self.get_ids(name)
-        if len(ids) < 2:
-            return 0
-        counted = (s for s in self.get_sessions(name) if not s.contract.purpose and not is_forecast_refusal(s))
-        return max(0, sum(1 for _ in counted) - 1)
+        sessions = self.get_sessions(name)
+        return max(0, sum(not each.contract.purpose and not is_forecast_refusal(each) for each in sessions) - 1)
 
     def has_replans(self, name: str) -> bool:
         """Whether the node may have another child."""
@@ -131,11 +130,8 @@ class GoalFacts:
 
     def compute_left(self, node: str = "") -> Left:
         """What the goal may still cost; each node without a session counts as one, `node` left out."""
-        goal = self.ledger.goals.get(self.goal)
-        nodes = goal.nodes if goal else {}
-        sessions = [self.ledger.sessions[id] for each in nodes.values() for id in each.sessions]
-        needed = sum(each.state not in _BEGUN for name, each in nodes.items() if name != node)
-        return compute_left(self.graph.spec.budget, sessions, needed)
+        needed = sum(each.state not in _BEGUN for name, each in self.nodes.items() if name != node)
+        return compute_left(self.graph.spec.budget, self._list_sessions(), needed)
 
     def compute_times(self) -> dict[str, float]:
         """Skill -> mean simulated time of its sessions so far [s]."""
@@ -147,13 +143,9 @@ class GoalFacts:
 
     def find_protected(self, fresh: Collection[str] = ()) -> frozenset[str]:
         """Entities that finished nodes have put where they belong."""
-        return frozenset(
-            name
-            for session in self.find_finished(fresh).values()
-            for text in session.accept
-            if (predicate := parse_predicate(text)).is_lasting
-            and (name := next(iter_entities(predicate), None)) is not None
-        )
+        accepted = (text for session in self.find_finished(fresh).values() for text in session.accept)
+        lasting = (each for each in map(parse_predicate, accepted) if each.is_lasting)
+        return frozenset(name for each in lasting for name in islice(iter_entities(each), 1))
 
 
 def is_forecast_refusal(status: SessionStatus) -> bool:

@@ -11,8 +11,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Protocol
 
-import yaml
-
+from phyagentos.agent.goals.amendment import encode_graph, find_graph
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.compiler import SessionCompiler
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
@@ -56,15 +55,10 @@ class MissionObserver(Protocol):
 
 
 class Mission:
-    """Pursues goals in one workspace, one after the other.
+    """Pursues goals in one workspace, one after the other; its journal is opened for the side `agent`.
 
-    Args:
-        journal: Opened for the side `agent`.
-        clock: For waiting and for wall times of the report.
-        advisor: Changes contracts by experience; none by default.
-        policy: Chooses the repair after a missed objective; graph repair by default.
-        observers: Called after every change.
-        is_runtime_alive: Called while a goal waits; False ends the mission.
+    Without others, no advisor changes contracts and graph repair is the policy after a missed objective. The mission
+    ends where `is_runtime_alive`, called while a goal waits, is False.
     """
 
     def __init__(
@@ -94,13 +88,9 @@ class Mission:
     def run(
         self, graph_file: Path, *, seed: int, overrides: Mapping[str, str] | None = None, goal: GoalId | None = None
     ) -> MissionReport:
-        """Pursue a goal graph to its verdict; continues a goal that the workspace already holds.
+        """Pursue a goal graph to its verdict, and keep a copy; continues a goal that the workspace already holds.
 
-        Args:
-            graph_file: The authored file; a copy stays in the workspace.
-            seed: Root of every random choice.
-            overrides: Dotted path -> YAML value, as of `--set`.
-            goal: Its id; `<graph>-<seed>` by default, with a further number when that one has its verdict.
+        Its id is `<graph>-<seed>` by default, with a further number when that one has its verdict.
 
         Raises:
             DefinitionError: With every problem of the graph; `INVALID_NAME`; `GOAL_DIFFERS`. Nothing was recorded.
@@ -116,7 +106,7 @@ class Mission:
             self._check_same(graph, read_goal_graph(file, catalogue), graph_file, id)
             return self.resume(id)
         if graph.bundle is not None:
-            replace_durably(file, yaml.safe_dump(graph.bundle, sort_keys=False, allow_unicode=True).encode())
+            replace_durably(file, encode_graph(graph.bundle))
         elif file.resolve() != graph_file.resolve():
             replace_durably(file, graph_file.read_bytes())
         controller = self._make_controller(SessionCompiler(graph=graph, catalogue=catalogue, goal=id, seed=seed))
@@ -140,8 +130,7 @@ class Mission:
     def _continue(self, goal: GoalId, catalogue: Catalogue) -> GoalController:
         """The controller of a goal from its records, with the graph that it has now."""
         status = self.ledger.goals[goal]
-        file = self._workspace.goals / status.file if status.file else self._workspace.goal_file_of(goal)
-        graph = read_goal_graph(file, catalogue)
+        graph = read_goal_graph(find_graph(self._workspace, status), catalogue)
         return self._make_controller(SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=status.seed))
 
     def _report_past(self, goal: GoalId) -> MissionReport:
@@ -163,26 +152,22 @@ class Mission:
         self.ledger.keep_goal(compiler.goal)  # the report comes after the verdict
         if compiler.asks_ahead:
             compiler = dataclasses.replace(compiler, distrusted=find_distrusted(self._workspace, compiler.goal))
-        return GoalController(
-            compiler=compiler,
-            ledger=self.ledger,
-            evidence=Evidence(self._workspace.root),
-            verifier=self._verifier,
-            advisor=self._advisor,
-            policy=self._policy,
-        )
+        evidence = Evidence(self._workspace.root)
+        return GoalController(compiler, self.ledger, evidence, self._verifier, self._advisor, self._policy)
 
     def _check_same(self, graph: GoalGraph, own: GoalGraph, graph_file: Path, goal: GoalId) -> None:
         """Refuse a goal id that belongs to another graph (`own`)."""
         if own.spec == graph.spec:
             return
-        file = self._workspace.goal_file_of(goal)
-        state, hint = "over", "Name another goal with --goal or --seed."
-        if not is_spent(goal, self.ledger, self._journal):
-            state = "open"
+        expected, hint = (
+            f"the graph of {self._workspace.goal_file_of(goal)}",
+            "Name another goal with --goal or --seed.",
+        )
+        is_over = is_spent(goal, self.ledger, self._journal)
+        if not is_over:
             hint = f"Run that one to continue it, cancel it with 'paos cancel {goal}', or name another with --goal."
-        found = f"another graph (overrides included) than that of goal {goal}, which is {state}"
-        raise DefinitionError.of("GOAL_DIFFERS", str(graph_file), found, f"the graph of {file}", hint)
+        found = f"another graph (overrides included) than that of goal {goal}, which is {'over' if is_over else 'open'}"
+        raise DefinitionError.of("GOAL_DIFFERS", str(graph_file), found, expected, hint)
 
     def _pursue(self, goal: GoalController) -> MissionReport:
         begin_s, refused = self._clock.now_s(), 0
@@ -194,7 +179,7 @@ class Mission:
                 self._read(goal)
                 if goal.is_over:
                     break
-                if goal.is_outdated:
+                if goal.status.file != goal.file:
                     goal = self._continue(goal.goal, self._read_catalogue())
                 if self._cancelled.is_set():
                     entries = goal.cancel()

@@ -12,13 +12,12 @@ from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.judging.causes import Cause, find_refusal
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import find_missing_evidence
-from phyagentos.agent.mission.amending import Amender
+from phyagentos.agent.mission.changes import Changes
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts, is_forecast_refusal
-from phyagentos.agent.mission.planning_anew import Replanner
 from phyagentos.agent.repair import clearing, looking
 from phyagentos.agent.repair.alternative import AlternativeKind
-from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.case import Miss
 from phyagentos.agent.repair.foreseen import revise_refused
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.agent.repair.regressions import find_lost_preconditions, find_regressions
@@ -29,7 +28,6 @@ from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
-from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.predicates.syntax import iter_calls
@@ -49,16 +47,14 @@ class Recovery:
     facts: GoalFacts
     drafter: Drafter
     evidence: Evidence
+    changes: Changes
     policy: RepairPolicy
     restores: bool
 
     def follow(self, status: SessionStatus, bundle: Bundle, attempt: Attempt) -> tuple[Attempt, list[Entry]]:
         """The judgement as it is to be recorded, and the records about its node.
 
-        Args:
-            status: The session that has ended.
-            bundle: Evidence of the judgement.
-            attempt: The judgement; no success, or that of a preparing session.
+        `attempt` is no success, or that of a session that prepares.
         """
         node = status.contract.node
         if self.prepares(status):
@@ -70,7 +66,7 @@ class Recovery:
             why = f"{attempt.reason} To look again costs no replan."
             return msgspec.structs.replace(attempt, verdict=Verdict.REPLAN, reason=why), entries
         if miss is None or is_over:
-            return attempt, [self.drafter.note(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
+            return attempt, self.drafter.block(node, attempt.reason)
         entries = self._repair(node, miss)
         if _is_end(entries):  # no revision is worth its budget
             why = str((entries[-1].body or {}).get("reason", ""))
@@ -92,7 +88,7 @@ class Recovery:
             return self.go_on(refused)
         if is_forecast_refusal(refused) and (entries := self._revise_refused(refused)):
             return entries
-        blocked = [self.drafter.note(node, GoalEvent.NODE_BLOCKED, f"{refused.state}: {refused.reason}")]
+        blocked = self.drafter.block(node, f"{refused.state}: {refused.reason}")
         if not self.policy.restores:
             return blocked
         miss = self._find_miss(refused)
@@ -128,8 +124,8 @@ class Recovery:
         """Finished nodes that must be done again, each at the price of one replan."""
         entries: list[Entry] = []
         for name, reason in regressions.items():
-            entries.append(self.drafter.note_next(name, GoalEvent.INVALIDATED, reason))
-            entries.append(self.drafter.note(name, GoalEvent.BUDGET_SPENT, reason))
+            spent = self.drafter.note(name, GoalEvent.BUDGET_SPENT, reason)
+            entries += [self.drafter.note_next(name, GoalEvent.INVALIDATED, reason), spent]
         return entries
 
     def look_for(self, criteria: Sequence[Criterion], now: Environment) -> list[Entry]:
@@ -139,15 +135,15 @@ class Recovery:
         seen, or the limit of looks is reached.
         """
         missing = find_missing_evidence(criteria, now)
-        finished = [(name, self.facts.find_own(name)) for name in self.facts.find_finished()]
-        own = [(name, status) for name, status in finished if status is not None and status.execution is not None]
-        named = [each for each in own if set(missing) & set(map(str, each[1].contract.parameters.values()))]
+        finished = (self.facts.find_own(name) for name in self.facts.find_finished())
+        own = [status for status in finished if status is not None and status.execution is not None]
         if not missing or not own:
             return []
-        node, subject = (named or own)[-1]
-        unknown = next(each for each in criteria if each.truth is Truth.UNKNOWN)
+        named = [each for each in own if set(missing) & set(map(str, each.contract.parameters.values()))]
+        subject = (named or own)[-1]
         if self.facts.count_looks(subject.contract) >= looking.LOOKS_MAX:
             return []
+        unknown = next(each for each in criteria if each.truth is Truth.UNKNOWN)
         bundle = self.evidence.read(subject)
         miss = Miss(
             session=subject.contract,
@@ -158,7 +154,7 @@ class Recovery:
             criteria=tuple(criteria),
             missing_evidence=missing,
         )
-        return self._look_once_more(node, miss)
+        return self._look_once_more(subject.contract.node, miss)
 
     def wait_for(self, regressions: Sequence[str], node: str) -> Entry:
         """Nodes that must be done again before the next session of a begun node."""
@@ -171,24 +167,22 @@ class Recovery:
         """Records of the policy's choice; the last one blocks the node when it gives up."""
         if planned := self._plan_anew(node, miss, miss.reason, only_unmet=True):
             return planned
-        decision = self.policy.choose(self._make_case(node, miss))
+        decision = self.policy.choose(self.drafter.make_case(node, miss))
         revision = decision.chosen.revision
         if revision is None:
             why = join((miss.reason, *decision.reasons))
-            return self._plan_anew(node, miss, why) or [self.drafter.note(node, GoalEvent.NODE_BLOCKED, why)]
+            return self._plan_anew(node, miss, why) or self.drafter.block(node, why)
         return self._submit(node, revision, miss, decision.reasons, restores=restores)
 
     def _plan_anew(self, node: str, miss: Miss, reason: str, *, only_unmet: bool = False) -> list[Entry]:
-        """The end of a node, after the rest of the goal that is planned anew; empty where no plan can make up for it.
+        """The end of a node, after the rest of the goal was planned anew at the price of a replan; empty without one.
 
-        A plan costs a replan of the node. `only_unmet` asks for one where the session lacks something of the world.
+        `only_unmet` asks for a plan where the session lacks something of the world.
         """
         if not self.restores or miss.cause not in _OF_WORLD or miss.world is None or not self.facts.has_replans(node):
             return []
-        amender = Amender(facts=self.facts, workspace=Workspace(self.evidence.root))
-        replanner = Replanner(facts=self.facts, drafter=self.drafter, amender=amender)
-        unmet = replanner.find_unmet(miss.session, miss.world) if only_unmet else ()
-        planned = replanner.plan(node, miss.world) if unmet or not only_unmet else []
+        unmet = self.changes.find_unmet(miss.session, miss.world) if only_unmet else ()
+        planned = self.changes.plan_anew(node, miss.world) if unmet or not only_unmet else []
         if not planned:
             return []
         why = join((reason, *(f"it needs {text}" for text in unmet)))
@@ -210,7 +204,7 @@ class Recovery:
 
     def _look_once_more(self, node: str, miss: Miss) -> list[Entry]:
         """A look for a session that cannot be replanned; empty when the policy has none."""
-        decision = self.policy.choose(self._make_case(node, miss))
+        decision = self.policy.choose(self.drafter.make_case(node, miss))
         if decision.chosen.kind is not AlternativeKind.LOOK or decision.chosen.revision is None:
             return []
         child = self.drafter.draft(node, decision.chosen.revision)
@@ -222,14 +216,13 @@ class Recovery:
         """The child, or first the restoration of lost preconditions that an earlier node had achieved."""
         child = self.drafter.draft(node, revision)
         if isinstance(child, str):
-            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, child)]
+            return self.drafter.block(node, child)
         if child.purpose:  # it prepares; only what pursues the objective is paid for as a replan
             return self.drafter.submit(child, reasons)
         if restores and miss.world is not None:
             needy = [child, miss.session] if child.skill == miss.session.skill else [child]
             lost = {predicate.text for each in needy for predicate in find_lost_preconditions(each, miss.world)}
-            restorers = self._find_restorers(child.node, lost)
-            if restorers:
+            if restorers := self._find_restorers(child.node, lost):
                 return self.reopen(restorers)  # the child is paid for when its turn comes
         spent = self.drafter.note(child.node, GoalEvent.BUDGET_SPENT, f"{miss.cause}: {miss.session.id}")
         return [spent, *self.drafter.submit(child, reasons)]
@@ -254,7 +247,7 @@ class Recovery:
             return msgspec.structs.replace(attempt, verdict=decided), self._begin(status)
         miss, catalogue = self._find_miss(subject), self.drafter.compiler.catalogue
         if miss is None:
-            return attempt, [self.drafter.note(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
+            return attempt, self.drafter.block(node, attempt.reason)
         miss = miss.join(bundle)
         if attempt.verdict is Verdict.SUCCESS:
             revision = Revision(
@@ -274,7 +267,7 @@ class Recovery:
         node = prepared.contract.node
         session = self.drafter.draft(node, Revision(parent=prepared.contract.id))
         if isinstance(session, str):
-            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, session)]
+            return self.drafter.block(node, session)
         return self.drafter.submit(session, (f"{prepared.contract.id} came first, as memory advised",))
 
     def _find_miss(self, subject: SessionStatus) -> Miss | None:
@@ -282,9 +275,10 @@ class Recovery:
         if subject.execution is not None:
             decided = subject.decision
             return Miss.of_execution(self.evidence.read(subject), decided) if decided is not None else None
-        codes = {problem.code for problem in subject.problems}
-        cause = find_refusal(subject.problems)
-        unmet, world = _find_unmet(subject), self.evidence.find_latest(subject.contract.scene.episode)
+        codes, cause = {each.code for each in subject.problems}, find_refusal(subject.problems)
+        lacking = (each.subject for each in subject.problems if each.code == _UNMET and each.subject)
+        unmet = {call.name for text in lacking for call in iter_calls(parse_predicate(text).formula)}
+        world = self.evidence.find_latest(subject.contract.scene.episode)
         if world is None or "AMBIGUOUS" in codes:  # no look tells which is meant
             return None
         if not codes & _NEVER_CARRIED and ("visible" in unmet or codes & {"ENTITY_UNKNOWN", "NEVER_SEEN"}):
@@ -293,20 +287,6 @@ class Recovery:
         elif "holding" in unmet:
             cause = Cause.GRASP_LOST
         return Miss.of_refusal(subject, cause, world) if cause is not None else None
-
-    def _make_case(self, node: str, miss: Miss) -> Case:
-        facts = self.facts
-        return Case(
-            miss=miss,
-            choice=facts.graph.choices[node],
-            catalogue=self.drafter.compiler.catalogue,
-            lineage=facts.get_sessions(node),
-            replans_left=facts.graph.max_replans(node) - facts.count_replans(node),
-            left=facts.compute_left(node),
-            protected=facts.find_protected(),
-            time_of=facts.compute_times(),
-            recall=lambda status: self.evidence.read(status) if status.execution is not None else None,
-        )
 
     def _find_restorers(self, node: str, lost: Set[str]) -> dict[str, str]:
         """Finished nodes before one that had achieved what it needs and lacks now -> the lack."""
@@ -321,12 +301,6 @@ class Recovery:
 def is_look(session: Session) -> bool:
     """Whether a session only looks, so that its subject is judged on its snapshot."""
     return session.purpose == looking.PURPOSE
-
-
-def _find_unmet(refused: SessionStatus) -> frozenset[str]:
-    """Names of the predicates in unmet preconditions."""
-    unmet = (parse_predicate(each.subject) for each in refused.problems if each.code == _UNMET and each.subject)
-    return frozenset(call.name for each in unmet for call in iter_calls(each.formula))
 
 
 def _is_end(entries: list[Entry]) -> bool:

@@ -13,19 +13,15 @@ from phyagentos.store.ledger import Ledger
 
 CANCELLED = "cancelled"
 
-_OF_WORLD = frozenset(
-    {"PRECONDITION_UNMET", "HOLD_BROKEN", "ENTITY_UNKNOWN", "NEVER_SEEN"}
-)  # found in the world, not on paper
+_FOUND = frozenset({"PRECONDITION_UNMET", "HOLD_BROKEN", "ENTITY_UNKNOWN", "NEVER_SEEN"})  # in the world, not on paper
 
 
 class SessionReport(msgspec.Struct, frozen=True, kw_only=True):
     """One session, as it ended.
 
     Attributes:
-        state: Final state of the lifecycle.
         ended: How the execution ended, empty when nothing was executed.
         verdict: Empty when it was never judged.
-        cause: Coded cause when the objective was not met.
         reason: Of the verdict, the rejection or the cancellation.
         leaf: The leaf that decided the end of the execution.
     """
@@ -54,10 +50,7 @@ class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         verdict: `success`, `failure`, `unverified` or `cancelled`.
         criteria: The goal's own acceptance.
-        nodes: Node -> state.
-        sessions: In the order of submission.
         first_attempt_success: Node -> whether its first session succeeded; sessions refused by look-ahead do not count.
-        replans: Budget spent.
         was_rejected: Whether preflight refused a node's first session for another reason than a changed world.
         wall_s: Wall time of the mission [s].
     """
@@ -115,13 +108,12 @@ def _was_refused(status: SessionStatus, sessions: Sequence[SessionStatus]) -> bo
         return False
     codes = {problem.code for problem in status.problems}
     has_begun = any(other.execution is not None for other in sessions)
-    return not (has_begun and codes and codes <= _OF_WORLD)
+    return not (has_begun and codes and codes <= _FOUND)
 
 
 def report_session(status: SessionStatus) -> SessionReport:
     """One session as it stands."""
-    contract, execution = status.contract, status.execution
-    attempt = status.decision
+    contract, execution, attempt = status.contract, status.execution, status.decision
     return SessionReport(
         id=contract.id,
         node=contract.node,

@@ -24,13 +24,12 @@ _LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskEdit:
-    """What a person changed in the block of one goal.
+    """What a person changed in the block of one goal; all fields hold only what differs.
 
     Attributes:
-        removed: Nodes that are gone.
-        after: Node -> what comes before it now; only those that differ.
-        judged: `accept` and `constraints` as they are now; only those that differ.
-        foreign: What else differs, and is not for people to change here.
+        after: Node -> what comes before it now.
+        judged: `accept` and `constraints` as they are now.
+        foreign: What is not for people to change here.
     """
 
     goal: GoalId

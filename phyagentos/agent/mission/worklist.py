@@ -17,15 +17,10 @@ _UNDER_WAY = frozenset(SessionState) - FINAL_STATES - {SessionState.PENDING}  # 
 
 
 class Worklist:
-    """Changed nodes, live sessions and sessions without a verdict.
+    """Changed nodes, live sessions and sessions without a verdict; the ledger may not hold the goal yet.
 
     Only `settle` removes a node, when a look found nothing to do; so a refused batch is decided again. A worklist made
     anew from the ledger lists every node, which leads to the same decisions.
-
-    Args:
-        graph: As authored.
-        goal: Its id.
-        ledger: It may not hold the goal yet.
     """
 
     def __init__(self, graph: GoalGraph, goal: GoalId, ledger: Ledger) -> None:
@@ -46,22 +41,16 @@ class Worklist:
 
     def take_in(self, record: Record) -> None:
         """Note the changes of a record, of this goal or of another; the ledger has applied it already."""
+        name = record.id.removeprefix(self._prefix) if record.id.startswith(self._prefix) else ""
         if record.to is not None:
             status = self.ledger.sessions.get(SessionId(record.id))
             if status is None or status.contract.goal != self.goal or status.contract.node not in self.dag:
                 return
             self._follow_session(status)
-            if status.state in _UNDER_WAY:
-                return
-            name = status.contract.node
-        elif record.id.startswith(self._prefix):
-            name = record.id.removeprefix(self._prefix)
-        else:
-            return
+            name = "" if status.state in _UNDER_WAY else status.contract.node
         goal = self.ledger.goals.get(self.goal)
-        node = goal.nodes.get(name) if goal else None
-        if node is not None:
-            self._changed.update(dict.fromkeys(self.dag.follow(name, node)))
+        if name and goal and name in goal.nodes:
+            self._changed.update(dict.fromkeys(self.dag.follow(name, goal.nodes[name])))
 
     def iter_live(self) -> Iterator[SessionId]:
         """Sessions that are not final, in the order of submission."""
@@ -81,8 +70,7 @@ class Worklist:
 
     def iter_changed(self) -> Iterator[str]:
         """Nodes to look at, in the order of the graph, including those added by `touch` on the way."""
-        self._heap = [(self.dag.get_rank(name), name) for name in self._changed]
-        heapq.heapify(self._heap)
+        self._heap = sorted((self.dag.get_rank(name), name) for name in self._changed)
         latest = ""
         while self._heap:
             _, name = heapq.heappop(self._heap)
@@ -99,13 +87,11 @@ class Worklist:
         self._changed.pop(name, None)
 
     def _follow_session(self, status: SessionStatus) -> None:
-        id = status.contract.id
-        target = status.contract.target
+        id, target = status.contract.id, status.contract.target
         queue = self._queues.setdefault(target, set())
+        queue.discard(id)
         if status.state == SessionState.PENDING:
             queue.add(id)
-        else:
-            queue.discard(id)
         if status.state not in FINAL_STATES:
             self._shares[target] += id not in self._live
             self._live[id] = None

@@ -5,7 +5,7 @@ cost is taken. That there is no plan is proven by relaxed reachability, or by in
 states ends in the goal, wherever it begins. Limits count conflicts, not time: an answer is the same everywhere.
 """
 
-from collections.abc import Iterable, Iterator
+from collections import Counter
 from importlib.resources import files
 
 import clingo
@@ -84,22 +84,20 @@ class _Search:
 
 def _reach(problem: PlanningProblem) -> tuple[list[Operator], tuple[Fact, ...]]:
     """Operators that can ever be used if nothing is undone, and literals of the goal that can then never come true."""
-    possible = {(fact, True) for fact in problem.initial}
+    conditions = [each for stage in problem.stages for each in stage]
     known = {fact for operator in problem.operators for fact in (*operator.requires, *operator.changes)}
-    known |= {fact for stage in problem.stages for each in stage for fact, _ in each.literals}
-    possible |= {(fact, False) for fact in known - problem.initial}
-    usable: dict[str, Operator] = {}
+    known |= {fact for each in conditions for fact, _ in each.literals}
+    possible = {(fact, fact in problem.initial) for fact in known | problem.initial}
+    usable: set[str] = set()
     while more := [
         each for each in problem.operators if each.name not in usable and possible.issuperset(each.requires.items())
     ]:
-        usable |= {each.name: each for each in more}
+        usable.update(each.name for each in more)
         possible.update(change for each in more for change in each.changes.items())
-    short = (
-        each
-        for each in (condition for stage in problem.stages for condition in stage)
-        if sum(literal in possible for literal in each.literals) < each.least
-    )
-    unreachable = {fact: None for each in short for fact, value in each.literals if (fact, value) not in possible}
+    missing = [[literal for literal in each.literals if literal not in possible] for each in conditions]
+    pairs = zip(conditions, missing, strict=True)
+    short = (literals for each, literals in pairs if len(each.literals) - len(literals) < each.least)
+    unreachable = dict.fromkeys(fact for literals in short for fact, _ in literals)
     return [each for each in problem.operators if each.name in usable], tuple(unreachable)
 
 
@@ -109,8 +107,18 @@ def _describe(problem: PlanningProblem, operators: list[Operator]) -> str:
     named = dict.fromkeys([*changed, *sorted(problem.initial)])
     named |= dict.fromkeys(fact for stage in problem.stages for each in stage for fact, _ in each.literals)
     number = {fact: index for index, fact in enumerate(named)}
-    lines = [*_iter_operators(operators, number, changed.keys()), *_iter_goal(problem, number)]
-    lines += [f"init({number[fact]})." for fact in problem.initial if fact in number]
+    lines: list[str] = []
+    for index, operator in enumerate(operators):
+        lines.append(f"operator({index}). cost({index},{operator.cost}).")
+        lines += [f"require({index},{number[f]},{v:d})." for f, v in operator.requires.items() if f in changed]
+        lines += [f"change({index},{number[fact]},{value:d})." for fact, value in operator.changes.items()]
+    lines.append(f"last({len(problem.stages) - 1}).")
+    for index, stage in enumerate(problem.stages):
+        lines.append(f"stage({index}).")
+        for place, each in enumerate(stage):
+            lines.append(f"condition({index},{place},{each.least},{each.most}).")
+            lines += [f"literal({index},{place},{number[fact]},{value:d})." for fact, value in each.literals]
+    lines += [f"init({number[fact]})." for fact in sorted(problem.initial)]
     for index, capacity in enumerate(problem.capacities):
         lines.append(f"capacity({index},{capacity.most}).")
         lines += [f"weight({index},{number[f]},{w})." for f, w in capacity.weights.items() if f in number]
@@ -120,33 +128,9 @@ def _describe(problem: PlanningProblem, operators: list[Operator]) -> str:
     return "\n".join(lines)
 
 
-def _iter_operators(operators: list[Operator], number: dict[Fact, int], changed: Iterable[Fact]) -> Iterator[str]:
-    moving = set(changed)
-    for index, each in enumerate(operators):
-        yield f"operator({index}). cost({index},{each.cost})."
-        yield from (f"require({index},{number[f]},{value:d})." for f, value in each.requires.items() if f in moving)
-        yield from (f"change({index},{number[fact]},{value:d})." for fact, value in each.changes.items())
-
-
-def _iter_goal(problem: PlanningProblem, number: dict[Fact, int]) -> Iterator[str]:
-    yield f"last({len(problem.stages) - 1})."
-    for index, stage in enumerate(problem.stages):
-        yield f"stage({index})."
-        for place, each in enumerate(stage):
-            yield f"condition({index},{place},{each.least},{each.most})."
-            yield from (f"literal({index},{place},{number[fact]},{value:d})." for fact, value in each.literals)
-
-
 def _read_plan(symbols: list[clingo.Symbol], operators: list[Operator], problem: PlanningProblem, rounds: int) -> Plan:
     chosen = sorted((s.arguments[1].number, s.arguments[0].number) for s in symbols if s.match("do", 2))
-    first = [
-        min(
-            t
-            for t in range(rounds + 1)
-            if clingo.Function("reached", [clingo.Number(index), clingo.Number(t)]) in names
-        )
-        for names in [frozenset(symbols)]
-        for index in range(len(problem.stages))
-    ]
-    before = tuple(sum(t <= at for t, _ in chosen) for at in first[:-1])
+    held = Counter(s.arguments[0].number for s in symbols if s.match("reached", 2))  # from some round to the last one
+    borders = [rounds + 1 - held[index] for index in range(len(problem.stages) - 1)]
+    before = (sum(t <= border for t, _ in chosen) for border in borders)
     return Plan(tuple(operators[index] for _, index in chosen), (*before, len(chosen)))

@@ -2,34 +2,30 @@
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
 from typing import Any
 
 from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.checks import Checks
 from phyagentos.agent.goals.selector import ANY, find_lacks
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import GoalSpec, WantedGoal
 from phyagentos.agent.planning.goal_facts import is_held, make_fact, read_conditions, relates
 from phyagentos.agent.planning.operators import Scope, list_operators
-from phyagentos.agent.planning.problem import Capacity, Condition, Fact, Operator, PlanningProblem
-from phyagentos.agent.planning.rooms import (
-    FILL,
-    Spot,
-    count_room,
-    find_lid,
-    find_spots,
-    list_carried,
-    list_tops,
-    place_spot,
-)
-from phyagentos.errors import DefinitionError
+from phyagentos.agent.planning.problem import Capacity, Condition, Fact, Literal, Operator, PlanningProblem
+from phyagentos.agent.planning.rooms import FILL, Spot, count_room, find_lid, find_spots, list_carried, place_spot
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import Vector
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
-from phyagentos.protocol.documents.schema import Address
+from phyagentos.protocol.documents.schema import Address, Located, read_yaml, salvage
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.library import View
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.predicates.syntax import Call, Compare, Name, Point, iter_calls
 from phyagentos.protocol.world.relations import find_places
 from phyagentos.protocol.world.truth import Truth
+
+Tried = tuple[str, str, Mapping[str, Any]]  # skill, target and parameters of a session
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,37 +34,56 @@ class Domain:
 
     Attributes:
         roles: Role -> target.
-        world: The snapshot.
         operators: All that were considered.
+        state: Every fact, and whether it is true at the start.
     """
 
     problem: PlanningProblem
     roles: Mapping[str, str]
-    world: Environment
     operators: tuple[Operator, ...]
+    state: frozenset[Literal]
+
+    def find_unmet(self, tried: Tried) -> tuple[Fact, ...]:
+        """What a session needs of the world and lacks in it, except that its hand is empty; empty where it can be."""
+        alike = (each for each in self.operators if _is_same(each, *tried))
+        unmet = min(
+            ([need for need in each.requires.items() if need not in self.state] for each in alike), key=len, default=[]
+        )
+        formulas = ((parse_predicate(fact).formula, fact, value) for fact, value in unmet)
+        return tuple(
+            fact if value else f"not {fact}"
+            for call, fact, value in formulas
+            if not (isinstance(call, Call) and is_held(call))
+        )
 
 
-def resolve_targets(wanted: WantedGoal, catalogue: Catalogue) -> dict[str, str]:
-    """Role -> target; for `any`, and without roles, one whose model is sure to be here, then the one that can do most.
+def read_wanted(path: Path, catalogue: Catalogue) -> WantedGoal:
+    """Read and check a goal without a plan, with the checks of goal graphs.
 
     Raises:
-        DefinitionError: `UNKNOWN_TARGET`.
+        DefinitionError: With every problem at file:line:column: names that scene, skills and targets do not hold,
+            predicates that cannot be parsed, or for which no plan can be made.
     """
-
-    def rank(name: str) -> tuple[bool, int, str]:
-        profile = catalogue.targets[name]
-        lacking = sum(any(find_lacks(skill, profile)) for skill in catalogue.skills.values())
-        return not is_beside(profile.model), lacking, name
-
-    best = min(catalogue.targets, key=rank, default=ANY)
-    roles = dict(wanted.targets) or {"robot": ANY}
-    for role, name in roles.items():
-        if name != ANY and name not in catalogue.targets:
-            raise DefinitionError.unknown("UNKNOWN_TARGET", f"targets.{role}", name, [*catalogue.targets, ANY])
-    return {role: best if name == ANY else name for role, name in roles.items()}
+    wanted, problems = salvage(WantedGoal, located := read_yaml(path))
+    problems = [*problems, *(_iter_problems(wanted, located, catalogue) if wanted is not None else ())]
+    if wanted is None or problems:
+        raise DefinitionError(problems)
+    return wanted
 
 
-Tried = tuple[str, str, Mapping[str, Any]]
+def _iter_problems(wanted: WantedGoal, located: Located, catalogue: Catalogue) -> Iterator[Problem]:
+    fields = wanted.model_dump(include={"goal", "objective", "scene", "targets", "constraints", "accept"})
+    checks = Checks(GoalSpec.model_construct(**fields), {}, located, catalogue)
+    found = list(checks.check_spec())
+    for index, step in enumerate(wanted.steps):
+        for place, text in enumerate(step):
+            found += checks.check_predicate(("steps", index, place), text)
+    yield from found
+    if not found:
+        try:
+            _read_goal(wanted, (), wanted.targets, located.address_of)
+        except DefinitionError as error:
+            yield from error.problems
 
 
 def build_domain(
@@ -85,19 +100,20 @@ def build_domain(
         wanted: The goal.
         catalogue: Skills and targets.
         world: The present snapshot.
-        without: Skill, target and parameters of sessions that no plan may have.
+        without: Sessions that no plan may have.
         everywhere: Whether things may go to every place of the world, rather than to those of the goal and free spots.
 
     Raises:
-        DefinitionError: A predicate that cannot be planned for, or an unknown target.
+        DefinitionError: A predicate that cannot be planned for, or `UNKNOWN_TARGET`.
     """
-    roles = resolve_targets(wanted, catalogue)
+    roles = _resolve_targets(wanted, catalogue)
     targets = {name: catalogue.targets[name] for name in dict.fromkeys(roles.values())}
     things = list_carried(world)
-    stages, invariants = read_goal(wanted, things, roles)
-    calls = [*_iter_wanted(wanted, roles)]
-    relations = [relation for each in world.entities.values() for relation in find_places(each, world)]
-    present = [call for each in relations if isinstance(call := parse_predicate(each.text).formula, Call)]
+    stages, invariants = _read_goal(wanted, things, roles)
+    texts = (*chain(*wanted.steps), *wanted.accept, *wanted.constraints)
+    calls = [call for text in texts for call in iter_calls(parse_predicate(text).rename_targets(roles).formula)]
+    relations = (relation for each in world.entities.values() for relation in find_places(each, world))
+    present = [Call(each.name, tuple(map(Name, each.arguments))) for each in relations]
     scope = Scope(
         world=world,
         things=things,
@@ -108,57 +124,72 @@ def build_domain(
         targets=targets,
         lids={place: lid for place in world.entities if (lid := find_lid(world, place))},
     )
-    operators = [each for each in list_operators(catalogue.skills, scope) if not _breaks(each, invariants)]
-    facts = dict.fromkeys(make_fact(call) for call in scope.present)
+    kept = [each.literals[0] for each in invariants if len(each.literals) == 1]
+    broken = {(fact, not value) for fact, value in kept}
+    operators = [each for each in list_operators(catalogue.skills, scope) if broken.isdisjoint(each.changes.items())]
+    facts = dict.fromkeys(make_fact(call) for call in present)
     facts |= dict.fromkeys(fact for each in operators for fact in (*each.requires, *each.changes))
     facts |= dict.fromkeys(fact for stage in stages for each in stage for fact, _ in each.literals)
     view = View(now=world, initial=world)
     initial = frozenset(fact for fact in facts if parse_predicate(fact).evaluate(view).truth is Truth.TRUE)
-    needed = list(_drop_needless([each for each in operators if not _is_vain(each, initial, without)], initial))
+    state = frozenset((fact, fact in initial) for fact in facts)
+    ready = [each for each in operators if each.requires.items() <= state]
+    vain = [each for each in ready if any(_is_same(each, *tried) for tried in without)]
+    needed = [*_drop_needless([each for each in operators if each not in vain], state)]
+    groups = [*_iter_exclusive(needed, initial)]
     problem = PlanningProblem(
         operators=tuple(needed),
         initial=initial,
         stages=tuple(stages),
         capacities=tuple(_iter_capacities(facts, initial, scope)),
-        exclusive=(groups := tuple(_iter_exclusive(needed, initial))),
-        exact=tuple(group for group in groups if group & initial and not any(_leaves(each, group) for each in needed)),
+        exclusive=tuple(groups),
+        exact=tuple(group for group in groups if group & initial and _is_exact(group, needed)),
     )
-    return Domain(problem=problem, roles=roles, world=world, operators=tuple(operators))
+    return Domain(problem=problem, roles=roles, operators=tuple(operators), state=state)
+
+
+def _resolve_targets(wanted: WantedGoal, catalogue: Catalogue) -> dict[str, str]:
+    """Role -> target; for `any`, and without roles, one whose model is sure to be here, then one that can do most."""
+
+    def rank(name: str) -> tuple[bool, int, str]:
+        profile = catalogue.targets[name]
+        lacking = sum(any(find_lacks(skill, profile)) for skill in catalogue.skills.values())
+        return not is_beside(profile.model), lacking, name
+
+    best = min(catalogue.targets, key=rank, default=ANY)
+    roles = dict(wanted.targets) or {"robot": ANY}
+    for role, name in roles.items():
+        if name != ANY and name not in catalogue.targets:
+            raise DefinitionError.unknown("UNKNOWN_TARGET", f"targets.{role}", name, [*catalogue.targets, ANY])
+    return {role: best if name == ANY else name for role, name in roles.items()}
 
 
 def _join(path: Address) -> str:
     return ".".join(map(str, path))
 
 
-def read_goal(
+def _read_goal(
     wanted: WantedGoal, things: Sequence[str], roles: Mapping[str, str], locate: Callable[[Address], str] = _join
 ) -> tuple[list[tuple[Condition, ...]], tuple[Condition, ...]]:
-    """Conditions of each step and of the end, and invariants that a plan keeps; numbers are sampled when it runs.
-
-    Raises:
-        DefinitionError: A predicate cannot be parsed, or planned for.
-    """
-    paths: list[Address] = [*(("steps", index) for index in range(len(wanted.steps))), ("accept",)]
-    texts = zip((*wanted.steps, wanted.accept), paths, strict=True)
-    stages = [read_conditions(each, things, roles, locate(path)) for each, path in texts]
+    """Conditions of each step and of the end, and invariants that a plan keeps; numbers are sampled when it runs."""
+    parts: list[tuple[Address, Sequence[str]]] = [(("steps", index), step) for index, step in enumerate(wanted.steps)]
+    parts.append((("accept",), wanted.accept))
+    stages = [read_conditions(texts, things, roles, locate(path)) for path, texts in parts]
     kept = [t for t in wanted.constraints if not isinstance(parse_predicate(t).formula, Compare)]
     return stages, read_conditions(kept, things, roles, locate(("constraints",)))
-
-
-def _iter_wanted(wanted: WantedGoal, roles: Mapping[str, str]) -> Iterator[Call]:
-    for text in (*(text for step in wanted.steps for text in step), *wanted.accept, *wanted.constraints):
-        yield from iter_calls(parse_predicate(text).rename_targets(roles).formula)
 
 
 def _list_places(
     world: Environment, things: Sequence[str], calls: Iterable[Call], present: Iterable[Call], *, everywhere: bool
 ) -> list[str]:
+    """Those that the goal names; `everywhere` all vessels and regions, and what movable or used things may stand on."""
     named = [term.text for call in calls if relates(call) for term in call.terms[1:] if isinstance(term, Name)]
     known = dict.fromkeys(name for name in named if name in world.entities or name in world.regions)
     if everywhere:
-        bearing = {term.text for call in present for term in call.terms[1:] if isinstance(term, Name)}
+        bearing = {*things, *(term.text for call in present for term in call.terms[1:] if isinstance(term, Name))}
         known |= dict.fromkeys([*world.regions, *(n for n, e in world.entities.items() if e.interior is not None)])
-        known |= dict.fromkeys(name for name in list_tops(world) if name in things or name in bearing)
+        flat = [e for e in world.entities.values() if e.interior is None and e.mechanism is None and not e.part_of]
+        known |= dict.fromkeys(each.name for each in flat if each.name in bearing)
     return list(known)
 
 
@@ -169,47 +200,21 @@ def _list_spots(world: Environment, things: Sequence[str], calls: Iterable[Call]
     return [place_spot(world, point, things) for point in points] + find_spots(world, things, profile, away)
 
 
-def find_unmet(tried: Tried, domain: Domain) -> tuple[Fact, ...]:
-    """What a session needs of the world and lacks in it, whether its hand is empty left out; empty where it can be."""
-    alike = (each for each in domain.operators if _is_same(each, *tried))
-    unmet = [[need for need in each.requires.items() if not _is_met(need, domain.problem.initial)] for each in alike]
-    needs = [(parse_predicate(fact).formula, fact, value) for fact, value in min(unmet, key=len, default=[])]
-    return tuple(
-        f if value else f"not {f}" for call, f, value in needs if not (isinstance(call, Call) and is_held(call))
-    )
-
-
 def _is_same(operator: Operator, skill: str, target: str, parameters: Mapping[str, Any]) -> bool:
     given = operator.parameters.items()
     return (operator.skill, operator.target) == (skill, target) and all(parameters.get(k) == v for k, v in given)
 
 
-def _is_vain(operator: Operator, initial: frozenset[Fact], without: Collection[Tried]) -> bool:
-    """Whether it was tried, and would only be tried again: all that it needs is there now."""
-    is_ready = all(_is_met(need, initial) for need in operator.requires.items())
-    return is_ready and any(_is_same(operator, *tried) for tried in without)
-
-
-def _breaks(operator: Operator, invariants: Iterable[Condition]) -> bool:
-    """Whether it makes an invariant false that is one literal."""
-    single = (each.literals[0] for each in invariants if len(each.literals) == 1)
-    return any(operator.changes.get(fact, value) is not value for fact, value in single)
-
-
-def _drop_needless(operators: Sequence[Operator], initial: frozenset[Fact]) -> Iterator[Operator]:
+def _drop_needless(operators: Sequence[Operator], state: frozenset[Literal]) -> Iterator[Operator]:
     """Operators that change something, and of those with equal effects none that needs more and costs more."""
-    varying = {fact for each in operators for fact, value in each.changes.items() if (fact in initial) is not value}
-    alike: dict[frozenset[tuple[Fact, bool]], list[frozenset[tuple[Fact, bool]]]] = {}
+    varying = {change[0] for each in operators for change in each.changes.items() if change not in state}
+    alike: dict[frozenset[Literal], list[frozenset[Literal]]] = {}
     for each in sorted(operators, key=lambda each: (each.cost, len(each.requires))):
         changes = frozenset(change for change in each.changes.items() if change[0] in varying)
-        needs = frozenset(need for need in each.requires.items() if need[0] in varying or not _is_met(need, initial))
+        needs = frozenset(need for need in each.requires.items() if need[0] in varying or need not in state)
         if changes and not any(other <= needs for other in alike.setdefault(changes, [])):
             alike[changes].append(needs)
             yield each
-
-
-def _is_met(need: tuple[Fact, bool], initial: frozenset[Fact]) -> bool:
-    return (need[0] in initial) is need[1]
 
 
 def _iter_capacities(facts: Iterable[Fact], initial: frozenset[Fact], scope: Scope) -> Iterator[Capacity]:
@@ -228,10 +233,10 @@ def _iter_capacities(facts: Iterable[Fact], initial: frozenset[Fact], scope: Sco
             yield Capacity(place, each, max(FILL, present))
 
 
-def _leaves(operator: Operator, group: frozenset[Fact]) -> bool:
-    """Whether it takes something out of a group and puts nothing into it."""
-    values = {value for fact, value in operator.changes.items() if fact in group}
-    return values == {False}
+def _is_exact(group: frozenset[Fact], operators: Sequence[Operator]) -> bool:
+    """Whether each operator that takes something out of a group puts something into it."""
+    changed = ({value for fact, value in each.changes.items() if fact in group} for each in operators)
+    return {False} not in changed
 
 
 def _iter_exclusive(operators: Sequence[Operator], initial: frozenset[Fact]) -> Iterator[frozenset[Fact]]:

@@ -3,13 +3,13 @@
 A fact is the text of a call or a comparison. Where a thing is at a point, tolerances are left out: a point is one spot.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache, partial
 from itertools import product
 
 from phyagentos.agent.planning.problem import Condition, Fact
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.world.predicates.library import ArgumentKind, get_predicate_library
+from phyagentos.protocol.world.predicates.library import Argument, ArgumentKind, get_predicate_library
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.predicates.syntax import (
     And,
@@ -23,34 +23,30 @@ from phyagentos.protocol.world.predicates.syntax import (
     Or,
     Point,
     Star,
+    Variable,
     iter_calls,
+    iter_free_stars,
     map_calls,
     render,
 )
 
 THINGS = (ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE)
-_COUNTS: dict[
-    str, Callable[[int, int], tuple[int, int]]
-] = {  # relation -> least and most, of a bound and a number of things
-    ">=": lambda bound, n: (bound, n),
-    ">": lambda bound, n: (bound + 1, n),
-    "<=": lambda bound, n: (0, bound),
-    "<": lambda bound, n: (0, bound - 1),
-    "==": lambda bound, n: (bound, bound),
-}
 
 
 @lru_cache(maxsize=8192)
 def list_kinds(call: Call) -> tuple[ArgumentKind, ...]:
     """What each term of a call names."""
-    definition = get_predicate_library().find(call.name)
-    return tuple(each.kind for each in definition.arguments[: len(call.terms)]) if definition is not None else ()
+    return tuple(each.kind for each in _list_arguments(call)[: len(call.terms)])
 
 
 def list_defaults(call: Call) -> list[float | None]:
     """Of each argument of a predicate the number that stands for one that is left out."""
+    return [each.default for each in _list_arguments(call)]
+
+
+def _list_arguments(call: Call) -> tuple[Argument, ...]:
     definition = get_predicate_library().find(call.name)
-    return [each.default for each in definition.arguments] if definition is not None else []
+    return definition.arguments if definition is not None else ()
 
 
 def relates(call: Call) -> bool:
@@ -63,10 +59,11 @@ def is_held(call: Call) -> bool:
     return list_kinds(call) == (ArgumentKind.TARGET, ArgumentKind.ENTITY)
 
 
-def find_subject(call: Call) -> str:
-    """The thing that a call is about: the first that it names."""
-    terms = zip(call.terms, list_kinds(call), strict=True)
-    return next((term.text for term, kind in terms if kind in THINGS and isinstance(term, Name)), "")
+def find_subject(call: Call, written: type[Name | Variable] = Name) -> str:
+    """The thing that a call is about: the first that it names, or has a variable for."""
+    terms = (term for term, kind in zip(call.terms, list_kinds(call), strict=True) if kind in THINGS)
+    found = next((term for term in terms if isinstance(term, written)), None)
+    return "" if found is None else found.path if isinstance(found, Variable) else found.text
 
 
 @lru_cache(maxsize=8192)
@@ -83,54 +80,46 @@ def make_fact(formula: Call | Compare) -> Fact:
 def read_conditions(
     texts: Iterable[str], things: Sequence[str], targets: Mapping[str, str], address: str
 ) -> tuple[Condition, ...]:
-    """Every condition of some predicates, which hold together.
-
-    Args:
-        texts: As authored.
-        things: What a `*` ranges over.
-        targets: Role -> target.
-        address: For messages.
+    """Every condition of some predicates, which hold together; a `*` ranges over `things`.
 
     Raises:
         DefinitionError: A text is no predicate, or has a form that no plan is made for (`count` over `and`).
     """
-    return tuple(
-        condition
-        for text in texts
-        for predicate in [parse_predicate(text, address=address).rename_targets(targets)]
-        for condition in _convert(_expand(predicate.formula, things), True, things, text, address)
-    )
+    found: list[Condition] = []
+    for text in texts:
+        formula = parse_predicate(text, address=address).rename_targets(targets).formula
+        found += _convert(_expand(formula, things), True, things, text, address)
+    return tuple(found)
 
 
 def _expand(formula: Formula, things: Sequence[str]) -> Formula:
     """A free `*` as every thing that the formula does not name."""
-    named = {term.text for call in iter_calls(formula) for term in call.terms if isinstance(term, Name)}
-    outside = [
-        call
-        for call in iter_calls(map_calls(formula, lambda call: call, into_counts=False))
-        if any(isinstance(term, Star) for term in call.terms)
-    ]
-    if not outside or isinstance(formula, Compare):
+    if isinstance(formula, Compare) or not any(True for _ in iter_free_stars(formula)):
         return formula
-    each = tuple(_bind(formula, name) for name in things if name not in named)
+    each = tuple(_bind(formula, things))
     return And(each) if each else formula
 
 
-def _bind(formula: Formula, name: str) -> Formula:
-    def change(call: Call) -> Call:
-        return Call(call.name, tuple(Name(name) if isinstance(term, Star) else term for term in call.terms))
+def _bind(formula: Formula, things: Sequence[str]) -> Iterator[Formula]:
+    """The formula about each thing that it does not name."""
+    named = {term.text for call in iter_calls(formula) for term in call.terms if isinstance(term, Name)}
 
-    return map_calls(formula, change, into_counts=False)
+    def change(call: Call, thing: str) -> Call:
+        return Call(call.name, tuple(Name(thing) if isinstance(term, Star) else term for term in call.terms))
+
+    for thing in things:
+        if thing not in named:
+            yield map_calls(formula, partial(change, thing=thing), into_counts=False)
 
 
 def _convert(formula: Formula, value: bool, things: Sequence[str], text: str, address: str) -> Iterator[Condition]:
     match formula:
-        case Compare(Count(Call() as body), relation, bound) if value and relation in _COUNTS:
-            named = {term.text for term in body.terms if isinstance(term, Name)}
-            calls = [_bind(body, name) for name in things if name not in named]
-            facts = tuple((make_fact(call), True) for call in calls if isinstance(call, Call))
-            least, most = _COUNTS[relation](int(bound), len(facts))
-            yield Condition(facts, max(least, 0), min(most, len(facts)) if most >= 0 else 0, text)
+        case Compare(Count(Call() as body), relation, number) if value and relation != "!=":
+            facts = tuple((make_fact(call), True) for call in _bind(body, things) if isinstance(call, Call))
+            bound = int(number)
+            least = {">=": bound, ">": bound + 1, "==": bound}.get(relation, 0)
+            most = {"<=": bound, "<": bound - 1, "==": bound}.get(relation, len(facts))
+            yield Condition(facts, max(least, 0), max(min(most, len(facts)), 0), text)
         case Call() | Compare(Call()):
             yield Condition(((make_fact(formula), value),), 1, 1, text)
         case Not(body):

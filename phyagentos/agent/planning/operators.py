@@ -11,7 +11,6 @@ from typing import Any
 
 from phyagentos.agent.goals.selector import find_lacks
 from phyagentos.agent.planning.goal_facts import (
-    THINGS,
     find_subject,
     is_held,
     list_defaults,
@@ -41,7 +40,7 @@ from phyagentos.protocol.world.predicates.syntax import (
     render,
 )
 
-Literal = tuple[Call, bool]
+Effect = tuple[Call, bool]  # a statement, and whether it is true
 _EASY_M = 0.1  # a skill that may miss by so much finds a place
 _GRIPPER = "gripper_width"  # the action that a hand is opened and closed by
 _SUPPORT = "support"  # the parameter that says what a thing stands on afterwards
@@ -57,7 +56,6 @@ class Scope:
         spots: Points where things may go.
         wanted: Calls of the goal and its constraints; numbers and postures come from them.
         present: Calls that say where things are now.
-        targets: Those of the goal.
         lids: Place -> what has to be open before it is reached.
     """
 
@@ -80,18 +78,19 @@ def list_operators(skills: Mapping[str, SkillRuntime], scope: Scope) -> list[Ope
         if skills[name].loop is None and not any(find_lacks(skills[name], profile))  # an agent directs it: name it
         for draft in _iter_drafts(skills[name], target, rank, scope)
     ]
-    known = dict.fromkeys(chain(scope.wanted, scope.present))
-    known |= {call: None for draft in drafts for call, _ in (*draft.effects, *draft.requires)}
-    by_thing: dict[str, list[Call]] = {}
-    for call in known:
+    declared = (call for draft in drafts for call, _ in (*draft.effects, *draft.requires))
+    known: dict[str, list[Call]] = {}
+    for call in dict.fromkeys(chain(scope.wanted, scope.present, declared)):
         for name in {term.text for term in call.terms if isinstance(term, Name)}:
-            by_thing.setdefault(name, []).append(call)
-    return [operator for draft in drafts for operator in _Finisher(draft, scope, by_thing).iter_operators()]
+            known.setdefault(name, []).append(call)
+    return [operator for draft in drafts for operator in draft.iter_operators(known)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Draft:
-    """A skill with its arguments, as it is declared.
+    """A skill with its arguments, as it is declared; its methods say what follows from the world beside that.
+
+    Methods take the calls that name a thing or target.
 
     Attributes:
         moved: The thing that it takes or puts somewhere; empty without one.
@@ -99,14 +98,120 @@ class _Draft:
         rank: Of skills that are equal otherwise the first by name.
     """
 
+    scope: Scope
     skill: SkillRuntime
     target: str
     rank: int
     parameters: dict[str, Any]
-    effects: tuple[Literal, ...]
-    requires: tuple[Literal, ...]
+    effects: tuple[Effect, ...]
+    requires: tuple[Effect, ...]
     moved: str
     place: str | Spot
+
+    @property
+    def gains(self) -> list[Call]:
+        """What is true afterwards."""
+        return [call for call, value in self.effects if value]
+
+    def iter_operators(self, known: Mapping[str, Sequence[Call]]) -> Iterator[Operator]:
+        """One operator, and another for each hidden place that its thing may come out of."""
+        if not self._is_exact() or not self._fits():
+            return
+        lids = self.scope.lids
+        declared = {make_fact(call): value for call, value in self.requires}
+        requires, changes = self._list_needs(known), self._list_changes(declared, known)
+        facts = {make_fact(call) for call in known.get(self.moved, ())}
+        inside = {place: f"inside({self.moved}, {place})" for place in lids}
+        hidden = {place: fact for place, fact in inside.items() if fact in facts}
+        yield self._make(dict.fromkeys(hidden.values(), False) | requires | declared, changes)
+        for place, fact in hidden.items():
+            if place != self.place:
+                source = {fact: True, f"open({lids[place]})": True}
+                yield self._make(requires | declared | source, changes, f" out of {place}")
+
+    def _list_changes(self, declared: Mapping[Fact, bool], known: Mapping[str, Sequence[Call]]) -> dict[Fact, bool]:
+        """Guarantees, and what these undo."""
+        library = get_predicate_library()
+        changes = {make_fact(call): value for call, value in self.effects}
+        for call in self.gains:
+            definition = library.find(call.name)
+            for other in definition.excludes if definition is not None else ():
+                changes.setdefault(make_fact(replace(call, name=other)), False)
+        if not self.moved:
+            return changes
+        is_taken = any(map(is_held, self.gains))
+        for call in known.get(self.moved, ()):
+            is_kept = is_taken and is_held(call) and declared.get(make_fact(call))  # another hand holds it, too
+            if _is_undone(call, self.moved) and not is_kept:
+                changes.setdefault(make_fact(call), False)
+        return changes | {f"moved({self.moved})": True}
+
+    def _list_needs(self, known: Mapping[str, Sequence[Call]]) -> dict[Fact, bool]:
+        """Preconditions beside those that are declared."""
+        world, things, moved, place = self.scope.world, self.scope.things, self.moved, self.place
+        needs: dict[Fact, bool] = {}
+        for call in self.gains:
+            moving = world.entities.get(find_subject(call))
+            if moving is not None and moving.mechanism is not None:
+                lane = find_in_lane(world, moving.name, things) if call.name == "open" else []
+                needs |= dict.fromkeys((f"moved({name})" for name in lane), True) | self._need_clear(moving.name, known)
+        if _GRIPPER in self.skill.needs.actions:
+            needs |= {make_fact(call): False for call in known.get(self.target, ()) if is_held(call)}
+        if not moved:
+            return needs
+        in_hands = (call for name in (moved, place) for call in known.get(str(name), ()))
+        needs |= {make_fact(call): False for call in in_hands if is_held(call)} | self._need_clear(moved, known)
+        if isinstance(place, Spot):
+            needs |= {f"moved({name})": True for name in place.blockers if name != moved}
+        else:
+            is_top = place in things and world.entities[place].interior is None
+            needs |= self._need_clear(place, known) if is_top else {}
+            needs |= {f"open({self.scope.lids[place]})": True} if place in self.scope.lids else {}
+        is_near = is_in_reach(world, moved, self.scope.targets[self.target])
+        return needs if is_near else needs | {f"moved({moved})": True}
+
+    def _need_clear(self, name: str, known: Mapping[str, Sequence[Call]]) -> dict[Fact, bool]:
+        """Nothing stands on a thing but what is put there."""
+        calls = (call for call in known.get(name, ()) if call.name == "on")
+        others = {*self.scope.things} - {name, self.moved}
+        return {make_fact(call): False for call in calls if find_subject(call) in others}
+
+    def _is_exact(self) -> bool:
+        """Whether a point is met as closely as the goal wants it."""
+        offered = [call for call, _ in self.effects if any(isinstance(term, Point) for term in call.terms)]
+        pairs = product(offered, self.scope.wanted)
+        return all(_get_tolerance(a) <= _get_tolerance(b) for a, b in pairs if make_fact(a) == make_fact(b))
+
+    def _fits(self) -> bool:
+        """Whether the place is in reach, and not too small."""
+        world, place = self.scope.world, self.place
+        if not self.moved or not place:
+            return True
+        is_near = is_in_reach(world, place, self.scope.targets[self.target])
+        return is_near and (isinstance(place, Spot) or count_room(world, self.moved, place) > 0)
+
+    def _make(self, requires: Mapping[Fact, bool], changes: Mapping[Fact, bool], source: str = "") -> Operator:
+        skill, entities = self.skill, self.scope.world.entities
+        at_spot = isinstance(self.place, Spot)
+        is_exact = at_spot and all(_get_tolerance(call) < _EASY_M for call, _ in self.effects)
+        kinds = {key: entities[v].kind for key, v in self.parameters.items() if isinstance(v, str) and v in entities}
+        is_meant = any(each.kinds or kinds.get(key) == key for key, each in skill.parameters.items())
+        burden = len(self.parameters.keys() - {_SUPPORT}) + len(skill.requires)
+        burden += 2 * (is_exact + (at_spot and _SUPPORT not in skill.parameters) - is_meant)
+        is_full = any(call.name == "inside" and call.terms[1] == Name(self.moved) for call in self.scope.present)
+        burden += 4 * (is_full and not skill.hold)  # a skill that watches it all through spills less
+        shown = ", ".join(f"{key}={value}" for key, value in self.parameters.items())
+        promise = " and ".join(make_fact(call) if value else f"not {render(call)}" for call, value in self.effects)
+        return Operator(
+            name=f"{skill.skill}({shown}) on {self.target}{source}",
+            skill=skill.skill,
+            target=self.target,
+            parameters=self.parameters,
+            requires=requires,
+            changes=changes,
+            cost=100 * (20 + burden) + self.rank,
+            reason=f"{skill.skill} guarantees {promise}",
+        )
 
 
 def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> Iterator[_Draft]:
@@ -114,7 +219,7 @@ def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> I
     requires = [each for text in skill.requires for each in _split(parse_predicate(text, template=True).formula)]
     for chosen in product(*(offer.parts if isinstance(offer, Or) else (offer,) for offer in offers)):
         literals = [literal for formula in chosen for literal in _split(formula)]
-        moved = next((_find_variable(call) for call, value in literals if value and relates(call)), "")
+        moved = next((find_subject(call, Variable) for call, value in literals if value and relates(call)), "")
         choices = _list_choices(skill, [*literals, *(r for r in requires if relates(r[0]))], moved, target, scope)
         relations = {call.name for call, value in literals if value}
         for values in product(*choices.values()):
@@ -126,6 +231,7 @@ def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> I
             if effects and _is_whole(skill, given, scope.world) and len(dict(effects)) == len(set(effects)):
                 thing = str(given.get(moved, ""))
                 yield _Draft(
+                    scope=scope,
                     skill=skill,
                     target=target,
                     rank=rank,
@@ -138,7 +244,7 @@ def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> I
 
 
 def _list_choices(
-    skill: SkillRuntime, uses: Iterable[Literal], moved: str, target: str, scope: Scope
+    skill: SkillRuntime, uses: Iterable[Effect], moved: str, target: str, scope: Scope
 ) -> dict[str, list[Any]]:
     """Values of each parameter that some literals name, and of the parts of what opens or closes."""
     choices: dict[str, list[Any]] = {}
@@ -211,8 +317,8 @@ def _is_whole(skill: SkillRuntime, given: Mapping[str, Any], world: Environment)
     return (not wholes or parts <= wholes) and all(k in given for k in needed) and len(names) == len(set(names))
 
 
-def _iter_bound(literals: Iterable[Literal], given: Mapping[str, Any], target: str, scope: Scope) -> Iterator[Literal]:
-    """Literals with arguments; those that name an argument which is left out are left out as well."""
+def _iter_bound(literals: Iterable[Effect], given: Mapping[str, Any], target: str, scope: Scope) -> Iterator[Effect]:
+    """Effects with arguments; those that name an argument which is left out are left out as well."""
     for call, value in literals:
         bound = parse_predicate(substitute(render(call), {**given, "target": target}), template=True)
         formula = bound.rename_targets({"target": target}).formula
@@ -222,115 +328,6 @@ def _iter_bound(literals: Iterable[Literal], given: Mapping[str, Any], target: s
         for name in (each for each in scope.things if each not in given.values()) if is_open else ("",):
             terms = (Name(name) if isinstance(term, Star) else term for term in formula.terms)
             yield Call(formula.name, tuple(terms)), value
-
-
-@dataclass(frozen=True, slots=True)
-class _Finisher:
-    """What follows for a draft from the world, beside what its skill declares."""
-
-    draft: _Draft
-    scope: Scope
-    by_thing: Mapping[str, Sequence[Call]]
-
-    def iter_operators(self) -> Iterator[Operator]:
-        """One operator, and another for each hidden place that its thing may come out of."""
-        draft, lids = self.draft, self.scope.lids
-        if not self._is_exact() or not self._fits():
-            return
-        requires = self._list_needs()
-        declared = {make_fact(call): value for call, value in draft.requires}
-        changes = self._list_changes(declared)
-        hidden = [place for place in lids if f"inside({draft.moved}, {place})" in self._find_facts(draft.moved)]
-        yield self._make({f"inside({draft.moved}, {place})": False for place in hidden} | requires | declared, changes)
-        for place in (each for each in hidden if each != draft.place):
-            source = {f"inside({draft.moved}, {place})": True, f"open({lids[place]})": True}
-            yield self._make(requires | declared | source, changes, f" out of {place}")
-
-    def _list_changes(self, declared: Mapping[Fact, bool]) -> dict[Fact, bool]:
-        """Guarantees, and what these undo."""
-        draft, library = self.draft, get_predicate_library()
-        changes = {make_fact(call): value for call, value in draft.effects}
-        for call in (call for call, value in draft.effects if value):
-            definition = library.find(call.name)
-            for other in definition.excludes if definition is not None else ():
-                changes.setdefault(make_fact(replace(call, name=other)), False)
-        is_taken = any(value and is_held(call) for call, value in draft.effects)
-        for call in self.by_thing.get(draft.moved, ()) if draft.moved else ():
-            is_kept = is_taken and is_held(call) and declared.get(make_fact(call))  # another hand holds it, too
-            if _is_undone(call, draft.moved) and not is_kept:
-                changes.setdefault(make_fact(call), False)
-        return changes | ({f"moved({draft.moved})": True} if draft.moved else {})
-
-    def _list_needs(self) -> dict[Fact, bool]:
-        """Preconditions beside those that are declared."""
-        draft, world, things = self.draft, self.scope.world, self.scope.things
-        needs: dict[Fact, bool] = {}
-        for call in (call for call, value in draft.effects if value):
-            moving = world.entities.get(find_subject(call))
-            if moving is not None and moving.mechanism is not None:
-                lane = find_in_lane(world, moving.name, things) if call.name == "open" else []
-                needs |= dict.fromkeys((f"moved({name})" for name in lane), True) | self._need_clear(moving.name)
-        if _GRIPPER in draft.skill.needs.actions:
-            needs |= {make_fact(call): False for call in self.by_thing.get(draft.target, ()) if is_held(call)}
-        if not draft.moved:
-            return needs
-        in_hands = (call for name in (draft.moved, draft.place) for call in self.by_thing.get(str(name), ()))
-        needs |= {make_fact(call): False for call in in_hands if is_held(call)} | self._need_clear(draft.moved)
-        if isinstance(draft.place, Spot):
-            needs |= {f"moved({name})": True for name in draft.place.blockers if name != draft.moved}
-        else:
-            is_top = draft.place in things and world.entities[draft.place].interior is None
-            needs |= self._need_clear(draft.place) if is_top else {}
-            needs |= {f"open({self.scope.lids[draft.place]})": True} if draft.place in self.scope.lids else {}
-        is_near = is_in_reach(world, draft.moved, self.scope.targets[draft.target])
-        return needs if is_near else needs | {f"moved({draft.moved})": True}
-
-    def _need_clear(self, name: str) -> dict[Fact, bool]:
-        """Nothing stands on a thing but what is put there."""
-        calls = (call for call in self.by_thing.get(name, ()) if call.name == "on")
-        others = {*self.scope.things} - {name, self.draft.moved}
-        return {make_fact(call): False for call in calls if find_subject(call) in others}
-
-    def _find_facts(self, name: str) -> set[Fact]:
-        return {make_fact(call) for call in self.by_thing.get(name, ())}
-
-    def _is_exact(self) -> bool:
-        """Whether a point is met as closely as the goal wants it."""
-        offered = [call for call, _ in self.draft.effects if any(isinstance(term, Point) for term in call.terms)]
-        pairs = product(offered, self.scope.wanted)
-        return all(_get_tolerance(a) <= _get_tolerance(b) for a, b in pairs if make_fact(a) == make_fact(b))
-
-    def _fits(self) -> bool:
-        """Whether the place is in reach, and not too small."""
-        draft, world = self.draft, self.scope.world
-        if not draft.moved or not draft.place:
-            return True
-        where = draft.place.point_m if isinstance(draft.place, Spot) else draft.place
-        is_near = is_in_reach(world, where, self.scope.targets[draft.target])
-        return is_near and (not isinstance(where, str) or count_room(world, draft.moved, where) > 0)
-
-    def _make(self, requires: Mapping[Fact, bool], changes: Mapping[Fact, bool], source: str = "") -> Operator:
-        draft, skill, entities = self.draft, self.draft.skill, self.scope.world.entities
-        at_spot = isinstance(draft.place, Spot)
-        is_exact = at_spot and all(_get_tolerance(call) < _EASY_M for call, _ in draft.effects)
-        kinds = {key: entities[v].kind for key, v in draft.parameters.items() if isinstance(v, str) and v in entities}
-        is_meant = any(each.kinds or kinds.get(key) == key for key, each in skill.parameters.items())
-        burden = len(draft.parameters.keys() - {_SUPPORT}) + len(skill.requires)
-        burden += 2 * (is_exact + (at_spot and _SUPPORT not in skill.parameters) - is_meant)
-        is_full = any(call.name == "inside" and call.terms[1] == Name(draft.moved) for call in self.scope.present)
-        burden += 4 * (is_full and not skill.hold)  # a skill that watches it all through spills less
-        shown = ", ".join(f"{key}={value}" for key, value in draft.parameters.items())
-        promise = " and ".join(make_fact(call) if value else f"not {render(call)}" for call, value in draft.effects)
-        return Operator(
-            name=f"{skill.skill}({shown}) on {draft.target}{source}",
-            skill=skill.skill,
-            target=draft.target,
-            parameters=draft.parameters,
-            requires=requires,
-            changes=changes,
-            cost=100 * (20 + burden) + draft.rank,
-            reasons=(f"{skill.skill} guarantees {promise}",),
-        )
 
 
 def _is_undone(call: Call, moved: str) -> bool:
@@ -344,7 +341,7 @@ def _get_tolerance(call: Call) -> float:
     return (numbers or [each for each in list_defaults(call) if each is not None] or [0.0])[0]
 
 
-def _find_place(effects: Iterable[Literal], moved: str) -> str:
+def _find_place(effects: Iterable[Effect], moved: str) -> str:
     """Where a thing is put; empty where it is taken."""
     calls = (call for call, value in effects if value and relates(call) and not is_held(call))
     found = (
@@ -353,12 +350,7 @@ def _find_place(effects: Iterable[Literal], moved: str) -> str:
     return next(found, "")
 
 
-def _find_variable(call: Call) -> str:
-    kinds = zip(call.terms, list_kinds(call), strict=True)
-    return next((term.path for term, kind in kinds if kind in THINGS and isinstance(term, Variable)), "")
-
-
-def _split(formula: Formula, value: bool = True) -> Iterator[Literal]:
+def _split(formula: Formula, value: bool = True) -> Iterator[Effect]:
     match formula:
         case Not(body):
             yield from _split(body, not value)

@@ -1,21 +1,33 @@
-"""From a goal without a plan to a plan with its order and reasons, or to what is missing.
+"""From a goal without a plan to a goal graph with its order and reasons, or to what is missing.
 
-Upstream: an author, or an understander of requests. Downstream: a goal graph, and repair.
+Upstream: an author, or an understander of requests. Downstream: the file that an author would have written, and repair.
 """
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import chain
 from typing import Any
 
+import yaml
+
 from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.graph import draw_flowchart
 from phyagentos.agent.goals.selector import find_lacks
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.planning.answer_sets import AnswerSetPlanner
 from phyagentos.agent.planning.domain import Domain, Tried, build_domain
-from phyagentos.agent.planning.ordering import find_causal_links, order_steps
-from phyagentos.agent.planning.problem import Fact, Operator, Plan, Planner, PlanningProblem, ProvenUnsolvable
+from phyagentos.agent.planning.problem import (
+    Fact,
+    Plan,
+    Planner,
+    PlanningProblem,
+    ProvenUnsolvable,
+    find_causal_links,
+    iter_states,
+    order_steps,
+)
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.predicates.syntax import iter_calls
@@ -47,7 +59,7 @@ class Missing:
     """One thing that a goal lacks.
 
     Attributes:
-        subject: The predicate that cannot come true, or a place without room; empty where it is the goal as a whole.
+        subject: The predicate that cannot come true; empty where it is the goal as a whole.
         names: Skills, capabilities, predicates or places that matter, by `lack`.
     """
 
@@ -101,12 +113,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedGoal:
-    """A goal and its plan.
-
-    Attributes:
-        roles: Role -> target.
-        steps: In an order that reaches the goal; empty where it is met already.
-    """
+    """A goal and its plan, whose order reaches it; without steps where it is met already. `roles`: role -> target."""
 
     wanted: WantedGoal
     roles: Mapping[str, str]
@@ -127,40 +134,72 @@ def plan_goal(
         catalogue: Skills and targets.
         world: The present snapshot, or the start of a scene.
         planner: Without one, the one that ships.
-        without: Sessions that were tried in vain: skill, target and parameters.
+        without: Sessions that were tried in vain.
 
     Raises:
         DefinitionError: A predicate cannot be parsed or planned for, or a target is unknown.
     """
     planner = planner or AnswerSetPlanner()
-    domain = build_domain(wanted, catalogue, world, without=without)
-    answer = planner.solve(domain.problem)
-    if not isinstance(answer, Plan):  # things may also go where the goal names no place
-        domain = build_domain(wanted, catalogue, world, everywhere=True, without=without)
+    for everywhere in (False, True):  # things may also go where the goal names no place
+        domain = build_domain(wanted, catalogue, world, everywhere=everywhere, without=without)
         answer = planner.solve(domain.problem)
+        if isinstance(answer, Plan):
+            steps = tuple(_iter_steps(answer, domain.problem, domain.roles))
+            return PlannedGoal(wanted=wanted, roles=domain.roles, steps=steps)
     if isinstance(answer, ProvenUnsolvable):
-        return Unsolvable(tuple(_explain(answer, domain, wanted, catalogue, planner)))
-    if not isinstance(answer, Plan):
-        return Unsolvable((Missing(Lack.TIME),), is_proven=False)
-    steps = tuple(_iter_steps(answer, domain.problem, domain.roles))
-    return PlannedGoal(wanted=wanted, roles=domain.roles, steps=steps)
+        return Unsolvable(tuple(_explain(answer, domain, wanted, catalogue, world, planner)))
+    return Unsolvable((Missing(Lack.TIME),), is_proven=False)
+
+
+def write_graph(planned: PlannedGoal) -> str:
+    """The goal graph as an author would have written it, with the reasons above each node.
+
+    Raises:
+        ValueError: The plan has no steps.
+    """
+    if not planned.steps:
+        raise ValueError("a goal that is met already needs no goal graph")
+    wanted = planned.wanted
+    head = wanted.model_dump(include={"goal", "objective", "scene"}) | {"targets": dict(planned.roles)}
+    head |= {"constraints": list(wanted.constraints)} if wanted.constraints else {}
+    head |= {"defaults": {"timeout_s": 60, "max_replans": 2}}
+    lines = ["# Planned by effects from the world as it stood; `paos plan` shows the reasons again.\n"]
+    lines += [_dump(head), "sessions:\n"]
+    for step in planned.steps:
+        lines += [f"  # {reason}\n" for reason in step.reasons]
+        node: dict[str, Any] = {"after": list(step.after)} if step.after else {}
+        node |= {"skill": step.skill, "target": step.target, "with": dict(step.parameters)}
+        node |= {"accept": list(step.accept)} if step.accept else {}
+        lines += [f"  {line}\n" for line in _dump({step.name: node}).splitlines()]
+    return "".join([*lines, _dump({"accept": list(wanted.accept)})])
+
+
+def _dump(data: dict[str, Any]) -> str:
+    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=1000)
+
+
+def render_mermaid(planned: PlannedGoal) -> str:
+    """The partial order as a Mermaid flowchart."""
+    edges = ((before, "-->", step.name) for step in planned.steps for before in step.after)
+    return draw_flowchart({step.name: (step.skill, step.target) for step in planned.steps}, edges)
 
 
 def _iter_steps(plan: Plan, problem: PlanningProblem, roles: Mapping[str, str]) -> Iterator[Step]:
     names = _name_steps(plan)
     links, dag = find_causal_links(problem, plan), order_steps(problem, plan)
     role_of = {target: role for role, target in reversed(list(roles.items()))}
-    conditions = [each for stage in problem.stages for each in stage]
+    conditions = [*chain(*problem.stages)]
     parts = Counter(each.text for each in conditions)  # what holds in parts is not accepted as a whole by one step
     authored = {each.literals[0]: each.text for each in conditions if len(each.literals) == parts[each.text] == 1}
     for index, operator in enumerate(plan.operators):
-        made = [link for link in links if link.made_by == index]
-        wants = dict.fromkeys((link.fact, link.value) for link in made if link.needed_by is None)
-        needs = {
-            f"{_render(link.fact, link.value)}, which {names[link.needed_by]} needs": None
-            for link in made
-            if link.needed_by is not None and (link.fact, link.value) not in wants
-        }
+        made = [((link.fact, link.value), link.needed_by) for link in links if link.made_by == index]
+        wants = dict.fromkeys(literal for literal, needed_by in made if needed_by is None)
+        needs = dict.fromkeys(
+            f"brings about {_render(*literal)}, which {names[needed_by]} needs"
+            for literal, needed_by in made
+            if needed_by is not None and literal not in wants
+        )
+        wanted = (f"brings about {_render(*literal)}, which the goal wants" for literal in wants)
         yield Step(
             name=names[index],
             skill=operator.skill,
@@ -168,11 +207,7 @@ def _iter_steps(plan: Plan, problem: PlanningProblem, roles: Mapping[str, str]) 
             parameters=operator.parameters,
             after=tuple(names[before] for before in sorted(dag.pred[index])),
             accept=tuple(dict.fromkeys(authored[literal] for literal in wants if literal in authored)),
-            reasons=(
-                *operator.reasons,
-                *(f"brings about {_render(*literal)}, which the goal wants" for literal in wants),
-                *(f"brings about {text}" for text in needs),
-            ),
+            reasons=(operator.reason, *wanted, *needs),
         )
 
 
@@ -183,42 +218,43 @@ def _render(fact: Fact, value: bool) -> str:
 def _name_steps(plan: Plan) -> list[str]:
     names: list[str] = []
     for operator in plan.operators:
-        thing = next((str(value) for value in operator.parameters.values() if isinstance(value, str)), "")
+        thing = next((value for value in operator.parameters.values() if isinstance(value, str)), "")
         name = "_".join(filter(None, (operator.skill, thing.lower())))[:70]
         names.append(name if name not in names else f"{name}_{sum(each.startswith(name) for each in names) + 1}")
     return names
 
 
 def _explain(
-    proof: ProvenUnsolvable, domain: Domain, wanted: WantedGoal, catalogue: Catalogue, planner: Planner
+    proof: ProvenUnsolvable,
+    domain: Domain,
+    wanted: WantedGoal,
+    catalogue: Catalogue,
+    world: Environment,
+    planner: Planner,
 ) -> Iterator[Missing]:
     if wanted.constraints:
-        free = build_domain(wanted.model_copy(update={"constraints": ()}), catalogue, domain.world, everywhere=True)
+        free = build_domain(wanted.model_copy(update={"constraints": ()}), catalogue, world, everywhere=True)
         if isinstance(planner.solve(free.problem), Plan):
             yield Missing(Lack.CONSTRAINT, names=wanted.constraints)
             return
-    for fact in proof.unreachable:
-        yield _explain_fact(fact, domain, catalogue)
     if proof.unreachable:
-        return
-    roomy = replace(domain.problem, capacities=())
-    if isinstance(found := planner.solve(roomy), Plan):
-        yield Missing(Lack.ROOM, names=tuple(_iter_overfull(found, domain.problem)))
+        yield from (_explain_fact(fact, domain, catalogue) for fact in proof.unreachable)
+    elif isinstance(roomy := planner.solve(replace(domain.problem, capacities=())), Plan):
+        yield Missing(Lack.ROOM, names=tuple(_iter_overfull(roomy, domain.problem)))
     else:
-        yield Missing(Lack.CONTRADICTION, names=(*(text for step in wanted.steps for text in step), *wanted.accept))
+        yield Missing(Lack.CONTRADICTION, names=(*chain(*wanted.steps), *wanted.accept))
 
 
 def _explain_fact(fact: Fact, domain: Domain, catalogue: Catalogue) -> Missing:
     value = fact not in domain.problem.initial
     makers = [each for each in domain.problem.operators if each.changes.get(fact) is value]
-    if makers:
-        return Missing(Lack.PRECONDITION, _render(fact, value), tuple(_iter_unreachable(makers, domain.problem)))
-    wanted = {call.name for call in iter_calls(parse_predicate(fact).formula)}
-    skills = [
-        skill
-        for skill in catalogue.skills.values()
-        if wanted <= {c.name for t in skill.guarantees for c in iter_calls(parse_predicate(t, template=True).formula)}
-    ]
+    if makers:  # what these need, and nothing brings about
+        made = {change for each in domain.problem.operators for change in each.changes.items()} | domain.state
+        needs = dict.fromkeys(literal for each in makers for literal in each.requires.items())
+        unreachable = tuple(_render(*literal) for literal in needs if literal not in made)
+        return Missing(Lack.PRECONDITION, _render(fact, value), unreachable)
+    wanted = _find_predicates([fact])
+    skills = [skill for skill in catalogue.skills.values() if wanted <= _find_predicates(skill.guarantees)]
     if not skills:
         return Missing(Lack.PREDICATE, fact)
     profiles = [catalogue.targets[name] for name in domain.roles.values()]
@@ -229,23 +265,14 @@ def _explain_fact(fact: Fact, domain: Domain, catalogue: Catalogue) -> Missing:
     return Missing(Lack.ARGUMENT, fact, tuple(sorted(skill.skill for skill in skills)))
 
 
-def _iter_unreachable(makers: list[Operator], problem: PlanningProblem) -> Iterator[str]:
-    """Preconditions of some operators that nothing brings about."""
-    made = {change for each in problem.operators for change in each.changes.items()}
-    made |= {(fact, True) for fact in problem.initial}
-    needs = dict.fromkeys(literal for each in makers for literal in each.requires.items())
-    yield from (
-        _render(*literal) for literal in needs if literal not in made and (literal[1] or literal[0] in problem.initial)
-    )
+def _find_predicates(texts: Iterable[str]) -> set[str]:
+    return {call.name for text in texts for call in iter_calls(parse_predicate(text, template=True).formula)}
 
 
 def _iter_overfull(plan: Plan, problem: PlanningProblem) -> Iterator[str]:
     """Places that a plan overfills."""
+    states = [*iter_states(problem, plan)]
     for capacity in problem.capacities:
-        state = dict.fromkeys(problem.initial, True)
-        loads = []
-        for operator in plan.operators:
-            state |= operator.changes
-            loads.append(sum(weight for fact, weight in capacity.weights.items() if state.get(fact)))
-        if max(loads, default=0) > capacity.most:
+        loads = (sum(weight for fact, weight in capacity.weights.items() if state.get(fact)) for state in states)
+        if max(loads) > capacity.most:
             yield capacity.place

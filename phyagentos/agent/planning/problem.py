@@ -1,14 +1,22 @@
-"""The port of planners: facts that operators make true or false, and what they answer.
+"""The port of planners: facts that operators make true or false, what an engine answers, and the order of a plan.
 
 Upstream: the domain of a goal. Downstream: an engine. A fact is the canonical text of a predicate; what is not stated
 true is false. Alternative: PDDL with unified-planning, whose complete engines are GPL or weigh over 200 MB.
+
+A step comes before another one where it brings about what that needs, where it would undo that, where both write one
+fact differently, or where they share a place that could be overfull; the rest may be done in any order
+(Bäckström 1998).
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import combinations, pairwise
 from typing import Any, Protocol
 
+import networkx as nx
+
 Fact = str
+Literal = tuple[Fact, bool]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -16,12 +24,10 @@ class Operator:
     """One skill with its arguments, as it changes facts.
 
     Attributes:
-        name: Unique.
-        parameters: Arguments of the skill.
         requires: Fact -> whether it must be true, or false, before.
         changes: Fact -> whether it is true afterwards; all others stay.
         cost: Plans with the least sum are preferred; at least 1.
-        reasons: One sentence each, for people.
+        reason: What its skill promises, for people.
     """
 
     name: str
@@ -31,18 +37,14 @@ class Operator:
     requires: Mapping[Fact, bool]
     changes: Mapping[Fact, bool]
     cost: int = 1
-    reasons: tuple[str, ...] = ()
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """So many of some literals, each a fact and the value that counts; one of one is a plain condition.
+    """So many of some literals, each a fact and the value that counts; one of one is a plain condition."""
 
-    Attributes:
-        text: As authored.
-    """
-
-    literals: tuple[tuple[Fact, bool], ...]
+    literals: tuple[Literal, ...]
     least: int
     most: int
     text: str = ""
@@ -78,11 +80,7 @@ class PlanningProblem:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Operators in an order that reaches the goal.
-
-    Attributes:
-        reached: Stage -> how many operators come before it is reached.
-    """
+    """Operators in an order that reaches the goal; `reached` counts for each stage those that come before it."""
 
     operators: tuple[Operator, ...]
     reached: tuple[int, ...]
@@ -97,16 +95,12 @@ class ProvenUnsolvable:
             their combination is impossible.
     """
 
-    unreachable: tuple[Fact, ...] = field(default=())
+    unreachable: tuple[Fact, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class NotFound:
-    """The limits of the engine were met first.
-
-    Attributes:
-        steps: No plan has fewer rounds of independent operators.
-    """
+    """The limits of the engine were met first; no plan has fewer rounds (`steps`) of independent operators."""
 
     steps: int
 
@@ -117,3 +111,79 @@ class Planner(Protocol):
     def solve(self, problem: PlanningProblem) -> Plan | ProvenUnsolvable | NotFound:
         """A plan, a proof that there is none, or neither within the engine's limits."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class CausalLink:
+    """A step makes a fact true or false for a later one; `needed_by` is None for the goal."""
+
+    made_by: int
+    fact: Fact
+    value: bool
+    needed_by: int | None
+
+
+def iter_states(problem: PlanningProblem, plan: Plan) -> Iterator[Mapping[Fact, bool]]:
+    """What is true or false before each step, and in the end; what has no value is false."""
+    state = dict.fromkeys(problem.initial, True)
+    yield state
+    for operator in plan.operators:
+        yield (state := {**state, **operator.changes})
+
+
+def _list_effects(problem: PlanningProblem, plan: Plan) -> list[dict[Fact, bool]]:
+    """Of each step the changes that really change something where it stands."""
+    return [
+        {fact: value for fact, value in operator.changes.items() if state.get(fact, False) is not value}
+        for operator, state in zip(plan.operators, iter_states(problem, plan), strict=False)
+    ]
+
+
+def find_causal_links(problem: PlanningProblem, plan: Plan) -> tuple[CausalLink, ...]:
+    """What each step is there for."""
+    made: dict[Fact, int] = {}
+    wanted: dict[Literal, None] = {}
+    links: list[CausalLink] = []
+    effects = _list_effects(problem, plan)
+    for index, state in enumerate(iter_states(problem, plan)):
+        for stage, reached in zip(problem.stages, plan.reached, strict=True):
+            if reached == index:
+                wanted |= dict.fromkeys(literal for each in stage for literal in each.literals)
+                met = [
+                    literal for literal in wanted if literal[0] in made and state.get(literal[0], False) is literal[1]
+                ]
+                links += [CausalLink(made[fact], fact, value, None) for fact, value in met]
+        if index < len(effects):
+            needs = plan.operators[index].requires.items()
+            links += [CausalLink(made[fact], fact, value, index) for fact, value in needs if fact in made]
+            made |= dict.fromkeys(effects[index], index)
+    return tuple(dict.fromkeys(links))
+
+
+def order_steps(problem: PlanningProblem, plan: Plan) -> "nx.DiGraph[int]":
+    """The steps of a plan by their index; every order that the graph allows reaches the goal.
+
+    The stages of a goal stay apart: all that comes before one is reached is done before all that comes after.
+    """
+    dag: nx.DiGraph[int] = nx.DiGraph()
+    count = len(plan.operators)
+    dag.add_nodes_from(range(count))
+    links = find_causal_links(problem, plan)
+    dag.add_edges_from((link.made_by, link.needed_by) for link in links if link.needed_by is not None)
+    pairs = combinations(enumerate(plan.operators), 2)
+    dag.add_edges_from((i, j) for (i, one), (j, other) in pairs if _conflict(one, other))
+    effects = _list_effects(problem, plan)
+    for capacity in problem.capacities:
+        entering = {fact for each in plan.operators for fact, value in each.changes.items() if value}
+        filled = (entering | problem.initial) & capacity.weights.keys()
+        if sum(capacity.weights[fact] for fact in filled) > capacity.most:
+            dag.add_edges_from(pairwise(i for i in range(count) if effects[i].keys() & capacity.weights.keys()))
+    for border in plan.reached:
+        dag.add_edges_from((i, j) for i in range(border) for j in range(border, count))
+    return nx.transitive_reduction(dag)
+
+
+def _conflict(one: Operator, other: Operator) -> bool:
+    """Whether the later one undoes what the earlier one needs, or writes a fact differently."""
+    literals = (*one.requires.items(), *one.changes.items())
+    return any(other.changes.get(fact, value) is not value for fact, value in literals)

@@ -4,7 +4,7 @@ Estimates by boxes, on the careful side; motion planning decides when a session 
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -139,22 +139,14 @@ def _bound(entity: Entity) -> NDArray[np.float64]:
     return np.array([below, [compute_reach(entity, axis) for axis in AXES]]) + entity.pose.position_m
 
 
-def is_in_reach(world: Environment, place: str | Sequence[float], profile: TargetProfile) -> bool:
+def is_in_reach(world: Environment, place: str | Spot, profile: TargetProfile) -> bool:
     """Whether a place is not farther than an arm may reach; a base can come nearer."""
-    if isinstance(place, str):
-        body, region = world.entities.get(place), world.regions.get(place)
-        near = compute_center(body) if body is not None else region.pose.position_m if region is not None else None
+    if isinstance(place, Spot):
+        near: Vector | None = place.point_m
+    elif place in world.entities:
+        near = compute_center(world.entities[place])
     else:
-        near = (place[0], place[1], place[2])
+        near = world.regions[place].pose.position_m if place in world.regions else None
     if profile.base is not None or near is None:
         return True
     return math.dist(near[:2], profile.mount_position_m[:2]) <= _REACH * profile.grasp_band_m[1]
-
-
-def list_tops(world: Environment) -> Iterator[str]:
-    """Things that others may be put on: what moves freely and has no interior, and what stands fixed."""
-    return (
-        name
-        for name, each in world.entities.items()
-        if each.interior is None and each.mechanism is None and not each.part_of
-    )

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.clauses import Clauses, finish
 from phyagentos.agent.understanding.nouns import Node, list_children
 from phyagentos.agent.understanding.reading import Readings, read_request

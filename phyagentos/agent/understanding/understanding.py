@@ -11,8 +11,7 @@ from enum import StrEnum
 from itertools import accumulate
 from typing import Any, Self
 
-from phyagentos.agent.goals.spec import NAME_MAX
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import NAME_MAX, WantedGoal
 from phyagentos.agent.understanding.vocabulary import ROLE, Vocabulary, iter_literals
 from phyagentos.errors import DefinitionError, find_nearest
 from phyagentos.protocol.world.predicates import syntax

@@ -18,7 +18,7 @@ import yaml
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.selector import ANY, find_lacks
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.targets import is_beside
 from phyagentos.protocol.documents.schema import read_yaml

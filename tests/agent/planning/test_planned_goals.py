@@ -10,9 +10,8 @@ from benchmarks.planning_goals_parts.kinematics import find_fault
 from benchmarks.planning_goals_parts.worlds import SOLVABLE, UNSOLVABLE, write_task
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
-from phyagentos.agent.goals.wanted import WantedGoal
-from phyagentos.agent.planning.graph_file import write_graph
-from phyagentos.agent.planning.planned import Lack, PlannedGoal, Unsolvable, plan_goal
+from phyagentos.agent.goals.spec import WantedGoal
+from phyagentos.agent.planning.planned import Lack, PlannedGoal, Unsolvable, plan_goal, write_graph
 from phyagentos.assembly.scene_start import draw_start
 from phyagentos.protocol.capabilities.library import Library
 

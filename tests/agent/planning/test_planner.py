@@ -1,11 +1,12 @@
 """The planner: fewest rounds, stages in order, proofs that there is no plan, and the order that effects allow."""
 
+from dataclasses import replace
+
 import networkx as nx
 import pytest
 
 from phyagentos.agent.planning import answer_sets
 from phyagentos.agent.planning.answer_sets import AnswerSetPlanner
-from phyagentos.agent.planning.ordering import find_causal_links, order_steps
 from phyagentos.agent.planning.problem import (
     Capacity,
     Condition,
@@ -14,6 +15,8 @@ from phyagentos.agent.planning.problem import (
     Plan,
     PlanningProblem,
     ProvenUnsolvable,
+    find_causal_links,
+    order_steps,
 )
 
 
@@ -130,3 +133,16 @@ def test_the_same_problem_has_the_same_answer(count):
     goal = want(*(at(thing, "y") for thing in start))
     problem = make_problem(tuple(start), ("x", "y"), start, goal, room={"x": count, "y": count})
     assert names(solve(problem)) == names(solve(problem))
+
+
+def test_what_the_solver_reads_does_not_depend_on_the_order_of_a_set(monkeypatch):
+    class Reversed(frozenset):
+        def __iter__(self):
+            return iter(reversed([*super().__iter__()]))
+
+    programs, describe = [], answer_sets._describe
+    monkeypatch.setattr(answer_sets, "_describe", lambda *given: programs.append(describe(*given)) or programs[-1])
+    problem = make_problem(("a", "b"), ("x", "y"), {"a": "x", "b": "y"}, want(at("a", "y"), at("b", "y")))
+    for initial in (problem.initial, Reversed(problem.initial)):
+        solve(replace(problem, initial=initial))
+    assert programs[0] == programs[1]

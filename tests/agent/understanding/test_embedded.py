@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from phyagentos.agent.goals.wanted import WantedGoal
+from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
