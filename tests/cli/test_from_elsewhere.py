@@ -17,7 +17,7 @@ TREE = "tree: nod\ndescription: Nod.\nroot:\n  sequence:\n    children:\n      -
 TREE += "      - nod_again: {seen: $seen}\n      - for_each: {each: $one, in: $seen, child: {locate: {object: $one}}}\n"
 PYTHON = """from pathlib import Path
 Path(__file__).with_name("ran").touch()
-from phyagentos.runtime.execution.leaves.control import Wait
+from phyagentos.runtime.execution.leaves.wait import Wait
 def register(registry):
     registry.register("nod_once", Wait)
     registry.register("nod_again", Wait)

@@ -24,7 +24,7 @@ from phyagentos.protocol.world.predicates.predicate import find_formula
 from phyagentos.protocol.world.predicates.syntax import Call, Name, Point
 from phyagentos.runtime.execution.context import compute_leaf_seed
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
-from phyagentos.runtime.execution.leaves.placing import list_removable
+from phyagentos.runtime.execution.leaves.plan_room import list_removable
 from phyagentos.runtime.motion.grasps import foresee_payload
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.motion.requests import (

@@ -6,7 +6,7 @@ SABOTAGES = (
     Sabotage(
         name="kept_thing_moved_out",
         lie="To make room a session moves out what the goal says must stay.",
-        edits=(Edit("phyagentos.runtime.execution.leaves.placing", " and each not in session.kept", ""),),
+        edits=(Edit("phyagentos.runtime.execution.leaves.plan_room", " and each not in session.kept", ""),),
         tests=(
             "tests/runtime/test_preflight_dry_run.py::"
             "test_what_the_tree_moves_out_of_the_destination_is_no_obstacle[more1-False]",
@@ -21,7 +21,7 @@ SABOTAGES = (
     Sabotage(
         name="leaf_always_succeeds",
         lie="`verify_grasp` finds the object between the fingers whatever they touch.",
-        edits=(Edit("phyagentos.runtime.execution.leaves.held", "if name in held:", "if True:"),),
+        edits=(Edit("phyagentos.runtime.execution.leaves.verify_grasp", "if name in held:", "if True:"),),
         tests=("tests/runtime/test_runner.py::test_a_grasp_on_air_fails_with_its_code",),
     ),
     Sabotage(

@@ -7,7 +7,7 @@ import pytest
 from phyagentos.geometry import Pose
 from phyagentos.protocol.world.environment import Entity, Environment, Shape, ShapeKind, TargetState
 from phyagentos.runtime.execution.leaf import Status
-from phyagentos.runtime.execution.leaves.held import FindHeld
+from phyagentos.runtime.execution.leaves.find_held import FindHeld
 
 CUBE = (Shape(ShapeKind.BOX, (0.02, 0.02, 0.02)),)
 

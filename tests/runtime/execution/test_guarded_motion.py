@@ -8,7 +8,7 @@ import pytest
 
 from phyagentos.geometry import Pose, compute_pose
 from phyagentos.protocol.world.environment import Entity, Interior, Shape, ShapeKind
-from phyagentos.runtime.execution.leaves.lines import PITCH_M, PlanInsert
+from phyagentos.runtime.execution.leaves.plan_insert import PITCH_M, PlanInsert
 from phyagentos.runtime.motion.poses import point_tool_down
 from phyagentos.runtime.motion.requests import Payload
 

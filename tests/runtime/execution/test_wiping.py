@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from phyagentos.runtime.execution.leaves.lines import OVERLAP_M, list_corners
+from phyagentos.runtime.execution.leaves.plan_wipe import OVERLAP_M, list_corners
 
 
 @pytest.mark.parametrize(

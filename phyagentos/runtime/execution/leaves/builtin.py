@@ -1,16 +1,35 @@
 """The leaves that ship, by the names that trees use."""
 
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
-from phyagentos.runtime.execution.leaves.control import Fail, Wait
+from phyagentos.runtime.execution.leaves.attach import Attach
+from phyagentos.runtime.execution.leaves.detach import Detach
+from phyagentos.runtime.execution.leaves.drive_to import DriveTo
+from phyagentos.runtime.execution.leaves.fail import Fail
+from phyagentos.runtime.execution.leaves.find_held import FindHeld
 from phyagentos.runtime.execution.leaves.find_opening import FindOpening
 from phyagentos.runtime.execution.leaves.gripper import CloseGripper, OpenGripper
-from phyagentos.runtime.execution.leaves.held import Attach, Detach, FindHeld, VerifyGrasp
-from phyagentos.runtime.execution.leaves.lines import PlanInsert, PlanLine, PlanReach, PlanRetreat, PlanWipe
-from phyagentos.runtime.execution.leaves.moves import DriveTo, MoveHome, MoveLevel, MoveLinear, MovePosture, MoveTo
-from phyagentos.runtime.execution.leaves.placing import PlanGrasp, PlanPlace, PlanRoom
-from phyagentos.runtime.execution.leaves.pushing import PlanPush, PlanTouch
-from phyagentos.runtime.execution.leaves.sight import IsSharp, Locate, Look
-from phyagentos.runtime.execution.leaves.vessels import PlanCarry, PlanPour
+from phyagentos.runtime.execution.leaves.is_sharp import IsSharp
+from phyagentos.runtime.execution.leaves.locate import Locate
+from phyagentos.runtime.execution.leaves.look import Look
+from phyagentos.runtime.execution.leaves.move_home import MoveHome
+from phyagentos.runtime.execution.leaves.move_level import MoveLevel
+from phyagentos.runtime.execution.leaves.move_linear import MoveLinear
+from phyagentos.runtime.execution.leaves.move_posture import MovePosture
+from phyagentos.runtime.execution.leaves.move_to import MoveTo
+from phyagentos.runtime.execution.leaves.plan_carry import PlanCarry
+from phyagentos.runtime.execution.leaves.plan_grasp import PlanGrasp
+from phyagentos.runtime.execution.leaves.plan_insert import PlanInsert
+from phyagentos.runtime.execution.leaves.plan_line import PlanLine
+from phyagentos.runtime.execution.leaves.plan_place import PlanPlace
+from phyagentos.runtime.execution.leaves.plan_pour import PlanPour
+from phyagentos.runtime.execution.leaves.plan_push import PlanPush
+from phyagentos.runtime.execution.leaves.plan_reach import PlanReach
+from phyagentos.runtime.execution.leaves.plan_retreat import PlanRetreat
+from phyagentos.runtime.execution.leaves.plan_room import PlanRoom
+from phyagentos.runtime.execution.leaves.plan_touch import PlanTouch
+from phyagentos.runtime.execution.leaves.plan_wipe import PlanWipe
+from phyagentos.runtime.execution.leaves.verify_grasp import VerifyGrasp
+from phyagentos.runtime.execution.leaves.wait import Wait
 
 
 def register_builtin(registry: LeafRegistry) -> None:

@@ -1,9 +1,8 @@
-"""Leaves that ask for ways of a held vessel: level, or beside a bowl and tipped there about the edge of its mouth."""
+"""Ask for a way of a held vessel beside a bowl, and for tipping it there about the edge of its mouth."""
 
 from itertools import product
 
 import numpy as np
-from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix, compute_pose, to_parent, turn
 from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
@@ -12,57 +11,12 @@ from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindLine, MotionRequest, Payload
 from phyagentos.runtime.perception.world_model import BELIEF
 
-OVER_M = (0.09, 0.18, 0.27, 0.36)  # heights above the end at which it may travel [m], lowest first
 ABOVE_M = (0.03, 0.05, 0.07, 0.09)  # of the edge above the bowl's rim in the end, lowest first
 CLEAR_M = 0.02  # of the vessel's lower end above the rim, while it is tipped
 SHORT_M = 0.02  # of the edge before the bowl's middle: what leaves the mouth flies on
 AZIMUTHS_DEG = (0, 30, -30, 60, -60, 90, -90)  # of the mouth, from the way to the robot's base
 CANDIDATES = tuple(product(ABOVE_M, AZIMUTHS_DEG, (1, -1)))  # at the last, the hand turned either way
 TIPS_RAD = np.linspace(0.0, 1.92, 21)
-
-
-class PlanCarry(CandidatePlanningLeaf):
-    """A level way with the payload to the first of several approaches that can be reached so.
-
-    It is made of straight lines of the tool that turn about the vertical only.
-    """
-
-    ROLE = Role.PLAN
-    INPUT_PORTS = {
-        "approaches": PortInformation(data_type=Approaches, description="Where it may end."),
-        "payload": PortInformation(data_type=Payload, description="What is held, and how."),
-        "destination": PortInformation(data_type=str, description="Entity that the payload may touch at the end."),
-    }
-    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The way, from here to the end.")}
-
-    def compose(self) -> MotionRequest | Status:
-        """Up, over, down."""
-        approach, over_m = self._list_candidates()[self.tried]
-        end = compute_matrix(approach.tcp_end)
-        over = raise_pose(end, over_m)
-        here = compute_matrix(self.context.step.target.tcp)
-        up = raise_pose(here, max(0.0, float(over[2, 3] - here[2, 3])))
-        return FindLine(
-            world=self.world(),
-            q_rad=self.context.commands.q_rad,
-            waypoints=tuple(compute_pose(pose) for pose in (up, over, end)),
-            seed=self.context.draw_seed(self.path),
-            payload=self.read("payload"),
-            ignore=(self.read("destination"),),  # the way down was checked against it with the approach
-        )
-
-    def count_candidates(self) -> int:
-        """The approaches, then once more higher above the obstacles."""
-        return len(self._list_candidates())
-
-    def on_found(self, answer: Approaches) -> Status:
-        """Write the way."""
-        approach, over_m = self._list_candidates()[self.tried]
-        self.write("approach", replace(answer.approaches[0], release_m=approach.release_m, fall_m=approach.fall_m))
-        return self.succeed("", label=approach.label, over_m=over_m, tried=self.tried + 1)
-
-    def _list_candidates(self) -> list[tuple[Approach, float]]:
-        return [(approach, over_m) for over_m in OVER_M for approach in self.read("approaches").approaches]
 
 
 class PlanPour(CandidatePlanningLeaf):

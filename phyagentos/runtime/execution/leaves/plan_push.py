@@ -1,10 +1,9 @@
-"""Leaves that ask for ways of the closed fingers: a push along a support, a touch from above."""
+"""Ask for a straight push of an object along its support."""
 
-from phyagentos.protocol.world.predicates.geometry import compute_reach
 from phyagentos.protocol.world.relations import list_inside
 from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
-from phyagentos.runtime.execution.planning import ApproachPlanningLeaf, PlanningLeaf
-from phyagentos.runtime.motion.requests import Approaches, FindPush, FindTouch, MotionRequest
+from phyagentos.runtime.execution.planning import PlanningLeaf
+from phyagentos.runtime.motion.requests import Approaches, FindPush, MotionRequest
 from phyagentos.runtime.perception.world_model import BELIEF
 
 
@@ -42,35 +41,3 @@ class PlanPush(PlanningLeaf[Approaches]):
         """Write the ways."""
         self.write("ways", answer)
         return self.succeed("", labels=[approach.label for approach in answer.approaches])
-
-
-class PlanTouch(ApproachPlanningLeaf):
-    """Ways down until the fingertips are on top of the object, where its middle shall be then."""
-
-    ROLE = Role.PLAN
-    INPUT_PORTS = {
-        "object": PortInformation(data_type=str, description="Name of the entity to touch."),
-        "to": PortInformation(
-            data_type=tuple, required=False, description="Where its middle shall be, world frame [m]; else where it is."
-        ),
-        "above_m": PortInformation(data_type=float, default_value=0.0, description="End so far above it [m]."),
-        "hover_m": PortInformation(data_type=float, default_value=0.06, description="Length of the way [m]."),
-    }
-
-    def compose(self) -> MotionRequest | Status:
-        """One request, with the fingers as they stand."""
-        name = self.read("object")
-        entity = self.context.world.observe(BELIEF).entities.get(name)
-        if entity is None:
-            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
-        x, y, z = self.find("to") or entity.pose.position_m
-        return FindTouch(
-            world=self.world(),
-            object=name,
-            at_m=(x, y, z + compute_reach(entity, (0.0, 0.0, 1.0)) + self.read("above_m")),
-            q_rad=self.context.commands.q_rad,
-            seed=self.context.draw_seed(self.path),
-            ignore=(entity.part_of,) if entity.part_of else (),
-            hover_m=self.read("hover_m"),
-            width_m=self.context.step.target.gripper_width_m,
-        )

@@ -1,4 +1,4 @@
-"""Leaves that end by themselves: after a time, or at once with a code."""
+"""Let simulated time go by."""
 
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
 
@@ -26,17 +26,3 @@ class Wait(Leaf):
     def on_waited(self) -> Status:
         """Time is up."""
         return self.succeed()
-
-
-class Fail(Leaf):
-    """Always fails."""
-
-    ROLE = Role.DECIDE
-    INPUT_PORTS = {
-        "code": PortInformation(data_type=str, description="Coded reason, upper case."),
-        "message": PortInformation(data_type=str, default_value="no way is left", description="One sentence."),
-    }
-
-    def on_start(self) -> Status:
-        """Fail."""
-        return self.fail(self.read("code"), self.read("message"))

@@ -1,0 +1,37 @@
+"""Follow a level way, timed so that an open vessel does not spill."""
+
+from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.planning import MovingLeaf
+from phyagentos.runtime.motion.requests import (
+    Approach,
+    MotionRequest,
+    Payload,
+    ShapeTransport,
+)
+
+
+class MoveLevel(MovingLeaf):
+    """The way of an approach, with the tilt of the vessel against its apparent gravity bounded."""
+
+    ROLE = Role.MOVE
+    INPUT_PORTS = {
+        "approach": PortInformation(data_type=Approach, description="The way."),
+        "payload": PortInformation(data_type=Payload, description="What must stay in the fingers."),
+        "tilt_max_rad": PortInformation(
+            data_type=float, default_value=0.08, description="Largest apparent tilt [rad], accelerations included."
+        ),
+        "method": PortInformation(
+            data_type=str, default_value="casadi", description="`casadi` (shaped) or `toppra` (joint limits only)."
+        ),
+    }
+
+    def compose(self) -> MotionRequest | Status:
+        """Time the way."""
+        payload = self.read("payload")
+        self._held = payload.entity
+        return ShapeTransport(
+            waypoints_rad=self.read("approach").line_rad,
+            tilt_max_rad=self.read("tilt_max_rad"),
+            method=self.read("method"),
+            load=payload.load,
+        )

@@ -1,0 +1,79 @@
+"""Ask for ways to take hold of an object."""
+
+from phyagentos.protocol.world.mechanisms import find_hinge
+from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.planning import BESIDE, CandidatePlanningLeaf
+from phyagentos.runtime.motion.requests import (
+    Approaches,
+    Destination,
+    FindGrasps,
+    MotionRequest,
+)
+from phyagentos.runtime.perception.world_model import BELIEF
+
+LEVEL_SINE = 0.1  # of a hinge with the horizontal
+
+
+class PlanGrasp(CandidatePlanningLeaf):
+    """Approaches onto the object, if any those from which it can be put where it goes then.
+
+    Those named in the strategy's `avoid_grasps` are left out. With `sides`, those from which it can be put down turned:
+    with the first of these sides up that one grasp can bring up.
+    """
+
+    ROLE = Role.PLAN_GRASP
+    INPUT_PORTS = {
+        "object": PortInformation(data_type=str, description="Name of the entity to take hold of."),
+        "hinged": PortInformation(
+            data_type=str, required=False, description="What the handle belongs to: a level hinge turns in the fingers."
+        ),
+        "destination": PortInformation(
+            data_type=str, required=False, description="Entity or region where it goes then; as at `plan_place`."
+        ),
+        "relation": PortInformation(data_type=str, default_value="inside", description="`inside` or `on`."),
+        "near": PortInformation(
+            data_type=tuple, required=False, description="Point to stay close to, world frame [m]."
+        ),
+        "sides": PortInformation(
+            data_type=tuple, default_value=(), description="Directions in its frame, one of which shall point up then."
+        ),
+        "hover_m": PortInformation(data_type=float, default_value=0.08, description="Length of the approach [m]."),
+        "beside": BESIDE,
+    }
+    OUTPUT_PORTS = {
+        "approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first."),
+        "up": PortInformation(data_type=tuple, required=False, description="The side that points up then."),
+    }
+
+    def count_candidates(self) -> int:
+        """Number of sides."""
+        return len(self.read("sides")) or 1
+
+    def compose(self) -> MotionRequest | Status:
+        """One request for each side."""
+        whole = self.context.world.observe(BELIEF).entities.get(self.find("hinged") or "")
+        axis = find_hinge(whole) if whole is not None else None
+        destination, near = self.find("destination"), self.find("near")
+        point = None if near is None else (float(near[0]), float(near[1]), float(near[2]))
+        return FindGrasps(
+            world=self.world(),
+            object=self.read("object"),
+            q_rad=self.context.commands.q_rad,
+            seed=self.context.draw_seed(self.path),
+            avoid=self.context.session.strategy.avoid_grasps,
+            hover_m=self.read("hover_m"),
+            along=(axis[0], axis[1], axis[2]) if axis is not None and abs(axis[2]) < LEVEL_SINE else None,
+            then=None
+            if destination is None
+            else Destination(destination, self.read("relation"), point, self._get_up()),
+        )
+
+    def on_found(self, answer: Approaches) -> Status:
+        """Write the approaches, name the labels."""
+        self.write("approaches", answer)
+        if (up := self._get_up()) is not None:
+            self.write("up", up)
+        return self.succeed("", labels=[approach.label for approach in answer.approaches])
+
+    def _get_up(self) -> tuple[float, float, float] | None:
+        return tuple(self.read("sides")[self.tried]) if self.read("sides") else None

@@ -1,0 +1,70 @@
+"""Ask what has to go before there is room for an object where it is put."""
+
+from phyagentos.geometry import Vector
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support
+from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaves.plan_grasp import PlanGrasp
+from phyagentos.runtime.execution.planning import PlanningLeaf
+from phyagentos.runtime.execution.tree_check import Names
+from phyagentos.runtime.motion.requests import (
+    Approaches,
+    Destination,
+    FindGrasps,
+    MotionRequest,
+    NoPlan,
+)
+from phyagentos.runtime.perception.world_model import BELIEF
+
+
+class PlanRoom(PlanningLeaf[Approaches]):
+    """The fewest things to move away, and where to; none where there is room, or where moving gives none."""
+
+    ROLE = Role.PLAN_ROOM
+    INPUT_PORTS = {port: PlanGrasp.INPUT_PORTS[port] for port in ("object", "destination", "relation", "near")}
+    OUTPUT_PORTS = {
+        "things": PortInformation(data_type=Names, description="What has to go, the first one first."),
+        "support": PortInformation(data_type=str, description="Entity to put them on."),
+        "to": PortInformation(data_type=tuple, description="Where about, world frame [m]."),
+    }
+
+    def compose(self) -> MotionRequest | Status:
+        """One request, where the destination holds anything that may be moved."""
+        now, name, near = self.context.world.observe(BELIEF), self.read("object"), self.find("near")
+        point = None if near is None else (float(near[0]), float(near[1]), float(near[2]))
+        then = Destination(self.read("destination"), self.read("relation"), point)
+        if not (things := list_removable(self.context.session, now, name, then.name)):
+            return self._leave()
+        q_rad, seed = self.context.commands.q_rad, self.context.draw_seed(self.path)
+        return FindGrasps(self.world(), q_rad, seed, name, count=1, then=then, removable=things)
+
+    def on_answer(self, answer: Approaches) -> Status:
+        """Write what has to go."""
+        now, profile, place = self.context.world.observe(BELIEF), self.context.profile, self.read("destination")
+        here_m = now.entities[self.read("object")].pose.position_m
+        there_m = (now.regions.get(place) or now.entities[place]).pose.position_m
+        middle_m = ((here_m[0] + there_m[0]) / 2, (here_m[1] + there_m[1]) / 2, here_m[2])
+        for first in answer.gone[:1]:
+            support, needed = find_support(now, first), (here_m, middle_m, there_m)
+            spot = find_free_spot(now, first, needed, profile.mount_position_m, profile.grasp_band_m)
+            if spot is not None and support is not None:
+                return self._leave(answer.gone, support.name, spot)
+        return self._leave()
+
+    def on_refused(self, answer: NoPlan) -> Status:
+        """Nothing is moved: the way to the place is planned next, and says what is wrong."""
+        return self._leave()
+
+    def _leave(self, things: tuple[str, ...] = (), support: str = "", to: Vector = (0.0, 0.0, 0.0)) -> Status:
+        for port, value in (("things", Names(things)), ("support", support), ("to", to)):
+            self.write(port, value)
+        return self.succeed("", things=list(things))
+
+
+def list_removable(session: Session, now: Environment, name: str, destination: str) -> tuple[str, ...]:
+    """What fills a destination and may be moved out for a thing; last what the goal itself puts there."""
+    if any("*" in text for text in (*session.hold, *session.accept)):
+        return ()  # it is about every thing
+    found = [each for each in find_filling(now, destination) if each != name and each not in session.kept]
+    return tuple(sorted(found, key=lambda each: each in session.coming))
