@@ -2,8 +2,8 @@
 
 from phyagentos.protocol.world.environment import Entity, Pose
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
-from phyagentos.runtime.execution.leaves.wait import Wait
 from phyagentos.runtime.execution.leaves.locate import find_visible
+from phyagentos.runtime.execution.leaves.wait import Wait
 
 
 class Look(Wait):
