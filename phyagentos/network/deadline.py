@@ -26,14 +26,10 @@ class Deadline:
 
 
 def connect(host: str, port: int, deadline: Deadline) -> socket.socket:
-    """A TCP connection.
+    """A TCP connection; raises OSError, TimeoutError where that comes too late, or ValueError for no name of a host.
 
     It is opened in a thread, which is left behind when it takes too long: to look up a name has no limit of its own,
     and each address of a name gets the whole time.
-
-    Raises:
-        OSError: The server cannot be reached; TimeoutError when it cannot in time.
-        ValueError: The name of the host is none.
     """
     opened: Future[socket.socket] = Future()
     left_s = deadline.compute_left_s()

@@ -26,11 +26,7 @@ _EntryT = TypeVar("_EntryT", bound=MemoryEntry)
 
 
 def iter_sections(workspace: Workspace, ledger: Ledger, goal: GoalStatus | None) -> Iterator[Section]:
-    """Every section but the question. What a goal uses stands first; only its limits and what holds for it are shown.
-
-    Raises:
-        DefinitionError: With every problem of a document that cannot be read.
-    """
+    """Every section but the question, what a goal uses first; raises DefinitionError of an unreadable document."""
     nodes = goal.nodes if goal else {}
     sessions = [ledger.sessions[id] for node in nodes.values() for id in node.sessions if id in ledger.sessions]
     world = read_document(read_text(workspace.environment), ENVIRONMENT).blocks.get("Snapshot")
@@ -55,10 +51,8 @@ def iter_sections(workspace: Workspace, ledger: Ledger, goal: GoalStatus | None)
     limits = read_safety(workspace.safety).targets
     bounds = ((n, path, limit) for n in limits if n in used or not goal for path, limit, _ in limits[n].iter_limits())
     yield Section("limits", {".".join((name, *path)): select("limits", limit) for name, path, limit in bounds})
-    for section, active in (
-        ("lessons", read_active(workspace.lessons, LESSONS)),
-        ("knowledge", read_active(workspace.knowledge, KNOWLEDGE)),
-    ):
+    lessons, knowledge = read_active(workspace.lessons, LESSONS), read_active(workspace.knowledge, KNOWLEDGE)
+    for section, active in (("lessons", lessons), ("knowledge", knowledge)):
         held = (e for e in active if not sessions or any(holds_for(e.scope, s.contract, world) for s in sessions))
         yield Section(section, {each.id: select(section, each) for each in held})
 

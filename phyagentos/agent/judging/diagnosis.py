@@ -66,7 +66,6 @@ class Diagnosis:
     Attributes:
         fact: The deciding observation, in words, with its number.
         object: The entity concerned, None when unknown.
-        stage: How far the skill had come.
         support: The numbers of the evidence behind it.
         prior: Earlier sessions of the node, the oldest first.
     """
@@ -82,9 +81,8 @@ class Diagnosis:
     @property
     def kind(self) -> CauseClass:
         """Class of the cause; an object lost before it was lifted counts as a bad grasp."""
-        if self.cause is Cause.GRASP_LOST and self.stage < Stage.LIFTED:
-            return CauseClass.GRASP
-        return self.cause.kind
+        is_bad_grasp = self.cause is Cause.GRASP_LOST and self.stage < Stage.LIFTED
+        return CauseClass.GRASP if is_bad_grasp else self.cause.kind
 
     @property
     def repeats(self) -> int:
@@ -238,14 +236,11 @@ def _was_held(timeline: ManipulationTimeline) -> bool:
 
 def _describe_end(bundle: Bundle) -> str:
     """`pick/verify_grasp failed with GRASP_MISSED: the fingers, 0.4 mm apart, ... (width_m 0.0004)`."""
-    execution = bundle.execution
-    parts = [execution.leaf or "the execution", f"ended {execution.ended}"]
-    if execution.code:
-        parts.append(f"with {execution.code}")
-    event = find_failed_leaf(bundle)
+    execution, event = bundle.execution, find_failed_leaf(bundle)
+    code = f" with {execution.code}" if execution.code else ""
     message = (execution.message or (event.message if event else "")).rstrip(".")
     numbers = [f"{k} {v:.4g}" for k, v in (event.numbers if event else {}).items() if isinstance(v, float)]
-    text = " ".join(parts) + (f": {message}" if message else "")
+    text = f"{execution.leaf or 'the execution'} ended {execution.ended}{code}" + (f": {message}" if message else "")
     return f"{text} ({', '.join(numbers)})" if numbers else text
 
 

@@ -34,11 +34,7 @@ Age = tuple[int, str]
 
 @dataclass(slots=True)
 class Seen:
-    """The world before the first and after the latest of some sessions, with their ages; None before any was observed.
-
-    Attributes:
-        now_file: File of `now`, relative to the workspace.
-    """
+    """The world before the first and after the latest of some sessions, with their ages, and the file of the latter."""
 
     initial: Environment | None = None
     now: Environment | None = None

@@ -77,10 +77,8 @@ def review_session(
     """Judge a session once more and record it; earlier judgements and the session's state stay.
 
     Of the `lineage`, the sessions of its node, it takes over the conditions that these could not see; judges are shown
-    what became of them, and the lessons in force.
-
-    Raises:
-        DefinitionError: `NOT_JUDGED` when it has no verdict yet, or was never executed.
+    what became of them, and the lessons in force. Raises DefinitionError `NOT_JUDGED` where it has no verdict yet, or
+    was never executed.
     """
     id = status.contract.id
     if REVIEW not in list_triggers(status.state) or status.execution is None:
@@ -101,8 +99,7 @@ def review_session(
 def judge_again(bundle: Bundle, seen: Seen, verifier: SessionVerifier, decision: Attempt | None) -> JudgedAgain:
     """Judge a session on its looks, perceived again, and compare that with the judgement that decided, if any.
 
-    Raises:
-        ExecutionError: `LOOK_MISSING`: the bundle does not hold the look of a snapshot.
+    Raises ExecutionError `LOOK_MISSING` where the bundle does not hold the look of a snapshot.
     """
     again, holds = _replace_snapshots(bundle, seen)
     attempt = verifier.judge(again, History())

@@ -51,13 +51,7 @@ class History:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionVerifier:
-    """Composes judges and decides.
-
-    Attributes:
-        judges: Asked in this order.
-        costly: Asked after them, and only while nothing is false.
-        name: With its version, as recorded.
-    """
+    """Composes judges and decides; `costly` ones are asked after the others, and only while nothing is false."""
 
     judges: Sequence[Judge] = DEFAULT_JUDGES
     costly: Sequence[Judge] = ()

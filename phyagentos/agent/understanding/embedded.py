@@ -65,15 +65,10 @@ def _interpret(
         return Impossible(lacks=tuple(dict.fromkeys(said.lacks)))
     if said.questions:
         return Ambiguous(questions=tuple(dict.fromkeys(said.questions)))
-    return conclude(
-        request,
-        vocabulary,
-        {"constraints": constraints, "steps": steps, "accept": accept},
-        reasons=tuple(dict.fromkeys(said.reasons)),
-        left_out=said.left_out,
-        unsaid=(*read.unsaid, *said.unsaid),
-        chosen=tuple(dict.fromkeys(said.chosen)),
-    )
+    parts = {"constraints": constraints, "steps": steps, "accept": accept}
+    reasons, chosen = (tuple(dict.fromkeys(each)) for each in (said.reasons, said.chosen))
+    told = {"reasons": reasons, "left_out": said.left_out, "unsaid": (*read.unsaid, *said.unsaid), "chosen": chosen}
+    return conclude(request, vocabulary, parts, **told)
 
 
 def _summarise(goal: WantedGoal) -> str:

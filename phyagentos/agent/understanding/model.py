@@ -149,11 +149,7 @@ def write_answers(path: Path, request: str, scene: str, model: ModelUnderstander
 
 
 def replay_answers(path: Path, request: str, scene: str) -> Callable[..., Completion]:
-    """A model that gives the answers of a file in their order; they pass the same checks as those of any.
-
-    Raises:
-        DefinitionError: It is no such file, or of another request or scene; also when it is asked for one more answer.
-    """
+    """A model that gives the answers of a file in their order; raises DefinitionError where that has no fitting one."""
     try:
         kept = msgspec.json.decode(path.read_bytes(), type=AnswerFile)
     except msgspec.MsgspecError as error:

@@ -66,11 +66,9 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     text = re.sub(_alternatives((*idle, *manner)), " ", text)
     text = " ".join(text.split()).strip(" ,;")
     content = sorted({word for word in words if len(word) >= LEAST_NEAR} | adjectives | nouns)
-    strange = (word for word in _WORD.findall(text) if word not in words and not re.fullmatch(r"[\d.]+|[+-]", word))
-    near = {word: find_nearest(word, content) or "" for word in strange}
-    if near:
-        lacks = (Lack(kind=LackKind.WORD, words=word, nearest=known) for word, known in near.items())
-        return Impossible(lacks=tuple(lacks))
+    strange = [word for word in _WORD.findall(text) if word not in words and not re.fullmatch(r"[\d.]+|[+-]", word)]
+    if near := {word: find_nearest(word, content) or "" for word in strange}:
+        return Impossible(lacks=tuple(Lack(kind=LackKind.WORD, words=word, nearest=near[word]) for word in near))
     if len(text) > MOST_LETTERS:
         return refuse(LackKind.SENTENCE, text[MOST_LETTERS:])
     try:

@@ -68,10 +68,9 @@ class LackKind(_Kind):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """One thing to ask back, about some words of the request; any number may be answered where it has no candidates.
+    """One thing to ask back, about some words; any number may be answered where it has no candidates.
 
-    Attributes:
-        key: What an answer refers to: the words, and where they begin.
+    An answer refers to the key: the words, and where in the request they begin.
     """
 
     kind: QuestionKind

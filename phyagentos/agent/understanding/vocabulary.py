@@ -82,11 +82,7 @@ class Vocabulary:
 
     @classmethod
     def read(cls, catalogue: Catalogue, scene: str, past: Iterable[WantedGoal] = (), robot: str = ANY) -> "Vocabulary":
-        """The vocabulary of a scene.
-
-        Raises:
-            DefinitionError: The scene is unknown or cannot be read.
-        """
+        """The vocabulary of a scene; raises DefinitionError where that is unknown or cannot be read."""
         if scene not in catalogue.scenes:
             raise DefinitionError.unknown("UNKNOWN_SCENE", "--scene", scene, catalogue.scenes)
         spec = read_scene(catalogue.scenes[scene])

@@ -66,10 +66,9 @@ class JudgeDefinition:
 
 
 def add_installed(known: dict[str, JudgeDefinition]) -> None:
-    """Add judges of installed packages to those known by name; one that does not load raises when it is opened.
+    """Add judges of installed packages to those known by name; raises ValueError for a name that is taken or wrong.
 
-    Raises:
-        ValueError: A name is taken, or what is announced is no judge of that name.
+    One that does not load raises when it is opened.
     """
     for point in sorted(entry_points(group=JUDGE_ENTRY_POINTS), key=lambda point: point.name):
         try:

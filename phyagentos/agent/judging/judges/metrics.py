@@ -5,6 +5,7 @@ Peaks are taken over every control period, so that a spike of one period counts.
 leaf or the session's outputs say of themselves is not measured: it counts only as `metric(reported_NAME)`.
 """
 
+import contextlib
 import math
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -37,14 +38,9 @@ MAX_BYTES = 64 * 1024 * 1024  # of a trajectory: an hour of a seven-jointed arm
 _LAST = slice(-1, None)  # row
 
 
-def _read_peak(array: str, rows: slice = slice(None)) -> "Callable[[Trajectory], float]":
-    """The largest magnitude in some rows, of all without any."""
-    return lambda trajectory: float(abs(trajectory[array][rows]).max())
-
-
-def _read_error(trajectory: "Trajectory", rows: slice) -> float:
-    """The largest difference of a joint between what was commanded and what was measured [rad]."""
-    return float(abs(trajectory["q_commanded"] - trajectory["q_measured"])[rows].max())
+def _read_peak(array: str, rows: slice = slice(None), less: str = "") -> "Callable[[Trajectory], float]":
+    """The largest magnitude in some rows of an array, or of its difference from another one."""
+    return lambda trajectory: float(abs(trajectory[array] - (trajectory[less] if less else 0.0))[rows].max())
 
 
 def _read_peak_acceleration(trajectory: "Trajectory") -> float:
@@ -66,12 +62,12 @@ def _read_rest(trajectory: "Trajectory") -> float:
 
 TRAJECTORY_METRICS: "Mapping[str, Callable[[Trajectory], float]]" = {
     "final_joint_speed_rad_s": _read_peak("qd_measured", _LAST),
-    "final_tracking_error_rad": lambda trajectory: _read_error(trajectory, _LAST),
+    "final_tracking_error_rad": _read_peak("q_commanded", _LAST, "q_measured"),
     "final_rest_s": _read_rest,
     "final_gripper_width_m": _read_peak("gripper_measured_m", _LAST),
     "peak_joint_speed_rad_s": _read_peak("qd_measured"),
     "peak_joint_acceleration_rad_s2": _read_peak_acceleration,
-    "peak_tracking_error_rad": lambda trajectory: _read_error(trajectory, slice(None)),
+    "peak_tracking_error_rad": _read_peak("q_commanded", less="q_measured"),
     "peak_force_n": _read_peak("force_n"),
     "peak_force_n_error": _read_peak("force_error_n"),
 }
@@ -105,13 +101,9 @@ def read_course(folder: Path, wanted: set[str]) -> dict[str, float]:
         return {}
     found = {}
     for name in sorted(wanted & TRAJECTORY_METRICS.keys()):
-        try:
-            value = TRAJECTORY_METRICS[name](trajectory)
-        except (KeyError, IndexError, ValueError):  # not recorded, or nothing was commanded
-            continue
-        if math.isfinite(value):
-            found[name] = value
-    return found
+        with contextlib.suppress(KeyError, IndexError, ValueError):  # not recorded, or nothing was commanded
+            found[name] = TRAJECTORY_METRICS[name](trajectory)
+    return {name: value for name, value in found.items() if math.isfinite(value)}
 
 
 @dataclass(frozen=True, slots=True)

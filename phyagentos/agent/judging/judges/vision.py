@@ -25,7 +25,7 @@ from phyagentos.protocol.sessions.evidence_manifest import keep_shown
 from phyagentos.protocol.sessions.looks import LOOKS, LookRole, read_pictures
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.predicates.library import get_predicate_library
-from phyagentos.protocol.world.predicates.predicate import has_metric, parse_predicate
+from phyagentos.protocol.world.predicates.predicate import find_formula, has_metric
 from phyagentos.protocol.world.predicates.syntax import iter_calls
 from phyagentos.protocol.world.truth import Truth
 
@@ -118,11 +118,8 @@ def _build_messages(context: str, pictures: tuple[Pictures, Pictures]) -> list[d
 
 def _explain(text: str) -> tuple[str, ...]:
     """What the predicates of a statement mean, one line each."""
-    try:
-        calls = list(iter_calls(parse_predicate(text).formula))
-    except DefinitionError:
-        return ()
-    known = (get_predicate_library().find(call.name) for call in calls)
+    formula = find_formula(text)
+    known = (get_predicate_library().find(call.name) for call in (iter_calls(formula) if formula is not None else ()))
     return tuple(sorted({f"{found.signature} means: {found.description}" for found in known if found is not None}))
 
 
