@@ -5,7 +5,6 @@ measured, and things stand where they stood at the start, until the end.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
