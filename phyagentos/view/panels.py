@@ -15,6 +15,7 @@ from phyagentos.protocol.capabilities.trees import read_tree
 from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.regular_files import REQUEST_MAX, read_regular
 from phyagentos.protocol.sessions.estop import read_latch
+from phyagentos.protocol.sessions.evidence import INITIAL
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.looks import read_looks, read_stored_look
@@ -56,6 +57,7 @@ class Panel:
         command: What prints the same; `{id}` likewise, and `{w}` the workspace.
         read: The values of its template.
         follows: Parts of `Version` with which it changes.
+        is_right: On which side of a wide page it stands.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Panel:
     command: str
     read: Callable[[Documents, Query], dict[str, Any]]
     follows: tuple[str, ...] = ("journal",)
+    is_right: bool = False
 
 
 @dataclass(slots=True)
@@ -176,6 +179,12 @@ def _iter_frames(documents: Documents, status: SessionStatus) -> Iterator[tuple[
                 yield entry.role, frame.camera, frame.time_s, entry.file, frame.rgb
 
 
+def _read_scene(documents: Documents, query: Query) -> dict[str, Any]:
+    status = documents.find_session(query.session, query.goal)
+    has_scene = status is not None and (documents.workspace.evidence_of(status.contract.id) / INITIAL).is_file()
+    return {"status": status if has_scene else None}
+
+
 def _read_guard(documents: Documents, query: Query) -> dict[str, Any]:
     status = documents.find_session(query.session, query.goal)
     return {"status": status, "events": documents.read_interventions(status) if status is not None else []}
@@ -215,25 +224,29 @@ def _read_proposals(documents: Documents, _: Query) -> dict[str, Any]:
     return {"proposals": {path.stem: read_regular(path, REQUEST_MAX).decode(errors="replace") for path in waiting}}
 
 
+_JOURNAL, _BEATS, _FILES = "journal", "beats", "files"
 PANELS = (
     Panel(name="runtime", title="Now", file="heartbeats/", command="paos status -w {w}", read=_read_runtime,
-          follows=("journal", "beats", "files")),
+          follows=(_JOURNAL, _BEATS, _FILES)),
     Panel(name="goal", title="Goal", file="TASK.md", command="paos graph -w {w}", read=_read_goal),
     Panel(name="sessions", title="Sessions", file="SESSIONS.md", command="paos status -w {w}", read=_read_sessions),
-    Panel(name="statechart", title="Statechart", file="sessions/", command="paos lifecycle", read=_read_statechart),
-    Panel(name="tree", title="Behaviour tree", file="evidence/{id}/trace.jsonl", command="paos tree show {skill}",
-          read=_read_tree, follows=("journal", "beats")),
     Panel(name="verdict", title="Verdict", file="SESSIONS.md", command="paos why {id} -w {w}", read=_read_verdict),
-    Panel(name="frames", title="Camera frames", file="evidence/{id}/looks.json",
-          command="paos verify {id} -w {w} --from-frames", read=_read_frames),
-    Panel(name="world", title="Things", file="evidence/{id}/environment_after.json",
-          command="paos context --for verify -w {w}", read=_read_world, follows=("journal", "files")),
     Panel(name="guard", title="Guard", file="evidence/{id}/events.jsonl", command="paos why {id} -w {w}",
           read=_read_guard),
     Panel(name="proposals", title="Proposals", file="proposals/new/", command="paos approve -w {w}",
-          read=_read_proposals, follows=("files",)),
+          read=_read_proposals, follows=(_FILES,)),
     Panel(name="memory", title="Memory", file="LESSONS.md", command="paos memory show -w {w}", read=_read_memory,
-          follows=("files",)),
+          follows=(_FILES,)),
     Panel(name="log", title="Log", file="LOG.md", command="paos logs -w {w}", read=_read_log,
-          follows=("journal", "files")),
+          follows=(_JOURNAL, _FILES)),
+    Panel(name="scene", title="Scene", file="evidence/{id}/motion.npz", command="paos render {id} -w {w}",
+          read=_read_scene, follows=(_JOURNAL, _BEATS), is_right=True),
+    Panel(name="tree", title="Behaviour tree", file="evidence/{id}/trace.jsonl", command="paos tree show {skill}",
+          read=_read_tree, follows=(_JOURNAL, _BEATS), is_right=True),
+    Panel(name="world", title="Things", file="evidence/{id}/environment_after.json",
+          command="paos context --for verify -w {w}", read=_read_world, follows=(_JOURNAL, _FILES), is_right=True),
+    Panel(name="frames", title="Camera frames", file="evidence/{id}/looks.json",
+          command="paos verify {id} -w {w} --from-frames", read=_read_frames, is_right=True),
+    Panel(name="statechart", title="Statechart", file="sessions/", command="paos lifecycle", read=_read_statechart,
+          is_right=True),
 )  # fmt: skip

@@ -115,13 +115,13 @@ def _add_pages(
         documents.refresh()
         query = Query(goal=goal, session=session, find=find)
         status = documents.find_session(session, goal)
+        shown = [(panel, renderer.render(panel, query)) for panel in PANELS]
         return render(
             "page",
-            panels=[(panel, renderer.render(panel, query)) for panel in PANELS],
+            sides=[[each for each in shown if each[0].is_right == is_right] for is_right in (False, True)],
             query=query,
             stream=query.link().replace("/?", "/events?", 1),
             status=status,
-            scene=f"/scene/{status.contract.id}/" if status is not None else "",
             workspace=documents.workspace.root,
             actions=allows_actions,
             secret=access.form_secret if allows_actions else "",
