@@ -14,9 +14,9 @@ from phyagentos.view.panels import PANELS, Query
 from tests.view.conftest import HOSTILE
 
 pytest.importorskip("fastapi", reason="the extra `dev` brings it: make setup")
-from fastapi.testclient import TestClient  # noqa: E402
+from fastapi.testclient import TestClient
 
-from phyagentos.view.server import build_app  # noqa: E402
+from phyagentos.view.server import build_app
 
 HOST = "127.0.0.1:8000"
 OWN = f"http://{HOST}"
