@@ -43,6 +43,8 @@ COMMANDS = {  # name -> module and function; the first line of its docstring is 
     "lifecycle": "showing:show_lifecycle",
     "why": "explaining:why",
     "graph": "explaining:show_graph",
+    "view": "viewing:view",
+    "render": "rendering:render",
     "context": "explaining:show_context",
     "rerun": "explaining:rerun",
     "cancel": "stopping:cancel",

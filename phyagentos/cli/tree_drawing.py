@@ -1,8 +1,5 @@
 """`paos tree show`: a behaviour tree in the terminal, as Mermaid, as SVG, from its file and declared ports alone."""
 
-import itertools
-from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import Annotated
 
@@ -13,61 +10,12 @@ from rich.tree import Tree as Printed
 from phyagentos.assembly.paths import find_project
 from phyagentos.cli.console import CleanConsole
 from phyagentos.cli.outcome import print_note, print_result
-from phyagentos.errors import DefinitionError
+from phyagentos.pictures.trees import Drawing, draw_tree, render_mermaid, render_svg
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, read_tree
-from phyagentos.protocol.documents.markdown import escape_label
+from phyagentos.protocol.capabilities.trees import read_tree
 
-SYMBOLS = {
-    "sequence": "→",
-    "fallback": "?",
-    "reactive_sequence": "⟳→",
-    "reactive_fallback": "⟳?",
-    "parallel": "⇉",
-    "retry": "↻",
-    "repeat": "↺",
-    "for_each": "∀",
-    "timeout": "⏱",
-    "cooldown": "❄",
-    "invert": "¬",
-    "condition": "◇",
-    "subtree": "▣",
-}
 PIPE_WIDTH = 400  # characters: a pipe cuts nothing
-BOX_HEIGHT, LEVEL_HEIGHT, GAP, LETTER = 40, 74, 14, 7.2  # pixels
-COLORS = {"leaf": ("#e8f1fb", "#3b78b5"), "subtree": ("#f3ecfa", "#7d56a8"), "control": ("#f4f4f1", "#77756c")}
 STYLES = {"leaf": "cyan", "subtree": "magenta", "control": "bold"}
-SHAPES = {"leaf": ("[", "]"), "subtree": ("[[", "]]"), "control": ("([", "])")}
-
-
-@dataclass(frozen=True, slots=True)
-class Drawing:
-    """One node of a drawn tree.
-
-    Attributes:
-        kind: `sequence`, `fallback`, ..., `subtree`, or the name of a leaf.
-        name: As authored; may equal the kind.
-        ports: `port = value` texts.
-    """
-
-    kind: str
-    name: str
-    ports: tuple[str, ...] = ()
-    children: tuple["Drawing", ...] = ()
-
-    @property
-    def label(self) -> str:
-        """Symbol and name on one line."""
-        symbol = SYMBOLS.get(self.kind, "")
-        name = self.name if self.name == self.kind or symbol else f"{self.name} · {self.kind}"
-        return f"{symbol} {name}".strip()
-
-    @property
-    def family(self) -> str:
-        """`leaf`, `subtree` or `control`."""
-        if self.kind == "subtree":
-            return "subtree"
-        return "control" if self.kind in SYMBOLS else "leaf"
 
 
 def show(
@@ -76,7 +24,10 @@ def show(
     svg: Annotated[Path | None, typer.Option(help="Write a drawing to this file.")] = None,
 ) -> None:
     """Draw a behaviour tree, subtrees included."""
-    root = read_drawing(tree)
+    path = Path(tree)
+    is_file = path.suffix in {".yaml", ".yml"}
+    library = Library.open(find_project(path), Path.cwd()) if is_file else Library.open(Path.cwd())
+    root = draw_tree(read_tree(path if is_file else library.get_tree(tree)), library)
     if svg is not None:
         svg.write_text(render_svg(root), encoding="utf-8")
         print_note(f"wrote {svg}")
@@ -88,122 +39,9 @@ def show(
         console.print(_grow(root))
 
 
-def read_drawing(argument: str) -> Drawing:
-    """Read a tree (a YAML file, or a name in the library) and the subtrees it names.
-
-    Raises DefinitionError with every problem of the first file that has any; `CYCLE` when a tree contains itself.
-    """
-    path = Path(argument)
-    is_file = path.suffix in {".yaml", ".yml"}
-    library = Library.open(find_project(path), Path.cwd()) if is_file else Library.open(Path.cwd())
-    tree = read_tree(path if is_file else library.get_tree(argument))
-    return _draw_tree(tree, library, (tree.header.tree,))
-
-
-def _draw_tree(tree: Tree, library: Library, inside: tuple[str, ...]) -> Drawing:
-    inputs = tuple(f"{name}: {port.type}" for name, port in tree.header.inputs.items())
-    root = _draw_node(tree.root, tree, library, inside)
-    return Drawing(kind="subtree", name=tree.header.tree, ports=inputs, children=(root,))
-
-
-def _draw_node(node: Node, tree: Tree, library: Library, inside: tuple[str, ...]) -> Drawing:
-    ports = tuple(f"{port} = {_show(value)}" for port, value in node.wiring.items())
-    if node.kind is NodeKind.SUBTREE:
-        if node.type in inside:
-            way = " -> ".join((*inside, node.type))
-            raise DefinitionError.of("CYCLE", tree.located.address_of(node.address), way, hint="Break the cycle.")
-        below = _draw_tree(read_tree(library.get_tree(node.type)), library, (*inside, node.type))
-        return Drawing(kind="subtree", name=node.name, ports=ports, children=below.children)
-    children = tuple(_draw_node(child, tree, library, inside) for child in node.children)
-    kind = node.type if node.kind is NodeKind.LEAF else node.kind.value
-    return Drawing(kind=kind, name=_name_of(node), ports=ports, children=children)
-
-
-def _name_of(node: Node) -> str:
-    """The node's name with what its kind adds: attempts, seconds, policy, predicate."""
-    match node.kind:
-        case NodeKind.RETRY | NodeKind.REPEAT:
-            return f"{node.name} × {node.amount:.0f}"
-        case NodeKind.TIMEOUT | NodeKind.COOLDOWN:
-            return f"{node.name} {node.amount:g} s"
-        case NodeKind.PARALLEL:
-            return f"{node.name} ({node.policy})"
-        case NodeKind.CONDITION:
-            return node.text
-        case _:
-            return node.name
-
-
-def _show(value: object) -> str:
-    return f"${value.key}" if isinstance(value, Reference) else str(value)
-
-
-def render_mermaid(root: Drawing) -> str:
-    """A Mermaid flowchart, top down."""
-    lines, numbers = ["flowchart TD"], itertools.count()
-
-    def add(node: Drawing, parent: int | None = None) -> None:
-        number, (left, right) = next(numbers), SHAPES[node.family]
-        text = "<br/>".join(escape_label(part) for part in (node.label, *node.ports))
-        lines.append(f'    n{number}{left}"{text}"{right}')
-        if parent is not None:
-            lines.append(f"    n{parent} --> n{number}")
-        for child in node.children:
-            add(child, number)
-
-    add(root)
-    return "\n".join(lines) + "\n"
-
-
 def _grow(node: Drawing) -> Printed:
     """For the terminal, in colours where it has them."""
     ports = f"  [dim]{rich.markup.escape(', '.join(node.ports))}[/]" if node.ports else ""
     printed = Printed(f"[{STYLES[node.family]}]{rich.markup.escape(node.label)}[/]{ports}")
     printed.children += map(_grow, node.children)
     return printed
-
-
-def render_svg(root: Drawing) -> str:
-    """A stand-alone SVG: children centred under their parent, no program needed to look at it."""
-    shapes: list[str] = []
-    width = _draw(root, 0.0, 0, shapes)
-    height = _depth_of(root) * LEVEL_HEIGHT + 8
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width + GAP:.0f}" height="{height:.0f}" '
-        f'font-family="sans-serif" font-size="12">\n' + "\n".join(shapes) + "\n</svg>\n"
-    )
-
-
-def _depth_of(node: Drawing) -> int:
-    return 1 + max(map(_depth_of, node.children), default=0)
-
-
-def _box_width(node: Drawing) -> float:
-    longest = max(len(text) for text in (node.label, *node.ports[:1]))
-    return max(60.0, longest * LETTER + 16)
-
-
-def _width_of(node: Drawing) -> float:
-    return max(_box_width(node) + GAP, sum(map(_width_of, node.children)))
-
-
-def _draw(node: Drawing, left: float, level: int, shapes: list[str]) -> float:
-    """Append the shapes of one subtree; returns its width."""
-    width, box = _width_of(node), _box_width(node)
-    middle, top = left + width / 2, level * LEVEL_HEIGHT + 4
-    at = left + (width - sum(map(_width_of, node.children))) / 2
-    for child in node.children:
-        end = f"L{at + _width_of(child) / 2:.0f} {top + LEVEL_HEIGHT}"
-        shapes.append(f'<path d="M{middle:.0f} {top + BOX_HEIGHT} {end}" stroke="#aaa"/>')
-        at += _draw(child, at, level + 1, shapes)
-    fill, line = COLORS[node.family]
-    shapes.append(
-        f'<rect x="{middle - box / 2:.0f}" y="{top}" width="{box:.0f}" height="{BOX_HEIGHT}" rx="7" '
-        f'fill="{fill}" stroke="{line}"><title>{escape(", ".join(node.ports) or node.label)}</title></rect>'
-    )
-    lines = (node.label, *node.ports[:1])
-    for row, text in enumerate(lines):
-        y = top + (25 if len(lines) == 1 else 17 + 16 * row)
-        shade = "#222" if row == 0 else "#777"
-        shapes.append(f'<text x="{middle:.0f}" y="{y}" text-anchor="middle" fill="{shade}">{escape(text)}</text>')
-    return width

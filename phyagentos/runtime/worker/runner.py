@@ -31,6 +31,7 @@ from phyagentos.runtime.execution.leaf import FailureCode, LeafError
 from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
 from phyagentos.runtime.execution.skill_runtime import TickResult
 from phyagentos.runtime.perception.world_model import WORLD
+from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.wire import Observation, RecordedFault
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.orders import Reconcile
@@ -152,8 +153,10 @@ class SessionRunner:
         """Take authority, observe, record, build the skill."""
 
         def on_turn(result: TickResult, ticks: int, time_s: float) -> None:
-            phase = "thinking" if result.thinking else "executing"
-            beat(phase=phase, tick=ticks, sim_time_s=time_s, leaf=result.active)
+            phase, now = "thinking" if result.thinking else "executing", handle.step.target
+            posture = {"q_rad": now.q_rad, "gripper_width_m": now.gripper_width_m}
+            beat(phase=phase, tick=ticks, sim_time_s=time_s, leaf=result.active, **posture)
+            recorder.follow_trace(skill.trace)
 
         handle = self._handle
         observation = handle.begin(session.id, epoch)
@@ -167,10 +170,11 @@ class SessionRunner:
         self._write_world(recorder, LookRole.START, observation, initial)
         self._take_picture(recorder, files.PICTURE_BEFORE)
         context = self._skills.open_context(session, self._target, initial, recorder.folder)
+        skill = self._skills.open(session, plan, context)
         return SessionLoop(
             handle=handle,
             context=context,
-            skill=self._skills.open(session, plan, context),
+            skill=skill,
             holds=HoldMonitor(session.hold, initial, session.target, self._sample_every, session.interchangeable),
             cancel=cancel,
             clock=self._clock,
@@ -263,6 +267,8 @@ class SessionRunner:
             holds.sample(after, self._world.latest_look, is_last=True)
         self._open_criteria = find_open_criteria(session, after)
         self._take_picture(recorder, files.PICTURE_AFTER)
+        for name, data in self._handle.fetch_files(wire.MOTION).items():
+            recorder.write_file(name, data)
         return self._handle.end().faults
 
     def _write_world(self, recorder: Recorder, role: LookRole, observation: Observation, seen: Environment) -> None:
@@ -291,7 +297,7 @@ class SessionRunner:
         episode = session.scene.episode
         if self._model_of is not None and self._model_of[0] == episode and recorder.link_model(self._model_of[1]):
             return
-        for name, data in self._handle.fetch_model().items():
+        for name, data in self._handle.fetch_files(wire.SCENE_MODEL).items():
             recorder.write_file(name, data)
             self._model_of = (episode, recorder.folder)
 
