@@ -1,6 +1,6 @@
 """A behaviour tree as Mermaid and as SVG, from its file and the declared ports alone."""
 
-from collections.abc import Iterator
+import itertools
 from dataclasses import dataclass
 from html import escape
 
@@ -25,6 +25,7 @@ SYMBOLS = {
     "subtree": "▣",
 }
 BOX_HEIGHT, LEVEL_HEIGHT, GAP, LETTER = 40, 74, 14, 7.2  # pixels
+SHAPES = {"leaf": ("[", "]"), "subtree": ("[[", "]]"), "control": ("([", "])")}
 COLORS = {"leaf": ("#e8f1fb", "#3b78b5"), "subtree": ("#f3ecfa", "#7d56a8"), "control": ("#f4f4f1", "#77756c")}
 
 
@@ -109,13 +110,18 @@ def _show(value: object) -> str:
 
 def render_mermaid(root: Drawing) -> str:
     """A Mermaid flowchart, top down."""
-    lines = ["flowchart TD"]
-    for number, (node, parent) in enumerate(_iter_numbered(root)):
+    lines, numbers = ["flowchart TD"], itertools.count()
+
+    def add(node: Drawing, parent: int | None = None) -> None:
+        number, (left, right) = next(numbers), SHAPES[node.family]
         text = "<br/>".join(escape_label(part) for part in (node.label, *node.ports))
-        left, right = {"leaf": ("[", "]"), "subtree": ("[[", "]]"), "control": ("([", "])")}[node.family]
         lines.append(f'    n{number}{left}"{text}"{right}')
         if parent is not None:
             lines.append(f"    n{parent} --> n{number}")
+        for child in node.children:
+            add(child, number)
+
+    add(root)
     return "\n".join(lines) + "\n"
 
 
@@ -123,27 +129,15 @@ def render_svg(root: Drawing) -> str:
     """A stand-alone SVG: children centred under their parent, no program needed to look at it."""
     shapes: list[str] = []
     width = _draw(root, 0.0, 0, shapes)
-    depth = _depth_of(root)
-    height = depth * LEVEL_HEIGHT + 8
+    height = _depth_of(root) * LEVEL_HEIGHT + 8
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width + GAP:.0f}" height="{height:.0f}" '
         f'font-family="sans-serif" font-size="12">\n' + "\n".join(shapes) + "\n</svg>\n"
     )
 
 
-def _iter_numbered(root: Drawing) -> Iterator[tuple[Drawing, int | None]]:
-    """Nodes in the order drawn, each with the number of its parent."""
-    stack: list[tuple[Drawing, int | None]] = [(root, None)]
-    number = 0
-    while stack:
-        node, parent = stack.pop()
-        yield node, parent
-        stack += [(child, number) for child in reversed(node.children)]
-        number += 1
-
-
 def _depth_of(node: Drawing) -> int:
-    return 1 + max((_depth_of(child) for child in node.children), default=0)
+    return 1 + max(map(_depth_of, node.children), default=0)
 
 
 def _box_width(node: Drawing) -> float:
@@ -152,18 +146,16 @@ def _box_width(node: Drawing) -> float:
 
 
 def _width_of(node: Drawing) -> float:
-    below = sum(_width_of(child) for child in node.children)
-    return max(_box_width(node) + GAP, below)
+    return max(_box_width(node) + GAP, sum(map(_width_of, node.children)))
 
 
 def _draw(node: Drawing, left: float, level: int, shapes: list[str]) -> float:
     """Append the shapes of one subtree; returns its width."""
     width, box = _width_of(node), _box_width(node)
     middle, top = left + width / 2, level * LEVEL_HEIGHT + 4
-    at = left + (width - sum(_width_of(child) for child in node.children)) / 2
+    at = left + (width - sum(map(_width_of, node.children))) / 2
     for child in node.children:
-        child_width = _width_of(child)
-        end = f"L{at + child_width / 2:.0f} {top + LEVEL_HEIGHT}"
+        end = f"L{at + _width_of(child) / 2:.0f} {top + LEVEL_HEIGHT}"
         shapes.append(f'<path d="M{middle:.0f} {top + BOX_HEIGHT} {end}" stroke="#aaa"/>')
         at += _draw(child, at, level + 1, shapes)
     fill, line = COLORS[node.family]
