@@ -93,6 +93,7 @@ WRONG_OPENING        The fingers of a model do not open as wide as its profile s
 WRONG_TYPE           A mapping, list or text stands where another kind belongs.
 WRONG_SCALE          A movable body of a scene is so large that its sizes are probably no metres.
 WRONG_UNIT           A limit is given in another unit than its check uses.
+XML_SYNTAX           The text is not XML, or declares a document type.
 YAML_SYNTAX          The text is not YAML, holds a value that does not fit its form or tag, or stands for too many.
 """
 

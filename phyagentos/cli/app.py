@@ -52,6 +52,10 @@ COMMANDS: dict[str, tuple[str, str]] = {  # name -> module and function, and the
         "planning:plan",
         "Plan a goal by the effects of skills: sessions, their order, and why; start nothing.",
     ),
+    "import": (
+        "tree_exchange:import_tree",
+        "Read behaviour trees of BehaviorTree.CPP 4, as Groot2 saves them; print or write them as YAML.",
+    ),
     "init": ("scaffolding:init", "Make a place of your own: a goal graph, a scene and a skill that run at once."),
     "describe": ("describing:describe", "Describe a leaf, skill, predicate, fault or setting by its own declaration."),
     "list": ("showing:list_names", "Print the names that can be used here, one a line."),
@@ -130,7 +134,10 @@ COMMANDS: dict[str, tuple[str, str]] = {  # name -> module and function, and the
 GROUPS: dict[str, tuple[str, dict[str, str]]] = {
     "tree": ("Behaviour trees.", {"show": "showing:show_tree"}),
     "evidence": ("Evidence bundles.", {"verify": "evidence:verify", "prune": "evidence:prune"}),
-    "export": ("Verified sessions as data sets of others.", {"lerobot": "exporting:export_lerobot"}),
+    "export": (
+        "Trees, goals and sessions as files for the tools of others.",
+        {"lerobot": "exporting:export_lerobot", "bt-xml": "tree_exchange:export_bt_xml"},
+    ),
     "store": (
         "The journal of a workspace.",
         {"check": "store:check", "repair": "store:repair", "compact": "store:compact", "stats": "store:stats"},

@@ -1,0 +1,175 @@
+"""Behaviour trees as XML of BehaviorTree.CPP, version 4, with a TreeNodesModel: what Groot2 shows and edits.
+
+Nodes that mean the same in version 4 bear its names (`Sequence`, `RetryUntilSuccessful`). The others, `timeout` in
+simulated time among them, are declared as custom nodes under ours. `bt_xml_reader` makes the same trees of the file.
+https://www.behaviortree.dev/docs/learn-the-basics/xml_format
+"""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from phyagentos.protocol.capabilities.trees import REFERENCE, Node, NodeKind, Reference, Tree, TreeHeader
+
+VERSION = "4"
+TEXTS = frozenset({"entity", "place", "posture", "string"})  # types of ports whose literals stand without quotes
+_KEY = re.compile(r"^\{([a-z][a-z0-9_]*)\}$")
+_NAMED = re.compile(r"\$\(([a-z][a-z0-9_]*)\)")  # `${name}` of a predicate: other readers refuse braces inside a text
+_BRACES = {"{": "\\u007b", "}": "\\u007d", "$": "\\u0024"}
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """A port: `input_port` or `output_port`, its type in words of the tree format, and its default."""
+
+    direction: str = "input_port"
+    type: str = ""
+    default: Any = None
+    description: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeModel:
+    """What TreeNodesModel says of an `Action`, `Condition`, `Control`, `Decorator` or `SubTree`.
+
+    Attributes:
+        optional: Inputs that have no default and may be left unwired.
+    """
+
+    kind: str
+    ports: Mapping[str, Port] = field(default_factory=dict)
+    description: str = ""
+    optional: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """How one kind of node is written.
+
+    Attributes:
+        holds: `children`, one `child`, or nothing.
+        number: The attribute and the key of the YAML for its attempts, times or seconds.
+        model: Of a kind that version 4 does not have.
+    """
+
+    tag: str
+    holds: str = ""
+    number: tuple[str, str] = ("", "")
+    model: NodeModel | None = None
+
+
+_SECONDS, _IN_SECONDS = ("seconds", "seconds"), {"seconds": Port(type="number", description="Of simulated time.")}
+_POLICY = {"policy": Port(type="string", default="all", description="all or one.")}
+_EACH = {"each": Port("output_port", description="One after the other."), "in": Port(description="A list.")}
+_PREDICATE = {"predicate": Port(type="string", description="$(name) stands for the value of a key.")}
+FORMS: dict[NodeKind, Form] = {
+    NodeKind.SEQUENCE: Form("Sequence", "children"),
+    NodeKind.FALLBACK: Form("Fallback", "children"),
+    NodeKind.REACTIVE_SEQUENCE: Form("ReactiveSequence", "children"),
+    NodeKind.REACTIVE_FALLBACK: Form("ReactiveFallback", "children"),
+    NodeKind.PARALLEL: Form("parallel", "children", model=NodeModel("Control", _POLICY)),
+    NodeKind.RETRY: Form("RetryUntilSuccessful", "child", ("num_attempts", "attempts")),
+    NodeKind.REPEAT: Form("Repeat", "child", ("num_cycles", "times")),
+    NodeKind.FOR_EACH: Form("for_each", "child", model=NodeModel("Decorator", _EACH)),
+    NodeKind.TIMEOUT: Form("timeout", "child", _SECONDS, NodeModel("Decorator", _IN_SECONDS)),
+    NodeKind.COOLDOWN: Form("cooldown", "child", _SECONDS, NodeModel("Decorator", _IN_SECONDS)),
+    NodeKind.INVERT: Form("Inverter", "child"),
+    NodeKind.CONDITION: Form("condition", model=NodeModel("Condition", _PREDICATE)),
+    NodeKind.SUBTREE: Form("SubTree"),
+}
+
+
+def describe_tree(header: TreeHeader) -> NodeModel:
+    """The model of a tree as a subtree of others."""
+    ports = {
+        name: Port(direction, port.type, port.default, port.description)
+        for direction, group in (("input_port", header.inputs), ("output_port", header.outputs))
+        for name, port in group.items()
+    }
+    optional = tuple(name for name, port in header.inputs.items() if port.optional)
+    return NodeModel("SubTree", ports, header.description, optional)
+
+
+def render_trees(trees: Sequence[Tree], leaves: Mapping[str, NodeModel]) -> str:
+    """One file of trees, the first of which is the main one; `leaves` are those that the model offers."""
+    root = ET.Element("root", {"BTCPP_format": VERSION, "main_tree_to_execute": trees[0].header.tree})
+    subtrees = {tree.header.tree: describe_tree(tree.header) for tree in trees}
+    for tree in trees:
+        _write_node(ET.SubElement(root, "BehaviorTree", {"ID": tree.header.tree}), tree.root, leaves, subtrees)
+    model = ET.SubElement(root, "TreeNodesModel")
+    own = ((form.tag, form.model) for form in FORMS.values() if form.model is not None)
+    _write_models(model, (*own, *leaves.items(), *subtrees.items()))
+    ET.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
+
+
+def _write_node(
+    parent: ET.Element, node: Node, leaves: Mapping[str, NodeModel], subtrees: Mapping[str, NodeModel]
+) -> None:
+    form = FORMS.get(node.kind, Form(node.type, model=leaves.get(node.type)))
+    model = subtrees[node.type] if node.kind is NodeKind.SUBTREE else form.model
+    element = ET.SubElement(parent, form.tag, {"ID": node.type} if node.kind is NodeKind.SUBTREE else {})
+    element.set("name", node.name)
+    ports = model.ports if model is not None else {}
+    for name, value in _list_values(node, form).items():
+        element.set(name, encode(value, ports[name].type if name in ports else ""))
+    for child in node.children:
+        _write_node(element, child, leaves, subtrees)
+
+
+def _list_values(node: Node, form: Form) -> Mapping[str, Any]:
+    """Attribute -> value, of a node."""
+    match node.kind:
+        case NodeKind.CONDITION:
+            return {"predicate": node.text}
+        case NodeKind.PARALLEL:
+            return {"policy": node.policy}
+        case NodeKind.FOR_EACH | NodeKind.LEAF | NodeKind.SUBTREE:
+            return node.wiring
+        case _ if form.number[0]:
+            return {form.number[0]: int(node.amount) if node.amount.is_integer() else node.amount}
+        case _:
+            return {}
+
+
+def _write_models(parent: ET.Element, models: Iterable[tuple[str, NodeModel]]) -> None:
+    for name, model in models:
+        element = ET.SubElement(parent, model.kind, {"ID": name})
+        for port_name, port in model.ports.items():
+            written = ET.SubElement(element, port.direction, {"name": port_name})
+            if port.type:
+                written.set("type", port.type)
+            if port.default is not None:
+                written.set("default", encode(port.default, port.type))
+            written.text = port.description or None
+        facts = {"description": model.description, "optional": " ".join(model.optional)}
+        metadata = ET.SubElement(element, "MetadataFields") if any(facts.values()) else element
+        for key, value in facts.items():
+            if value:
+                ET.SubElement(metadata, "Metadata", {key: value})
+
+
+def encode(value: Any, kind: str) -> str:
+    """A value of a port of the given type as an attribute: `{key}`, a text as it is, anything else as JSON."""
+    if isinstance(value, Reference):
+        return f"{{{value.key}}}"
+    if isinstance(value, str):
+        text = REFERENCE.sub(r"$(\1)", value)
+        if not set(text) & set("{}") and decode(text, kind) == value:
+            return text
+    return "".join(_BRACES.get(letter, letter) for letter in json.dumps(value, ensure_ascii=False))
+
+
+def decode(text: str, kind: str) -> Any:
+    """The value as `encode` has written it; texts of other programs, which quote nothing, are read as they stand."""
+    if key := _KEY.match(text):
+        return Reference(key[1])
+    if kind not in TEXTS or text.startswith('"'):
+        try:
+            return json.loads(text)
+        except ValueError:
+            pass
+    return _NAMED.sub(r"${\1}", text)

@@ -1,0 +1,364 @@
+"""Trees as XML of BehaviorTree.CPP 4: whatever ships comes back as it was, and another parser sees the same tree."""
+
+import types
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from py_trees.behaviour import Behaviour
+from py_trees.blackboard import Blackboard
+from py_trees.composites import Composite
+from py_trees.decorators import Decorator
+from py_trees.parsers.behaviour_tree_xml import parse_behaviour_tree_xml
+from py_trees.ports import PortInformation, PortsMixin
+
+from phyagentos.export.bt_xml import FORMS, TEXTS, decode, encode, render_trees
+from phyagentos.export.bt_xml_reader import read_trees
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.trees import NodeKind, Reference, iter_nodes, parse_tree, read_tree
+from phyagentos.protocol.documents.schema import parse_yaml
+
+LIBRARY = Library.open()
+TREES = LIBRARY.names_of_trees()
+
+EVERY_KIND = """
+tree: every_kind
+description: 'Every kind of node, and values that are easily taken for others: "{x}" & <y>.'
+inputs:
+  object: {type: entity, description: What it is about., optional: true}
+  things: {type: entities}
+  speed: {type: number, default: 0.5}
+  word: {type: string, default: "1"}
+  near: {type: boolean, default: false}
+outputs:
+  position: {type: point, description: Where it is.}
+root:
+  reactive_fallback:
+    name: all
+    children:
+      - condition: at(${object}, (0.1, 0.2, 0.0), 0.03)
+      - condition: not holding(target, ${object})
+      - reactive_sequence:
+          children:
+            - parallel: {policy: one, children: [open_gripper, open_gripper, {open_gripper: {name: again}}]}
+            - parallel: {children: [{locate: {object: red_cube}}]}
+            - retry: {attempts: 3, child: {invert: {child: {locate: {object: "1", position: $position}}}}}
+            - repeat: {name: twice, times: 2, child: {fallback: {children: [{sequence: {children: [close_gripper]}}]}}}
+            - timeout: {seconds: 1.25, child: {cooldown: {seconds: 4, child: open_gripper}}}
+            - for_each: {each: $one, in: $things, child: {locate: {object: $one}}}
+            - for_each: {each: $two, in: [red_cube, "true"], child: {locate: {object: $two}}}
+            - strange_leaf: {a: true, b: "true", c: [1, 2.5], d: "${object}", e: "{x}", f: "a $(x)", g: '"', i: ""}
+            - subtree: {tree: home}
+            - subtree: {tree: free_hand, name: free, with: {object: $object}}
+            - subtree: {tree: free_hand, with: {object: blue_cube}}
+"""
+
+
+def find_trees(*roots):
+    """The trees and all that they name, by name."""
+    trees = {tree.header.tree: tree for tree in roots}
+    waiting = list(roots)
+    while waiting:
+        for node in iter_nodes(waiting.pop().root):
+            if node.kind is NodeKind.SUBTREE and node.type not in trees:
+                trees[node.type] = read_tree(LIBRARY.get_tree(node.type))
+                waiting.append(trees[node.type])
+    return trees
+
+
+def write(trees, path):
+    path.write_text(render_trees(list(trees.values()), {}), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def every_kind():
+    tree, problems = parse_tree(parse_yaml(EVERY_KIND, "every_kind.yaml"))
+    assert problems == ()
+    assert {node.kind for node in iter_nodes(tree.root)} == set(NodeKind)
+    return tree
+
+
+def assert_same(trees, path):
+    read, problems = read_trees(path, {})
+    assert problems == ()
+    assert [located.data["tree"] for located in read] == list(trees)
+    for located in read:
+        tree, problems = parse_tree(located)
+        assert problems == ()
+        authored = trees[tree.header.tree]
+        assert tree.header.model_dump(exclude={"root"}) == authored.header.model_dump(exclude={"root"})
+        assert tree.root == authored.root
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_a_tree_that_ships_comes_back_as_it_was_authored_with_all_its_subtrees(name, tmp_path):
+    trees = find_trees(read_tree(LIBRARY.get_tree(name)))
+
+    assert_same(trees, write(trees, tmp_path / "tree.xml"))
+
+
+def test_every_kind_of_node_and_every_form_of_value_comes_back(every_kind, tmp_path):
+    trees = find_trees(every_kind)
+
+    assert_same(trees, write(trees, tmp_path / "tree.xml"))
+
+
+REFERENCES = st.builds(Reference, st.from_regex(r"[a-z][a-z0-9_]*", fullmatch=True))
+WORDS = st.text() | st.from_regex(r"\$?[\"{$(]*[a-z]*[\"})]*", fullmatch=True)
+DATA = st.recursive(st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | WORDS, st.lists)
+
+
+@given(
+    st.tuples(DATA | REFERENCES, st.sampled_from(["", "number"]))
+    | st.tuples(WORDS | REFERENCES, st.sampled_from(sorted(TEXTS)))
+)
+def test_a_value_is_read_as_it_was_written_and_no_text_holds_a_stray_brace(value_and_kind):
+    value, kind = value_and_kind
+    text = encode(value, kind)
+
+    assert decode(text, kind) == value
+    assert type(decode(text, kind)) is type(value)
+    assert isinstance(value, Reference) or not set(text) & set("{}")
+
+
+# Read by py_trees: classes for what it does not know are made of the file's own model.
+
+EVENT = PortInformation(data_type=str, required=False)
+OF_VERSION_4 = {  # nodes that BehaviorTree.CPP has, and py_trees calls otherwise or not at all
+    "ReactiveSequence": ("Control", ()),
+    "ReactiveFallback": ("Control", ()),
+    "RetryUntilSuccessful": ("Decorator", ("num_attempts",)),
+    "Repeat": ("Decorator", ("num_cycles",)),
+}
+BASES = {"Control": Composite, "Decorator": Decorator, "Action": Behaviour, "Condition": Behaviour}
+
+
+def make_class(kind, inputs, outputs=()):
+    def init(self, name, behaviour_class_name, child=None, children=()):
+        given = {"child": child} if kind == "Decorator" else {"children": children} if kind == "Control" else {}
+        super(cls, self).__init__(name=name, behaviour_class_name=behaviour_class_name, **given)
+
+    body = {
+        "INPUT_PORTS": dict.fromkeys(inputs, EVENT),
+        "OUTPUT_PORTS": dict.fromkeys(outputs, EVENT),
+        "__init__": init,
+        "update": lambda self: self.status,
+    }
+    cls = types.new_class("Declared", (PortsMixin, BASES[kind]), {"register": False}, lambda space: space.update(body))
+    return cls
+
+
+def read_with_py_trees(path, leaves):
+    root = ET.parse(path).getroot()
+    nodes = {tag: make_class(kind, ports) for tag, (kind, ports) in OF_VERSION_4.items()}
+    for model in root.find("TreeNodesModel"):
+        if model.tag != "SubTree":
+            ports = {each: [port.get("name") for port in model.iter(each)] for each in ("input_port", "output_port")}
+            nodes[model.get("ID")] = make_class(model.tag, ports["input_port"], ports["output_port"])
+    return parse_behaviour_tree_xml(str(path), node_registry=nodes | leaves)
+
+
+class Scope(dict):
+    """Key of a tree -> a name for it; py_trees gives two instances the same keys where they have the same name."""
+
+    def __init__(self, place=(), wired=()):
+        super().__init__(wired)
+        self.place = place
+
+    def __missing__(self, key):
+        return (*self.place, key)
+
+
+def expand(node, trees, scope, above=()):
+    """Every node below, subtrees opened: its path, its tag, and what each port is wired to."""
+    path = (*above, node.name)
+    wired = {
+        port: scope[value.key] if isinstance(value, Reference) else encode(value, "string")
+        for port, value in node.wiring.items()
+    }
+    if node.kind is NodeKind.SUBTREE:
+        yield from expand(trees[node.type].root, trees, Scope((*scope.place, node.name), wired), path)
+        return
+    tag = FORMS[node.kind].tag if node.kind in FORMS else node.type
+    yield ".".join(path), tag, wired
+    for child in node.children:
+        yield from expand(child, trees, scope, path)
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_py_trees_reads_the_same_nodes_in_the_same_places_with_the_same_keys(name, tmp_path):
+    from phyagentos.cli.tree_exchange import iter_leaf_models
+    from phyagentos.runtime.execution.leaf_registry import build_registry
+
+    trees = find_trees(read_tree(LIBRARY.get_tree(name)))
+    path = tmp_path / "tree.xml"
+    path.write_text(render_trees(list(trees.values()), dict(iter_leaf_models(build_registry(LIBRARY)))), "utf-8")
+
+    try:
+        root = read_with_py_trees(path, {})
+        expected = sorted(expand(trees[name].root, trees, Scope()))
+        found = sorted(root.iterate(), key=lambda node: node.name)
+        own = {"Selector": "Fallback"}
+
+        assert [node.name for node in found] == [path for path, _, _ in expected]
+        tags = [getattr(node, "behaviour_class_name", type(node).__name__) for node in found]
+        assert [own.get(tag, tag) for tag in tags] == [tag for _, tag, _ in expected]
+        keys = {}
+        for node, (_, _, wired) in zip(found, expected, strict=True):
+            for port, key in wired.items():
+                if isinstance(key, str):
+                    assert node.get_input(port) == key
+                else:
+                    assert keys.setdefault(key, node._get_blackboard_key(port)) == node._get_blackboard_key(port)
+        assert len(set(keys.values())) == len(keys)
+    finally:
+        Blackboard.clear()
+        Blackboard.clients.clear()
+
+
+# What others drew, and what cannot be read.
+
+FOREIGN = """<?xml version="1.0"?>
+<root BTCPP_format="4" main_tree_to_execute="MainTree">
+  <BehaviorTree ID="MainTree">
+    <Sequence>
+      <OpenGripper/>
+      <Action ID="MoveTo" goal="{goal}" other="{Goal}"/>
+      <Timeout msec="500"><close_gripper/></Timeout>
+      <locate objekt="red_cube"/>
+      <Inverter/>
+      <close_gripper><home/></close_gripper>
+      <SubTree ID="home" _autoremap="true"/>
+      <condition name="is near" predicate="near it"/>
+      <wait seconds="soon"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+
+
+def test_a_foreign_tree_is_refused_with_line_and_column_what_is_possible_and_the_nearest_name(paos, tmp_path):
+    file = tmp_path / "foreign.xml"
+    file.write_text(FOREIGN)
+
+    result = paos("import", file)
+
+    assert result.code == 2
+    assert result.out == ""
+    for place, *parts in (
+        ("3:3: INVALID_VALUE: found the tree 'MainTree'", "Call it 'main_tree'."),
+        ("5:7: UNKNOWN_LEAF: found 'OpenGripper'", "expected attach, close_gripper,", "Did you mean 'open_gripper'?"),
+        ("6:7: UNKNOWN_LEAF: found 'MoveTo'", "Did you mean 'move_to'?"),
+        ("6:7: INVALID_VALUE: found other='{Goal}'", "a key of small letters"),
+        ("7:7: UNKNOWN_LEAF: found 'Timeout'", "Did you mean 'timeout'?"),
+        ("8:7: UNKNOWN_PORT: found 'objekt'", "Did you mean 'object'?"),
+        ("9:7: INVALID_VALUE: found <Inverter> with 0 nodes in it", "expected 1"),
+        ("10:7: INVALID_VALUE: found <close_gripper> with 1 nodes in it", "expected none"),
+        ("11:7: INVALID_VALUE: found _autoremap='true'", "keys by name"),
+        ("12:7: INVALID_VALUE: found a condition with {'name': 'is near'", "no name of its own"),
+        ("12:7: PREDICATE_SYNTAX:",),
+        ("13:7: WRONG_TYPE: found 'soon'", "type float"),
+    ):
+        (line,) = [line for line in result.err.splitlines() if line.startswith(f"{file}:{place}")]
+        assert all(part in line for part in parts), line
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        (
+            "<root BTCPP_format='4'>\n <a></b></root>",
+            ":2:7: XML_SYNTAX: found mismatched tag; expected well-formed XML",
+        ),
+        ("<!DOCTYPE a [<!ENTITY x 'y'>]><root/>", ":1:13: XML_SYNTAX: found a DOCTYPE;"),
+        ("<a>" * 300, ":1:601: XML_SYNTAX: found more than 200 levels"),
+        ("", ":1:1: XML_SYNTAX: found no element found"),
+        (
+            "<root><BehaviorTree ID='a'><wait/></BehaviorTree></root>",
+            ":1:1: INVALID_VALUE: found <root> of format 3 or",
+        ),
+        ("<root BTCPP_format='4'><include path='a.xml'/></root>", ":1:24: INVALID_VALUE: found <include ID=''>"),
+        ("<root BTCPP_format='4'/>", ":1:1: UNKNOWN_TREE: found 'tree'; expected (none)"),
+        (
+            "<root BTCPP_format='4' main_tree_to_execute='b'><BehaviorTree ID='a'/></root>",
+            ":1:1: UNKNOWN_TREE: found 'b'; expected a",
+        ),
+        (
+            "<root BTCPP_format='4'><BehaviorTree ID='a'/><BehaviorTree ID='a'/></root>",
+            ":1:46: INVALID_VALUE: found <BehaviorTree ID='a'>; expected each <BehaviorTree> once",
+        ),
+        ("<root BTCPP_format='4'><BehaviorTree ID='a'/></root>", ":1:24: INVALID_VALUE: found 0 nodes in a tree;"),
+        (
+            "<root BTCPP_format='4'><BehaviorTree ID='a'><wait/></BehaviorTree><TreeNodesModel><SubTree ID='a'>"
+            "\n<inout_port name='b'/></SubTree></TreeNodesModel></root>",
+            ":2:1: INVALID_VALUE: found <inout_port>; expected <input_port> or <output_port>",
+        ),
+        (
+            "<root BTCPP_format='4'><BehaviorTree ID='a'><wait/></BehaviorTree><TreeNodesModel><SubTree ID='a'>"
+            "\n<input_port name='b' type='std::string'/></SubTree></TreeNodesModel></root>",
+            ":2:1: INVALID_VALUE: found 'std::string'; expected 'entity', 'entities',",
+        ),
+    ],
+)
+def test_what_is_no_tree_is_refused_at_its_place(text, line, paos, tmp_path):
+    file = tmp_path / "broken.xml"
+    file.write_text(text)
+
+    result = paos("import", file)
+
+    assert result.code == 2
+    assert any(each.startswith(f"{file}{line}") for each in result.err.splitlines()), result.err
+
+
+def test_a_tree_drawn_with_explicit_tags_and_short_keys_is_printed_as_yaml(paos, tmp_path):
+    file = tmp_path / "drawn.xml"
+    file.write_text(
+        """<root BTCPP_format="4"><BehaviorTree ID="show" _description="Show a thing.">
+          <Sequence name="show">
+            <Action ID="locate" object="{=}" _uid="3"/>
+            <condition predicate="visible(${object})"/>
+            <SubTree ID="home" _autoremap="false"/>
+          </Sequence>
+        </BehaviorTree><TreeNodesModel><SubTree ID="show"><input_port name="object" type="entity">It.</input_port>
+        </SubTree></TreeNodesModel></root>"""
+    )
+
+    result = paos("import", file)
+
+    assert (result.code, result.err) == (0, "")
+    assert result.out == (
+        "tree: show\ndescription: Show a thing.\ninputs:\n  object: {type: entity, description: It.}\nroot:\n"
+        "  sequence:\n    children:\n    - locate: {object: $object}\n    - {condition: 'visible(${object})'}\n"
+        "    - subtree: {tree: home}\n"
+    )
+
+
+def test_export_and_import_by_command_write_what_is_new_and_never_over_another_tree(paos, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("tree.xml").write_text(paos("export", "bt-xml", "pick_and_place").out)
+
+    again = paos("import", "tree.xml", "--to", "project")
+    assert (again.code, again.out) == (0, "every tree of the file is in the library already\n")
+    Path("tree.xml").write_text(Path("tree.xml").read_text().replace('speed="0.6"', 'speed="0.7"'))
+    changed = paos("import", "tree.xml", "--to", "project")
+    assert (changed.code, changed.out) == (0, "project/trees/pick.yaml\n")
+    assert paos("lint", "project/trees/pick.yaml").code == 0
+    assert "speed: 0.7" in Path("project/trees/pick.yaml").read_text()
+    Path("tree.xml").write_text(Path("tree.xml").read_text().replace('speed="0.7"', 'speed="0.8"'))
+    refused = paos("import", "tree.xml", "--to", "project")
+    assert refused.code == 2
+    assert refused.err.startswith("project/trees/pick.yaml: WOULD_OVERWRITE: found another tree;")
+    mine = paos("export", "bt-xml", "project/trees/pick.yaml")
+    assert 'speed="0.7"' in mine.out
+    unknown = paos("export", "bt-xml", "pik")
+    assert (unknown.code, "Did you mean 'pick'?" in unknown.err) == (2, True)
+
+
+@pytest.mark.parametrize("name", LIBRARY.names_of_skills())
+def test_a_skill_is_exported_as_its_tree(name):
+    from phyagentos.cli.tree_exchange import find_tree
+
+    assert find_tree(name, LIBRARY) in TREES
