@@ -136,7 +136,12 @@ GROUPS: dict[str, tuple[str, dict[str, str]]] = {
     "evidence": ("Evidence bundles.", {"verify": "evidence:verify", "prune": "evidence:prune"}),
     "export": (
         "Trees, goals and sessions as files for the tools of others.",
-        {"lerobot": "exporting:export_lerobot", "bt-xml": "tree_exchange:export_bt_xml"},
+        {
+            "bt-xml": "tree_exchange:export_bt_xml",
+            "lerobot": "exporting:export_lerobot",
+            "mcap": "exporting:export_mcap",
+            "mermaid": "exporting:export_mermaid",
+        },
     ),
     "store": (
         "The journal of a workspace.",

@@ -1,13 +1,19 @@
-"""`export lerobot`: verified sessions as training data."""
+"""`export`: verified sessions as training data, one session as a log, drawings as Mermaid."""
 
+from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from phyagentos.cli.arguments import AsJson
+from phyagentos.cli.arguments import AsJson, choose_newest
+from phyagentos.cli.explaining import Id, Space, get_session, show_graph
 from phyagentos.cli.outcome import print_json, print_note, print_result
+from phyagentos.cli.showing import show_lifecycle, show_tree
+
+if TYPE_CHECKING:
+    from phyagentos.export.recorded_session import RecordedSession
 
 _SPACES = typer.Argument(metavar="WORKSPACE…", help="Workspaces whose sessions succeeded.")
 _LIST = "Names with commas between."
@@ -37,6 +43,53 @@ def export_lerobot(
     for reason, count in data.left_out.items():
         print_note(f"left out: {count} ({reason})")
     print_result(f"{to}: {len(data.episodes)} episodes, {frames} frames at {data.fps} Hz")
+
+
+class Figure(StrEnum):
+    """What `paos export mermaid` draws."""
+
+    GOAL = "goal"
+    TREE = "tree"
+    STATECHART = "statechart"
+
+
+def export_mermaid(
+    figure: Figure,
+    name: Annotated[str, typer.Argument(help="Id of the goal, or name of the tree.")] = "",
+    workspace: Annotated[
+        Path | None, typer.Option("--workspace", "-w", help="Of the goal; the newest without.")
+    ] = None,
+) -> None:
+    """Print the graph of a goal as it stands, a behaviour tree, or the statechart of a session as Mermaid."""
+    if figure is Figure.GOAL:
+        show_graph(workspace or choose_newest(), name, mermaid=True, as_json=False)
+    elif figure is Figure.TREE:
+        show_tree(name, mermaid=True)
+    else:
+        show_lifecycle(mermaid=True)
+
+
+_TO = typer.Option("--to", metavar="FILE", help="Where to; SESSION and the format's suffix without.")
+To = Annotated[Path | None, _TO]
+
+
+def export_mcap(session: Id, workspace: Space, to: To = None) -> None:
+    """Write a session as MCAP, for Foxglove and Lichtblick: motion, tree, statechart, pictures, documents."""
+    from phyagentos.export.mcap_log import write_mcap
+
+    recorded = _read_session(workspace, session)
+    path = to or Path(f"{recorded.status.contract.id}.mcap")
+    counts = write_mcap(recorded, path, version("phyagentos"))
+    print_result(f"{path}: {', '.join(f'{topic} {count}' for topic, count in counts.items())}")
+
+
+def _read_session(root: Path, session: str) -> "RecordedSession":
+    from phyagentos.cli.history import read_ledger
+    from phyagentos.export.recorded_session import read_recorded_session
+    from phyagentos.protocol.workspace.workspace import Workspace
+
+    id = get_session(session, read_ledger(root, session).sessions)
+    return read_recorded_session(Workspace.open(root), id)
 
 
 def _split(text: str) -> tuple[str, ...]:

@@ -45,12 +45,9 @@ def serve(
     http: Annotated[int | None, typer.Option(help=_HTTP_HELP, min=0, max=65535)] = None,
 ) -> None:
     """Serve the tools of a workspace to an agent, over stdio or HTTP, until it hangs up or Ctrl-C."""
-    try:
+    with needs_extra("mcp", "paos mcp"):
         import anyio
         import mcp.server.lowlevel  # noqa: F401
-    except ImportError as error:
-        hint = "Install it: pip install 'phyagentos[mcp]'"
-        raise DefinitionError.of("EXTRA_MISSING", "paos mcp", str(error), "the extra `mcp`", hint) from error
     root = Workspace.open(workspace).root
     server = build_server(root, level)
     print_note(f"tools of {root} up to level {level}")

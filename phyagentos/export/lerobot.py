@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, needs_extra
 from phyagentos.export.demonstrations import POSE, Choice, Demonstration, Demonstrations
 from phyagentos.protocol.sessions.evidence import write_json
 
@@ -62,12 +62,9 @@ def write_dataset(data: Demonstrations, choice: Choice, folder: Path, version: s
 
 
 def _check(folder: Path) -> None:
-    try:
+    with needs_extra("export", "paos export lerobot"):
         import av  # noqa: F401
         import pyarrow.parquet  # noqa: F401
-    except ImportError as error:
-        hint = "Install it: pip install 'phyagentos[export]'"
-        raise DefinitionError.of("EXTRA_MISSING", "paos export", str(error), "the extra `export`", hint) from error
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         found = "a file" if folder.is_file() else "a folder that is not empty"
         expected = "a folder that is missing or empty"
