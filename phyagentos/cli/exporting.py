@@ -13,7 +13,8 @@ from phyagentos.cli.outcome import print_json, print_note, print_result
 from phyagentos.cli.showing import show_lifecycle, show_tree
 
 if TYPE_CHECKING:
-    from phyagentos.export.recorded_session import RecordedSession
+    from phyagentos.protocol.sessions.session import SessionStatus
+    from phyagentos.protocol.workspace.workspace import Workspace
 
 _SPACES = typer.Argument(metavar="WORKSPACE…", help="Workspaces whose sessions succeeded.")
 _LIST = "Names with commas between."
@@ -69,27 +70,23 @@ def export_mermaid(
         show_lifecycle(mermaid=True)
 
 
-_TO = typer.Option("--to", metavar="FILE", help="Where to; SESSION and the format's suffix without.")
-To = Annotated[Path | None, _TO]
+_TO = typer.Option("--to", metavar="FILE", help="The file that is written.")
 
 
-def export_mcap(session: Id, workspace: Space, to: To = None) -> None:
+def export_mcap(session: Id, workspace: Space, to: Annotated[Path, _TO] = Path("session.mcap")) -> None:
     """Write a session as MCAP, for Foxglove and Lichtblick: motion, tree, statechart, pictures, documents."""
     from phyagentos.export.mcap_log import write_mcap
 
-    recorded = _read_session(workspace, session)
-    path = to or Path(f"{recorded.status.contract.id}.mcap")
-    counts = write_mcap(recorded, path, version("phyagentos"))
-    print_result(f"{path}: {', '.join(f'{topic} {count}' for topic, count in counts.items())}")
+    counts = write_mcap(*_find_session(workspace, session), to)
+    print_result(f"wrote {to}: {', '.join(f'{topic} {count}' for topic, count in counts.items())}")
 
 
-def _read_session(root: Path, session: str) -> "RecordedSession":
+def _find_session(root: Path, text: str) -> "tuple[Workspace, SessionStatus]":
     from phyagentos.cli.history import read_ledger
-    from phyagentos.export.recorded_session import read_recorded_session
     from phyagentos.protocol.workspace.workspace import Workspace
 
-    id = get_session(session, read_ledger(root, session).sessions)
-    return read_recorded_session(Workspace.open(root), id)
+    known = read_ledger(root, text).sessions
+    return Workspace.open(root), known[get_session(text, known)]
 
 
 def _split(text: str) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from phyagentos.agent.tools.registry import Answer, Level, Tool, ToolCall, ToolR
 from phyagentos.cli.explaining import Space
 from phyagentos.cli.outcome import print_note
 from phyagentos.clock import SystemClock
-from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.errors import DefinitionError, ExecutionError, Problem, needs_extra
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.workspace.workspace import Workspace

@@ -47,9 +47,7 @@ def import_tree(
 
     library = Library.open(*([to] if to is not None else []), Path.cwd())
     registry = _open_registry(library, runs_python=run_python)
-    models = iter_leaf_models(registry)
-    types = {name: {port: each.type for port, each in model.ports.items()} for name, model in models}
-    read, problems = read_trees(file, types)
+    read, problems = read_trees(file)
     trees, found = _check(read, library, registry)
     if problems or found:
         raise DefinitionError((*problems, *found))
@@ -92,8 +90,7 @@ def iter_leaf_models(registry: "LeafRegistry") -> Iterator[tuple[str, "NodeModel
     types = {kind: name for name, kind in PORT_TYPES.items()}  # of several for texts the last, `string`
     for name in registry.names():
         leaf = registry.find(name)
-        if leaf is None:  # announced by a file that was not executed
-            yield name, NodeModel("Action")
+        if leaf is None:  # only announced, by a file that was not executed
             continue
         asks = leaf.ROLE in (Role.VERIFY, Role.DECIDE) and leaf.on_running is Leaf.on_running and not leaf.OUTPUT_PORTS
         ports = {

@@ -8,14 +8,13 @@ https://www.behaviortree.dev/docs/learn-the-basics/xml_format
 import json
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from phyagentos.protocol.capabilities.trees import REFERENCE, Node, NodeKind, Reference, Tree, TreeHeader
 
 VERSION = "4"
-TEXTS = frozenset({"entity", "place", "posture", "string"})  # types of ports whose literals stand without quotes
 _KEY = re.compile(r"^\{([a-z][a-z0-9_]*)\}$")
 _NAMED = re.compile(r"\$\(([a-z][a-z0-9_]*)\)")  # `${name}` of a predicate: other readers refuse braces inside a text
 _BRACES = {"{": "\\u007b", "}": "\\u007d", "$": "\\u0024"}
@@ -96,28 +95,25 @@ def describe_tree(header: TreeHeader) -> NodeModel:
 def render_trees(trees: Sequence[Tree], leaves: Mapping[str, NodeModel]) -> str:
     """One file of trees, the first of which is the main one; `leaves` are those that the model offers."""
     root = ET.Element("root", {"BTCPP_format": VERSION, "main_tree_to_execute": trees[0].header.tree})
-    subtrees = {tree.header.tree: describe_tree(tree.header) for tree in trees}
     for tree in trees:
-        _write_node(ET.SubElement(root, "BehaviorTree", {"ID": tree.header.tree}), tree.root, leaves, subtrees)
+        _write_node(ET.SubElement(root, "BehaviorTree", {"ID": tree.header.tree}), tree.root)
     model = ET.SubElement(root, "TreeNodesModel")
     own = ((form.tag, form.model) for form in FORMS.values() if form.model is not None)
-    _write_models(model, (*own, *leaves.items(), *subtrees.items()))
+    subtrees = ((tree.header.tree, describe_tree(tree.header)) for tree in trees)
+    for name, node in (*own, *leaves.items(), *subtrees):
+        _write_model(model, name, node)
     ET.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
 
 
-def _write_node(
-    parent: ET.Element, node: Node, leaves: Mapping[str, NodeModel], subtrees: Mapping[str, NodeModel]
-) -> None:
-    form = FORMS.get(node.kind, Form(node.type, model=leaves.get(node.type)))
-    model = subtrees[node.type] if node.kind is NodeKind.SUBTREE else form.model
+def _write_node(parent: ET.Element, node: Node) -> None:
+    form = FORMS.get(node.kind, Form(node.type))
     element = ET.SubElement(parent, form.tag, {"ID": node.type} if node.kind is NodeKind.SUBTREE else {})
     element.set("name", node.name)
-    ports = model.ports if model is not None else {}
     for name, value in _list_values(node, form).items():
-        element.set(name, encode(value, ports[name].type if name in ports else ""))
+        element.set(name, encode(value))
     for child in node.children:
-        _write_node(element, child, leaves, subtrees)
+        _write_node(element, child)
 
 
 def _list_values(node: Node, form: Form) -> Mapping[str, Any]:
@@ -135,41 +131,35 @@ def _list_values(node: Node, form: Form) -> Mapping[str, Any]:
             return {}
 
 
-def _write_models(parent: ET.Element, models: Iterable[tuple[str, NodeModel]]) -> None:
-    for name, model in models:
-        element = ET.SubElement(parent, model.kind, {"ID": name})
-        for port_name, port in model.ports.items():
-            written = ET.SubElement(element, port.direction, {"name": port_name})
-            if port.type:
-                written.set("type", port.type)
-            if port.default is not None:
-                written.set("default", encode(port.default, port.type))
-            written.text = port.description or None
-        facts = {"description": model.description, "optional": " ".join(model.optional)}
-        metadata = ET.SubElement(element, "MetadataFields") if any(facts.values()) else element
-        for key, value in facts.items():
-            if value:
-                ET.SubElement(metadata, "Metadata", {key: value})
+def _write_model(parent: ET.Element, name: str, model: NodeModel) -> None:
+    element = ET.SubElement(parent, model.kind, {"ID": name})
+    for port_name, port in model.ports.items():
+        default = {"default": encode(port.default)} if port.default is not None else {}
+        written = ET.SubElement(element, port.direction, {"name": port_name, "type": port.type} | default)
+        written.text = port.description or None
+    facts = {"description": model.description, "optional": " ".join(model.optional)}
+    metadata = ET.SubElement(element, "MetadataFields") if any(facts.values()) else element
+    for key, value in facts.items():
+        if value:
+            ET.SubElement(metadata, "Metadata", {key: value})
 
 
-def encode(value: Any, kind: str) -> str:
-    """A value of a port of the given type as an attribute: `{key}`, a text as it is, anything else as JSON."""
+def encode(value: Any) -> str:
+    """A value of a port as an attribute: `{key}`, a text as it is unless it could be JSON, anything else as JSON."""
     if isinstance(value, Reference):
         return f"{{{value.key}}}"
     if isinstance(value, str):
         text = REFERENCE.sub(r"$(\1)", value)
-        if not set(text) & set("{}") and decode(text, kind) == value:
+        if not set(text) & set("{}") and decode(text) == value:
             return text
     return "".join(_BRACES.get(letter, letter) for letter in json.dumps(value, ensure_ascii=False))
 
 
-def decode(text: str, kind: str) -> Any:
-    """The value as `encode` has written it; texts of other programs, which quote nothing, are read as they stand."""
+def decode(text: str) -> Any:
+    """The value as `encode` has written it."""
     if key := _KEY.match(text):
         return Reference(key[1])
-    if kind not in TEXTS or text.startswith('"'):
-        try:
-            return json.loads(text)
-        except ValueError:
-            pass
-    return _NAMED.sub(r"${\1}", text)
+    try:
+        return json.loads(text)
+    except ValueError:
+        return _NAMED.sub(r"${\1}", text)

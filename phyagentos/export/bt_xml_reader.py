@@ -6,24 +6,21 @@ line and column of the XML.
 
 import re
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.export.bt_xml import FORMS, VERSION, decode
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference
 from phyagentos.protocol.documents.schema import Address, Located, read_text
 from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP
 
-Types = Mapping[str, str]
-"""Port -> type, in words of the tree format."""
-
 _KINDS = {form.tag: kind for kind, form in FORMS.items()} | {kind.value: kind for kind in FORMS}
 _EXPLICIT = frozenset({"Action", "Condition", "Control", "Decorator"})  # <Action ID="move_to"/> is <move_to/>
 _SILENT = frozenset({"ID", "name", "_description", "_uid", "_fullpath"})  # attributes that are no ports
+_HOLDING = [form.tag for form in FORMS.values() if form.holds]
 _GROUPS = {"input_port": "inputs", "output_port": "outputs"}
 
 
@@ -43,13 +40,13 @@ class Element:
         return self.attributes.get("ID", "")
 
 
-def read_trees(path: Path, leaves: Mapping[str, Types]) -> tuple[tuple[Located, ...], tuple[Problem, ...]]:
+def read_trees(path: Path) -> tuple[tuple[Located, ...], tuple[Problem, ...]]:
     """The trees of a file as data of the tree format, the main one first, each value at its place in the XML.
 
-    `leaves` are those that the file's own model may leave out. Problems are `INVALID_VALUE` for what the tree format
-    cannot say, and `UNKNOWN_TREE`; raises DefinitionError `XML_SYNTAX`.
+    Problems are `INVALID_VALUE` for what the tree format cannot say, and `UNKNOWN_TREE`; raises DefinitionError
+    `XML_SYNTAX`.
     """
-    reader = _Reader(str(path), leaves)
+    reader = _Reader(str(path))
     trees = reader.read(_parse(read_text(path), str(path)))
     return trees, tuple(reader.problems)
 
@@ -87,10 +84,9 @@ def _parse(text: str, source: str) -> Element:
 class _Reader:
     """Makes data of elements, and collects what has no place in it."""
 
-    def __init__(self, source: str, leaves: Mapping[str, Types]) -> None:
+    def __init__(self, source: str) -> None:
         self.problems: list[Problem] = []
         self._source = source
-        self._leaves = dict(leaves)
         self._subtrees: dict[str, Element] = {}
         self._marks: dict[Address, tuple[int, int]] = {}
 
@@ -103,7 +99,6 @@ class _Reader:
         for each in root.children:
             if each.tag == "TreeNodesModel":
                 self._subtrees |= {model.id: model for model in each.children if model.tag == "SubTree"}
-                self._leaves |= {model.id: _list_types(model) for model in each.children if model.tag != "SubTree"}
             elif each.tag != "BehaviorTree" or each.id in trees:
                 found = f"<{each.tag} ID={each.id!r}>"
                 self._refuse(each, found, "each <BehaviorTree> once, and <TreeNodesModel>; nothing is included")
@@ -153,7 +148,7 @@ class _Reader:
         kind, tag = _classify(element)
         key = tag if kind is NodeKind.LEAF else kind.value
         self._marks[address] = self._marks[*address, key] = element.mark
-        body: dict[str, Any] = self._read_values(element, kind, tag)
+        body: dict[str, Any] = self._read_values(element, kind)
         name = element.attributes.get("name", default)
         if kind is NodeKind.CONDITION:
             if name != default or body.keys() != {"predicate"}:
@@ -162,14 +157,16 @@ class _Reader:
         if kind is NodeKind.SUBTREE:
             body = {"tree": tag} | ({"with": body} if body else {})
         body |= {"name": name} if name != default else {}
-        body |= self._read_children(element, kind, tag, (*address, key))
+        body |= self._read_children(element, kind, (*address, key))
         return {key: body} if body or kind is not NodeKind.LEAF else key
 
-    def _read_children(self, element: Element, kind: NodeKind, tag: str, place: Address) -> dict[str, Any]:
+    def _read_children(self, element: Element, kind: NodeKind, place: Address) -> dict[str, Any]:
         holds = FORMS[kind].holds if kind in FORMS else ""
-        allowed = {"children": len(element.children), "child": 1}.get(holds, 0)
-        if len(element.children) != allowed and (kind is not NodeKind.LEAF or tag in self._leaves):
-            self._refuse(element, f"<{element.tag}> with {len(element.children)} nodes in it", f"{allowed or 'none'}")
+        found = f"<{element.tag}> with {len(element.children)} nodes in it"
+        if not holds and element.children:
+            self._refuse(element, found, f"none; they are held by {format_names(_HOLDING)}")
+        elif holds == "child" and len(element.children) != 1:
+            self._refuse(element, found, "one")
         names: Counter[str] = Counter()
         children = []
         for index, child in enumerate(element.children):
@@ -181,27 +178,21 @@ class _Reader:
             children.append(self._read_node(child, (*place, *step), numbered))
         return {holds: children} if holds == "children" else {holds: children[0]} if holds and children else {}
 
-    def _read_values(self, element: Element, kind: NodeKind, tag: str) -> dict[str, Any]:
+    def _read_values(self, element: Element, kind: NodeKind) -> dict[str, Any]:
         """Values of the attributes that are ports, as the tree format writes them."""
-        types, values = self._find_types(kind, tag), {}
+        own, key = FORMS[kind].number if kind in FORMS else ("", "")
+        values: dict[str, Any] = {}
         for name, text in element.attributes.items():
             if name in _SILENT or (name == "_autoremap" and text in {"false", "0"}):
                 continue
-            value = Reference(name) if text == "{=}" else decode(text, types.get(name, ""))
+            value = Reference(name) if text == "{=}" else decode(text)
             if name.startswith("_"):
                 self._refuse(element, f"{name}={text!r}", "no scripts and no remapping of all: nodes, and keys by name")
                 continue
             if text.startswith("{") and not isinstance(value, Reference):
                 self._refuse(element, f"{name}={text!r}", "a key of small letters, digits and underscores in braces")
-            own, key = FORMS[kind].number if kind in FORMS else ("", "")
             values[key if name == own else name] = f"${value.key}" if isinstance(value, Reference) else value
         return values
-
-    def _find_types(self, kind: NodeKind, tag: str) -> Types:
-        if kind is NodeKind.SUBTREE:
-            return _list_types(self._subtrees[tag]) if tag in self._subtrees else {}
-        model = FORMS[kind].model if kind in FORMS else None
-        return {name: port.type for name, port in model.ports.items()} if model else self._leaves.get(tag, {})
 
     def _place(self, element: Element) -> str:
         return f"{self._source}:{element.mark[0]}:{element.mark[1]}"
@@ -223,11 +214,6 @@ def _classify(element: Element) -> tuple[NodeKind, str]:
     return kind, tag if kind is NodeKind.LEAF else element.id if kind is NodeKind.SUBTREE else kind.value
 
 
-def _list_types(model: Element) -> Types:
-    """Of the ports of one node of a TreeNodesModel."""
-    return {port.attributes.get("name", ""): port.attributes.get("type", "") for port in model.children}
-
-
 def _read_port(port: Element, *, is_optional: bool) -> dict[str, Any]:
     """An input or output of a tree, as the tree format writes it."""
     kind, default = port.attributes.get("type"), port.attributes.get("default")
@@ -235,6 +221,6 @@ def _read_port(port: Element, *, is_optional: bool) -> dict[str, Any]:
         "type": kind,
         "description": "".join(port.texts).strip() or None,
         "optional": is_optional or None,
-        "default": decode(default, kind or "") if default is not None else None,
+        "default": decode(default) if default is not None else None,
     }
     return {key: value for key, value in body.items() if value is not None}

@@ -1,227 +1,170 @@
 """One session as an MCAP file that Foxglove and Lichtblick open: JSON messages with schemas, documents as attachments.
 
-The time of the file is the target's, put to the moment at which the session began to move. Records of the journal bear
-wall time, which stays the time of publication: it is mapped so that both see the motion begin and end together.
-https://mcap.dev/spec
+The time of the file is the target's, put to the moment at which the session began to move. Wall time stays the time of
+publication of what the journal says: it goes on at the end of the motion, however long that took. https://mcap.dev/spec
 """
 
 import base64
 import heapq
+import mimetypes
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 
-from phyagentos.errors import ExecutionError, needs_extra
-from phyagentos.export.recorded_session import RecordedSession
+from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
+from phyagentos.protocol.capabilities.registries import get_registered_target
+from phyagentos.protocol.sessions.evidence import TRAJECTORY, Event, read_bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.looks import LOOK, StoredLook, read_looks
 from phyagentos.protocol.sessions.recording import RECORDING, read_recording
-from phyagentos.store.records import encode_record
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.trace import TraceEvent
+from phyagentos.protocol.workspace.array_files import decode_arrays
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.history import Histories
+from phyagentos.store.journal import choose_partition
+from phyagentos.store.records import Record, encode_record
 
-Properties = Mapping[str, Any]
-NUMBER, TEXT, ANY = {"type": "number"}, {"type": "string"}, {"type": "object"}
-TREE = {"path": TEXT, "leaf": TEXT, "status": TEXT, "code": TEXT, "message": TEXT, "tick": NUMBER, "numbers": ANY}
-STATECHART = {"event": TEXT, "state": TEXT, "by": TEXT, "side": TEXT, "at": TEXT}
-EVENT = {"kind": TEXT, "code": TEXT, "details": ANY}
-IMAGE = {  # https://docs.foxglove.dev/docs/sdk/schemas/compressed-image
+Message = tuple[int, int, str, Mapping[str, Any]]
+"""When it is logged and was published [ns since the epoch], on which topic, and what it says."""
+Place = Callable[[float], int]
+"""The target's time [s] as a time of the file [ns]."""
+Picture = tuple[float, float, str, Path, str]
+"""When it was shown and stamped, in the target's time [s]; the camera; a zip file of the bundle, and its name there."""
+
+_NUMBER, _TEXT, _OBJECT = {"type": "number"}, {"type": "string"}, {"type": "object"}
+_IMAGE = {  # https://docs.foxglove.dev/docs/sdk/schemas/compressed-image
     "timestamp": {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}},
-    "frame_id": TEXT,
+    "frame_id": _TEXT,
     "data": {"type": "string", "contentEncoding": "base64"},
-    "format": TEXT,
+    "format": _TEXT,
 }
-MEDIA = {
-    ".json": "application/json",
-    ".jsonl": "application/jsonl",
-    ".md": "text/markdown",
-    ".png": "image/png",
-    ".xml": "application/xml",
-    ".yaml": "application/yaml",
-}
+_TREE = dict.fromkeys(("path", "leaf", "status", "role", "code", "message"), _TEXT) | {"time_s": _NUMBER}
+_EVENTS = {"time_s": _NUMBER, "kind": _TEXT, "code": _TEXT, "details": _OBJECT}
+_TRANSITIONS = dict.fromkeys(("event", "state", "by", "side", "at"), _TEXT)
+_DOCUMENTS = frozenset({".json", ".jsonl", ".md", ".png", ".xml", ".yaml"})
 _MOVING = frozenset({SessionState.RUNNING, SessionState.HALTING, SessionState.CANCELLING})
 
-Message = tuple[int, int, Mapping[str, Any]]
-"""When it is logged and when it was published [ns since the epoch], and what it says."""
 
-
-class Channel(NamedTuple):
-    """One topic: the name and the properties of its JSON Schema, and its messages in the order of time."""
-
-    topic: str
-    schema: str
-    properties: Properties
-    messages: Iterator[Message]
-
-
-class Picture(NamedTuple):
-    """A PNG in a zip file of the bundle: when it was shown and stamped, in the target's time [s]."""
-
-    shown_s: float
-    time_s: float
-    file: Path
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class Timeline:
-    """When the motion began and ended, in the target's time [s] and in wall time [ns since the epoch]."""
-
-    begin_s: float
-    end_s: float
-    begin_ns: int
-    end_ns: int
-
-    def place(self, time_s: float) -> int:
-        """The target's time in the file [ns]."""
-        return self.begin_ns + round((time_s - self.begin_s) * 1e9)
-
-    def place_wall(self, at_ns: int) -> int:
-        """A wall time in the file [ns]."""
-        if at_ns <= self.begin_ns:
-            return at_ns
-        if at_ns >= self.end_ns:
-            return self.place(self.end_s) + at_ns - self.end_ns
-        share = (at_ns - self.begin_ns) / (self.end_ns - self.begin_ns)
-        return self.place(self.begin_s + share * (self.end_s - self.begin_s))
-
-
-def write_mcap(session: RecordedSession, to: Path, version: str) -> Mapping[str, int]:
+def write_mcap(workspace: Workspace, status: SessionStatus, to: Path) -> Mapping[str, int]:
     """Write a session to a file; returns the number of messages of each topic.
 
     Raises:
-        DefinitionError: `EXTRA_MISSING` without the package mcap.
-        ExecutionError: `EVIDENCE_UNREADABLE`.
+        DefinitionError: `EXTRA_MISSING` without the package mcap; `NOTHING_TO_EXPORT` of a session that never ran.
+        ExecutionError: `EVIDENCE_UNREADABLE`, `JOURNAL_DAMAGED`.
     """
     with needs_extra("export", "paos export mcap"):
         from mcap.writer import Writer
-    contract, channels = session.status.contract, list(_iter_channels(session))
-    counts = {channel.topic: 0 for channel in channels}
+    contract, folder = status.contract, workspace.evidence_of(status.contract.id)
+    if status.execution is None:
+        raise DefinitionError.of("NOTHING_TO_EXPORT", contract.id, f"{status.state}, not executed", "one that ran")
+    with Histories(workspace.sessions / choose_partition(workspace.sessions)) as histories:
+        records = histories.find(contract.id)
+    bundle, pictures = read_bundle(folder, contract, status.execution), find_pictures(folder)
+    arrays = decode_arrays(path.read_bytes()) if (path := folder / TRAJECTORY).is_file() else {}
+    joints = get_registered_target(workspace.target_registry, contract.target).arm.joints
+    start_s = bundle.trace[0].time_s if bundle.trace else 0.0
+    start_ns, _ = _find_motion(records)
+
+    def place(time_s: float) -> int:
+        return start_ns + round((time_s - start_s) * 1e9)
+
+    of_joints = {"type": "object", "properties": dict.fromkeys(joints, _NUMBER)}
+    rows = {name: of_joints if values.ndim > 1 else _NUMBER for name, values in arrays.items()}
+    forms = {"/trajectory": ("phyagentos.Trajectory", rows), "/tree": ("phyagentos.TraceEvent", _TREE)}
+    forms |= {"/events": ("phyagentos.Event", _EVENTS), "/session": ("phyagentos.Transition", _TRANSITIONS)}
+    forms |= {f"/camera/{camera}": ("foxglove.CompressedImage", _IMAGE) for _, _, camera, *_ in pictures}
+    messages = heapq.merge(
+        _iter_rows(arrays, joints, place),
+        _iter_changes("/tree", bundle.trace, place),
+        _iter_changes("/events", bundle.events, place),
+        _iter_transitions(records, place(start_s + status.execution.sim_time_s)),
+        _iter_images(pictures, place),
+        key=itemgetter(0),
+    )
+    counts: Counter[str] = Counter()
     with to.open("wb") as file:
         writer = Writer(file)
-        writer.start(library=f"phyagentos {version}")
-        ids = {}
-        for channel in channels:
-            schema = {"title": channel.schema, "type": "object", "properties": channel.properties}
-            number = writer.register_schema(channel.schema, "jsonschema", msgspec.json.encode(schema))
-            ids[channel.topic] = writer.register_channel(channel.topic, "json", number)
-        for topic, message in heapq.merge(*map(_tag, channels), key=lambda each: each[1][0]):
-            log_ns, publish_ns, value = message
-            writer.add_message(ids[topic], log_ns, msgspec.json.encode(value), publish_ns, counts[topic])
+        writer.start(library="phyagentos")
+        channels = {}
+        for topic, (name, properties) in forms.items():
+            schema = msgspec.json.encode({"title": name, "type": "object", "properties": properties})
+            channels[topic] = writer.register_channel(topic, "json", writer.register_schema(name, "jsonschema", schema))
+        for log_ns, publish_ns, topic, value in messages:
+            writer.add_message(channels[topic], log_ns, msgspec.json.encode(value), publish_ns, counts[topic])
             counts[topic] += 1
-        at_ns = _read_moment(session.records[-1].at)
-        for name, data in _iter_attachments(session):
-            writer.add_attachment(at_ns, at_ns, name, MEDIA[Path(name).suffix], data)
-        facts = {name: str(getattr(contract, name)) for name in ("id", "goal", "node", "skill", "target", "objective")}
-        writer.add_metadata("session", facts | {"state": str(session.status.state)})
+        documents = {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in _DOCUMENTS}
+        documents["journal.md"] = b"".join(map(encode_record, records))
+        for name, data in sorted(documents.items()):
+            writer.add_attachment(start_ns, start_ns, name, mimetypes.guess_type(name)[0] or "text/plain", data)
         writer.finish()
     return counts
 
 
-def _iter_channels(session: RecordedSession) -> Iterator[Channel]:
-    time, bundle = _make_timeline(session), session.bundle
-
-    def at(time_s: float, value: Mapping[str, Any]) -> Message:
-        return time.place(time_s), time.place(time_s), {"time_s": time_s} | value
-
-    if session.trajectory:
-        rows = (at(*row) for row in iter_rows(session))
-        yield Channel("/trajectory", "phyagentos.Trajectory", _describe_rows(session), rows)
-    trace = [at(each.time_s, msgspec.structs.asdict(each)) for each in bundle.trace]
-    yield Channel("/tree", "phyagentos.TraceEvent", TREE, iter(trace))
-    events = [at(each.time_s, msgspec.structs.asdict(each)) for each in bundle.events]
-    yield Channel("/events", "phyagentos.Event", EVENT, iter(sorted(events, key=itemgetter(0))))
-    yield Channel("/session", "phyagentos.Transition", STATECHART, _iter_transitions(session, time))
-    for camera, pictures in find_pictures(bundle.folder).items():
-        yield Channel(f"/camera/{camera}", "foxglove.CompressedImage", IMAGE, _iter_images(camera, pictures, time))
+def find_pictures(folder: Path) -> Sequence[Picture]:
+    """Whole pictures in a bundle, each once, in the order of time: of its recording, and those perception went by."""
+    recording = read_recording(folder)
+    recorded = recording.pictures if recording is not None else ()
+    found: list[Picture] = [(each.shown_s, each.time_s, each.camera, folder / RECORDING, each.rgb) for each in recorded]
+    for path in (folder / entry.file for entry in read_looks(folder)):
+        for request, answer in _read_look(path).captures if path.is_file() else ():
+            whole = (each for each in answer.frames if request.every == 1 and each.camera not in request.crops)
+            found += [(each.time_s, each.time_s, each.camera, path, each.rgb) for each in whole]
+    return sorted({each[1:3]: each for each in reversed(found)}.values())
 
 
-def _tag(channel: Channel) -> Iterator[tuple[str, Message]]:
-    return ((channel.topic, message) for message in channel.messages)
-
-
-def _make_timeline(session: RecordedSession) -> Timeline:
-    moved = [index for index, record in enumerate(session.records) if record.to in _MOVING]
-    first, last = (moved[0], moved[-1] + 1) if moved else (0, 0)
-    stamps = [_read_moment(record.at) for record in session.records]
-    begin_s = min((each.time_s for each in session.bundle.trace), default=0.0)
-    end_s = begin_s + session.bundle.execution.sim_time_s
-    return Timeline(begin_s, end_s, stamps[first], stamps[min(last, len(stamps) - 1)])
-
-
-def _read_moment(at: str) -> int:
-    return round(datetime.fromisoformat(at).timestamp() * 1e6) * 1000
-
-
-def _describe_rows(session: RecordedSession) -> Properties:
-    of_joints = {"type": "object", "properties": dict.fromkeys(session.joints, NUMBER)}
-    return {name: of_joints if values.ndim > 1 else NUMBER for name, values in session.trajectory.items()}
-
-
-def iter_rows(session: RecordedSession) -> Iterator[tuple[float, dict[str, Any]]]:
-    """The trajectory, row by row: the time [s], and by name of the array a number, or numbers by joint."""
-    time_s = session.trajectory["time_s"]
-    arrays = {name: values.tolist() for name, values in session.trajectory.items() if len(values) == len(time_s)}
-    for row in range(len(time_s)):
-        values = {name: rows[row] for name, rows in arrays.items()}
-        yield (
-            values["time_s"],
-            {
-                name: dict(zip(session.joints, each, strict=True)) if isinstance(each, list) else each
-                for name, each in values.items()
-            },
-        )
-
-
-def _iter_transitions(session: RecordedSession, time: Timeline) -> Iterator[Message]:
-    for each in session.records:
-        at_ns = _read_moment(each.at)
-        value = {"event": each.ev, "state": each.to, "by": each.by, "side": each.side, "at": each.at}
-        yield time.place_wall(at_ns), at_ns, value
-
-
-def find_pictures(bundle: Path) -> Mapping[str, Sequence[Picture]]:
-    """Whole pictures of each camera, in the order of time: of its recording, and of what perception went by."""
-    found: dict[tuple[str, float], Picture] = {}
-    recording = read_recording(bundle)
-    for each in recording.pictures if recording is not None else ():
-        found[each.camera, each.time_s] = Picture(each.shown_s, each.time_s, bundle / RECORDING, each.rgb)
-    for entry in read_looks(bundle):
-        path = bundle / entry.file
-        for request, answer in _read_captures(path) if path.is_file() else ():
-            for frame in answer.frames:
-                if request.every == 1 and frame.camera not in request.crops:
-                    picture = Picture(frame.time_s, frame.time_s, path, frame.rgb)
-                    found.setdefault((frame.camera, frame.time_s), picture)
-    cameras = sorted({camera for camera, _ in found})
-    return {name: sorted(each for (camera, _), each in found.items() if camera == name) for name in cameras}
-
-
-def _read_captures(path: Path) -> Any:
+def _read_look(path: Path) -> StoredLook:
     try:
         with zipfile.ZipFile(path) as file:
-            return msgspec.json.decode(file.read(LOOK), type=StoredLook).captures
+            return msgspec.json.decode(file.read(LOOK), type=StoredLook)
     except (zipfile.BadZipFile, KeyError, msgspec.MsgspecError, OSError) as error:
         raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
 
 
-def _iter_images(camera: str, pictures: Sequence[Picture], time: Timeline) -> Iterator[Message]:
-    for each in pictures:
-        with zipfile.ZipFile(each.file) as file:
-            data = base64.b64encode(file.read(each.name)).decode()
-        seconds, nanoseconds = divmod(time.place(each.time_s), 1_000_000_000)
+def _iter_rows(arrays: Mapping[str, Any], joints: Sequence[str], place: Place) -> Iterator[Message]:
+    """The trajectory: by name of the array a number, or numbers by joint."""
+    columns = {name: values.tolist() for name, values in arrays.items() if len(values) == len(arrays["time_s"])}
+    for row, time_s in enumerate(columns.get("time_s", ())):
+        value = {name: values[row] for name, values in columns.items()}
+        value |= {name: dict(zip(joints, each, strict=True)) for name, each in value.items() if isinstance(each, list)}
+        yield place(time_s), place(time_s), "/trajectory", value
+
+
+def _iter_changes(topic: str, events: Iterable[TraceEvent | Event], place: Place) -> Iterator[Message]:
+    for each in sorted(events, key=lambda event: event.time_s):
+        yield place(each.time_s), place(each.time_s), topic, msgspec.to_builtins(each)
+
+
+def _find_motion(records: Sequence[Record]) -> tuple[int, int]:
+    """Wall times [ns] at which the target was given free, and at which it was at rest again."""
+    moved = [index for index, record in enumerate(records) if record.to in _MOVING] or [0]
+    return _read_moment(records[moved[0]]), _read_moment(records[min(moved[-1] + 1, len(records) - 1)])
+
+
+def _iter_transitions(records: Sequence[Record], rest_ns: int) -> Iterator[Message]:
+    """The statechart; what happened during the motion stands at its wall time, but not behind its end, `rest_ns`."""
+    _, ended_ns = _find_motion(records)
+    for each in records:
+        at_ns = _read_moment(each)
+        value = {"event": each.ev, "state": each.to, "by": each.by, "side": each.side, "at": each.at}
+        yield min(at_ns, rest_ns) if at_ns < ended_ns else at_ns - ended_ns + rest_ns, at_ns, "/session", value
+
+
+def _read_moment(record: Record) -> int:
+    return round(datetime.fromisoformat(record.at).timestamp() * 1e6) * 1000
+
+
+def _iter_images(pictures: Sequence[Picture], place: Place) -> Iterator[Message]:
+    for shown_s, time_s, camera, path, name in pictures:
+        with zipfile.ZipFile(path) as file:
+            data = base64.b64encode(file.read(name)).decode()
+        seconds, nanoseconds = divmod(place(time_s), 1_000_000_000)
         stamp = {"sec": seconds, "nsec": nanoseconds}
-        value = {"timestamp": stamp, "frame_id": camera, "data": data, "format": "png"}
-        yield time.place(each.shown_s), time.place(each.shown_s), value
-
-
-def _iter_attachments(session: RecordedSession) -> Iterator[tuple[str, bytes]]:
-    """The documents of the bundle, and the session's records of the journal."""
-    for path in sorted(session.bundle.folder.iterdir()):
-        if path.suffix in MEDIA:
-            yield path.name, path.read_bytes()
-    yield "journal.md", b"".join(map(encode_record, session.records))
+        value = {"timestamp": stamp, "frame_id": camera, "format": "png", "data": data}
+        yield place(shown_s), place(shown_s), f"/camera/{camera}", value
