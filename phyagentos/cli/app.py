@@ -142,6 +142,8 @@ GROUPS: dict[str, tuple[str, dict[str, str]]] = {
             "lerobot": "exporting:export_lerobot",
             "mcap": "exporting:export_mcap",
             "mermaid": "exporting:export_mermaid",
+            "rrd": "exporting:export_rrd",
+            "video": "exporting:export_video",
         },
     ),
     "store": (

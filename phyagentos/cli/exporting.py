@@ -1,5 +1,6 @@
 """`export`: verified sessions as training data, one session as a log, drawings as Mermaid."""
 
+import os
 from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
@@ -79,6 +80,35 @@ def export_mcap(session: Id, workspace: Space, to: Annotated[Path, _TO] = Path("
 
     counts = write_mcap(*_find_session(workspace, session), to)
     print_result(f"wrote {to}: {', '.join(f'{topic} {count}' for topic, count in counts.items())}")
+
+
+def export_rrd(session: Id, workspace: Space, to: Annotated[Path, _TO] = Path("session.rrd")) -> None:
+    """Write a session for the viewer of Rerun: the bodies of its scene over time, the tree and the criteria."""
+    from phyagentos.export.rerun_view import write_rrd
+    from phyagentos.pictures.playback import read_playback
+
+    place, status = _find_session(workspace, session)
+    write_rrd(read_playback(place, status), status, to)
+    print_result(f"wrote {to}")
+
+
+def export_video(
+    session: Id,
+    workspace: Space,
+    to: Annotated[Path, _TO] = Path("session.mp4"),
+    camera: Annotated[str, typer.Option(help="A camera of the scene; a view from the front without.")] = "",
+    size: Annotated[tuple[int, int], typer.Option(metavar="WIDTH HEIGHT", help="In pixels.")] = (800, 600),
+    fps: Annotated[int, typer.Option(min=1, max=60, help="Pictures a second.")] = 25,
+) -> None:
+    """Write a film of a session as MP4, drawn from its evidence as `paos render` draws it."""
+    os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported
+    from phyagentos.export.video import write_mp4
+    from phyagentos.pictures.playback import read_playback
+    from phyagentos.pictures.scene import Look, iter_film
+
+    playback = read_playback(*_find_session(workspace, session))
+    write_mp4(iter_film(playback, Look(camera=camera, width=size[0], height=size[1]), fps=fps), to, fps)
+    print_result(f"wrote {to}")
 
 
 def _find_session(root: Path, text: str) -> "tuple[Workspace, SessionStatus]":
