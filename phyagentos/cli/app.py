@@ -52,10 +52,7 @@ COMMANDS: dict[str, tuple[str, str]] = {  # name -> module and function, and the
         "planning:plan",
         "Plan a goal by the effects of skills: sessions, their order, and why; start nothing.",
     ),
-    "import": (
-        "tree_exchange:import_tree",
-        "Read behaviour trees of BehaviorTree.CPP 4, as Groot2 saves them; print or write them as YAML.",
-    ),
+    "import": ("tree_exchange:import_tree", "Write the behaviour trees of a file that Groot2 saved as YAML."),
     "init": ("scaffolding:init", "Make a place of your own: a goal graph, a scene and a skill that run at once."),
     "describe": ("describing:describe", "Describe a leaf, skill, predicate, fault or setting by its own declaration."),
     "list": ("showing:list_names", "Print the names that can be used here, one a line."),

@@ -1,21 +1,18 @@
 """`export`: verified sessions as training data, one session as a log, drawings as Mermaid."""
 
 import os
-from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from phyagentos.cli.arguments import AsJson, choose_newest
+from phyagentos.cli.arguments import AsJson, choose_newest, open_library
 from phyagentos.cli.explaining import Id, Space, get_session, show_graph
 from phyagentos.cli.outcome import print_json, print_note, print_result
 from phyagentos.cli.showing import show_lifecycle, show_tree
-
-if TYPE_CHECKING:
-    from phyagentos.protocol.sessions.session import SessionStatus
-    from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.workspace.workspace import Workspace
 
 _SPACES = typer.Argument(metavar="WORKSPACE…", help="Workspaces whose sessions succeeded.")
 _LIST = "Names with commas between."
@@ -47,28 +44,17 @@ def export_lerobot(
     print_result(f"{to}: {len(data.episodes)} episodes, {frames} frames at {data.fps} Hz")
 
 
-class Figure(StrEnum):
-    """What `paos export mermaid` draws."""
-
-    GOAL = "goal"
-    TREE = "tree"
-    STATECHART = "statechart"
-
-
 def export_mermaid(
-    figure: Figure,
-    name: Annotated[str, typer.Argument(help="Id of the goal, or name of the tree.")] = "",
-    workspace: Annotated[
-        Path | None, typer.Option("--workspace", "-w", help="Of the goal; the newest without.")
-    ] = None,
+    subject: Annotated[str, typer.Argument(help="A tree, `statechart`, or a goal; the only goal without.")] = "",
+    workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help="Of the goal; else the newest.")] = None,
 ) -> None:
-    """Print the graph of a goal as it stands, a behaviour tree, or the statechart of a session as Mermaid."""
-    if figure is Figure.GOAL:
-        show_graph(workspace or choose_newest(), name, mermaid=True, as_json=False)
-    elif figure is Figure.TREE:
-        show_tree(name, mermaid=True)
-    else:
+    """Print a behaviour tree, the statechart of a session, or the graph of a goal as it stands, as Mermaid."""
+    if subject == "statechart":
         show_lifecycle(mermaid=True)
+    elif subject in open_library().names_of_trees() or Path(subject).suffix in {".yaml", ".yml"}:
+        show_tree(subject, mermaid=True)
+    else:
+        show_graph(workspace or choose_newest(), subject, mermaid=True, as_json=False)
 
 
 _TO = typer.Option("--to", metavar="FILE", help="The file that is written.")
@@ -78,8 +64,8 @@ def export_mcap(session: Id, workspace: Space, to: Annotated[Path, _TO] = Path("
     """Write a session as MCAP, for Foxglove and Lichtblick: motion, tree, statechart, pictures, documents."""
     from phyagentos.export.mcap_log import write_mcap
 
-    counts = write_mcap(*_find_session(workspace, session), to)
-    print_result(f"wrote {to}: {', '.join(f'{topic} {count}' for topic, count in counts.items())}")
+    write_mcap(*_find_session(workspace, session), to)
+    print_result(f"wrote {to}")
 
 
 def export_rrd(session: Id, workspace: Space, to: Annotated[Path, _TO] = Path("session.rrd")) -> None:
@@ -97,7 +83,6 @@ def export_video(
     workspace: Space,
     to: Annotated[Path, _TO] = Path("session.mp4"),
     camera: Annotated[str, typer.Option(help="A camera of the scene; a view from the front without.")] = "",
-    size: Annotated[tuple[int, int], typer.Option(metavar="WIDTH HEIGHT", help="In pixels.")] = (800, 600),
     fps: Annotated[int, typer.Option(min=1, max=60, help="Pictures a second.")] = 25,
 ) -> None:
     """Write a film of a session as MP4, drawn from its evidence as `paos render` draws it."""
@@ -107,13 +92,12 @@ def export_video(
     from phyagentos.pictures.scene import Look, iter_film
 
     playback = read_playback(*_find_session(workspace, session))
-    write_mp4(iter_film(playback, Look(camera=camera, width=size[0], height=size[1]), fps=fps), to, fps)
+    write_mp4(iter_film(playback, Look(camera=camera), fps=fps), to, fps)
     print_result(f"wrote {to}")
 
 
-def _find_session(root: Path, text: str) -> "tuple[Workspace, SessionStatus]":
+def _find_session(root: Path, text: str) -> tuple[Workspace, SessionStatus]:
     from phyagentos.cli.history import read_ledger
-    from phyagentos.protocol.workspace.workspace import Workspace
 
     known = read_ledger(root, text).sessions
     return Workspace.open(root), known[get_session(text, known)]

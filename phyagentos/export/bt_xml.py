@@ -118,17 +118,12 @@ def _write_node(parent: ET.Element, node: Node) -> None:
 
 def _list_values(node: Node, form: Form) -> Mapping[str, Any]:
     """Attribute -> value, of a node."""
-    match node.kind:
-        case NodeKind.CONDITION:
-            return {"predicate": node.text}
-        case NodeKind.PARALLEL:
-            return {"policy": node.policy}
-        case NodeKind.FOR_EACH | NodeKind.LEAF | NodeKind.SUBTREE:
-            return node.wiring
-        case _ if form.number[0]:
-            return {form.number[0]: int(node.amount) if node.amount.is_integer() else node.amount}
-        case _:
-            return {}
+    if node.kind is NodeKind.CONDITION:
+        return {"predicate": node.text}
+    if node.kind is NodeKind.PARALLEL:
+        return {"policy": node.policy}
+    amount = int(node.amount) if node.amount.is_integer() else node.amount
+    return {form.number[0]: amount} if form.number[0] else node.wiring
 
 
 def _write_model(parent: ET.Element, name: str, model: NodeModel) -> None:
@@ -138,10 +133,8 @@ def _write_model(parent: ET.Element, name: str, model: NodeModel) -> None:
         written = ET.SubElement(element, port.direction, {"name": port_name, "type": port.type} | default)
         written.text = port.description or None
     facts = {"description": model.description, "optional": " ".join(model.optional)}
-    metadata = ET.SubElement(element, "MetadataFields") if any(facts.values()) else element
-    for key, value in facts.items():
-        if value:
-            ET.SubElement(metadata, "Metadata", {key: value})
+    if any(facts.values()):
+        ET.SubElement(ET.SubElement(element, "MetadataFields"), "Metadata", facts)
 
 
 def encode(value: Any) -> str:

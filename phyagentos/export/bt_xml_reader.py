@@ -8,10 +8,10 @@ import re
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 from xml.parsers import expat
 
-from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.export.bt_xml import FORMS, VERSION, decode
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference
 from phyagentos.protocol.documents.schema import Address, Located, read_text
@@ -19,9 +19,7 @@ from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP
 
 _KINDS = {form.tag: kind for kind, form in FORMS.items()} | {kind.value: kind for kind in FORMS}
 _EXPLICIT = frozenset({"Action", "Condition", "Control", "Decorator"})  # <Action ID="move_to"/> is <move_to/>
-_SILENT = frozenset({"ID", "name", "_description", "_uid", "_fullpath"})  # attributes that are no ports
-_HOLDING = [form.tag for form in FORMS.values() if form.holds]
-_GROUPS = {"input_port": "inputs", "output_port": "outputs"}
+_SILENT = frozenset({"name", "_description", "_uid", "_fullpath"})  # attributes that are no ports
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,22 +27,17 @@ class Element:
     """One element of an XML file, and where it begins: line and column, counted from 1."""
 
     tag: str
-    attributes: dict[str, str]
-    mark: tuple[int, int]
+    id: str = ""
+    attributes: dict[str, str] = field(default_factory=dict)
+    mark: tuple[int, int] = (1, 1)
     children: list["Element"] = field(default_factory=list)
     texts: list[str] = field(default_factory=list)
 
-    @property
-    def id(self) -> str:
-        """Its attribute `ID`; empty without."""
-        return self.attributes.get("ID", "")
-
 
 def read_trees(path: Path) -> tuple[tuple[Located, ...], tuple[Problem, ...]]:
-    """The trees of a file as data of the tree format, the main one first, each value at its place in the XML.
+    """Data of the trees of a file, the main one first, at their places in the XML; and what the format cannot say.
 
-    Problems are `INVALID_VALUE` for what the tree format cannot say, and `UNKNOWN_TREE`; raises DefinitionError
-    `XML_SYNTAX`.
+    Problems are `INVALID_VALUE`; raises DefinitionError `XML_SYNTAX`.
     """
     reader = _Reader(str(path))
     trees = reader.read(_parse(read_text(path), str(path)))
@@ -53,101 +46,88 @@ def read_trees(path: Path) -> tuple[tuple[Located, ...], tuple[Problem, ...]]:
 
 def _parse(text: str, source: str) -> Element:
     parser = expat.ParserCreate()
-    opened = [Element("", {}, (1, 1))]
+    opened = [Element("")]
 
-    def refuse(found: str) -> DefinitionError:
-        place = f"{source}:{parser.CurrentLineNumber}:{parser.CurrentColumnNumber + 1}"
-        return DefinitionError.of("XML_SYNTAX", place, found, "well-formed XML without DOCTYPE")
+    def get_mark() -> tuple[int, int]:
+        return parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
+
+    def refuse(found: str) -> NoReturn:
+        line, column = get_mark()
+        raise DefinitionError.of("XML_SYNTAX", f"{source}:{line}:{column}", found, "well-formed XML without DOCTYPE")
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
         if len(opened) > DEPTH_MAX:
-            raise refuse(TOO_DEEP)
-        element = Element(tag, attributes, (parser.CurrentLineNumber, parser.CurrentColumnNumber + 1))
-        opened[-1].children.append(element)
-        opened.append(element)
+            refuse(TOO_DEEP)
+        opened.append(Element(tag, attributes.pop("ID", ""), attributes, get_mark()))
+        opened[-2].children.append(opened[-1])
 
-    def add_text(data: str) -> None:
-        opened[-1].texts.append(data)
-
-    def forbid(*_: object) -> None:
-        raise refuse("a DOCTYPE")
-
-    parser.StartElementHandler, parser.EndElementHandler = begin, lambda _: opened.pop()
-    parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = add_text, forbid
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = lambda _: opened.pop()
+    parser.CharacterDataHandler = lambda text: opened[-1].texts.append(text)  # noqa: PLW0108 - of the one open then
+    parser.StartDoctypeDeclHandler = lambda *_: refuse("a DOCTYPE")
     try:
         parser.Parse(text.encode(), True)
     except expat.ExpatError as error:
-        raise refuse(expat.ErrorString(error.code)) from error
+        refuse(expat.ErrorString(error.code))
     return opened[0].children[0]
 
 
+@dataclass(slots=True)
 class _Reader:
     """Makes data of elements, and collects what has no place in it."""
 
-    def __init__(self, source: str) -> None:
-        self.problems: list[Problem] = []
-        self._source = source
-        self._subtrees: dict[str, Element] = {}
-        self._marks: dict[Address, tuple[int, int]] = {}
+    source: str
+    problems: list[Problem] = field(default_factory=list)
+    subtrees: dict[str, Element] = field(default_factory=dict)
+    marks: dict[Address, tuple[int, int]] = field(default_factory=dict)
 
     def read(self, root: Element) -> tuple[Located, ...]:
         if root.tag != "root" or root.attributes.get("BTCPP_format") != VERSION:
             found = f"<{root.tag}> of format {root.attributes.get('BTCPP_format', '3 or none')}"
             self._refuse(root, found, f'<root BTCPP_format="{VERSION}">', "Groot2 saves it so.")
-        self._rename_trees(root)
         trees: dict[str, Element] = {}
         for each in root.children:
             if each.tag == "TreeNodesModel":
-                self._subtrees |= {model.id: model for model in each.children if model.tag == "SubTree"}
+                self.subtrees |= {model.id: model for model in each.children if model.tag == "SubTree"}
             elif each.tag != "BehaviorTree" or each.id in trees:
-                found = f"<{each.tag} ID={each.id!r}>"
-                self._refuse(each, found, "each <BehaviorTree> once, and <TreeNodesModel>; nothing is included")
+                self._refuse(each, f"<{each.tag} ID={each.id!r}>", "each <BehaviorTree> once, and <TreeNodesModel>")
             else:
                 trees[each.id] = each
-        main = _fit_name(root.attributes.get("main_tree_to_execute", next(iter(trees), "")))
+        main = root.attributes.get("main_tree_to_execute", next(iter(trees), ""))
         if main not in trees:
-            self.problems.append(Problem.unknown("UNKNOWN_TREE", self._place(root), main, trees))
-        read = [self._read_tree(each) for each in trees.values()]
-        return tuple(sorted(read, key=lambda tree: tree.data["tree"] != main))
-
-    def _rename_trees(self, element: Element) -> None:
-        """Refuse names that no tree file can have; the rest is checked under names that it can."""
-        if element.tag in ("BehaviorTree", "SubTree"):
-            name, fit = element.id, _fit_name(element.id)
-            element.attributes["ID"] = fit
-            if fit != name and element.tag == "BehaviorTree":
-                self._refuse(
-                    element, f"the tree {name!r}", "small letters, digits and underscores", f"Call it {fit!r}."
-                )
-        for child in element.children:
-            self._rename_trees(child)
+            self._refuse(root, f"main_tree_to_execute={main!r}", format_names(trees), format_hint(main, trees))
+        return tuple(self._read_tree(trees[name]) for name in sorted(trees, key=lambda name: name != main))
 
     def _read_tree(self, element: Element) -> Located:
-        model = self._subtrees.get(element.id, Element("SubTree", {}, element.mark))
+        model = self.subtrees.get(element.id, Element("SubTree"))
         metadata = [fact for each in model.children if each.tag == "MetadataFields" for fact in each.children]
-        facts = {key: value for fact in metadata for key, value in fact.attributes.items()}
-        description = facts.get("description") or element.attributes.get("_description")
-        data: dict[str, Any] = {"tree": element.id}
-        data["description"] = description or f"Imported from {Path(self._source).name}."
-        self._marks = {(): element.mark}
+        facts = element.attributes | {key: value for fact in metadata for key, value in fact.attributes.items()}
+        description = (
+            facts.get("description") or facts.get("_description") or f"Imported from {Path(self.source).name}."
+        )
+        name = _fit_name(element.id)
+        if name != element.id:
+            self._refuse(element, f"the tree {element.id!r}", "small letters, digits and _", f"Call it {name!r}.")
+        data: dict[str, Any] = {"tree": name, "description": description}
+        self.marks = {(): element.mark}
         for port in model.children:
-            if group := _GROUPS.get(port.tag):
-                body = _read_port(port, is_optional=port.attributes.get("name") in facts.get("optional", "").split())
-                data.setdefault(group, {})[port.attributes.get("name", "")] = body
-                self._marks[group, port.attributes.get("name", "")] = port.mark
+            if group := {"input_port": "inputs", "output_port": "outputs"}.get(port.tag):
+                own = port.attributes.get("name", "")
+                data.setdefault(group, {})[own] = _read_port(port, is_optional=own in facts.get("optional", "").split())
+                self.marks[group, own] = port.mark
             elif port.tag != "MetadataFields":
                 self._refuse(port, f"<{port.tag}>", "<input_port> or <output_port>")
         if len(element.children) == 1:
-            data["root"] = self._read_node(element.children[0], ("root",), element.id.rsplit("/", 1)[-1])
+            data["root"] = self._read_node(element.children[0], ("root",), name.rsplit("/", 1)[-1])
         else:
             self._refuse(element, f"{len(element.children)} nodes in a tree", "one root")
-        return Located(data=data, source=self._source, marks=self._marks)
+        return Located(data=data, source=self.source, marks=self.marks)
 
     def _read_node(self, element: Element, address: Address, default: str) -> Any:
         """Data of a node; `default` is the name that it has where none is written."""
         kind, tag = _classify(element)
         key = tag if kind is NodeKind.LEAF else kind.value
-        self._marks[address] = self._marks[*address, key] = element.mark
+        self.marks[address] = self.marks[*address, key] = element.mark
         body: dict[str, Any] = self._read_values(element, kind)
         name = element.attributes.get("name", default)
         if kind is NodeKind.CONDITION:
@@ -162,11 +142,13 @@ class _Reader:
 
     def _read_children(self, element: Element, kind: NodeKind, place: Address) -> dict[str, Any]:
         holds = FORMS[kind].holds if kind in FORMS else ""
-        found = f"<{element.tag}> with {len(element.children)} nodes in it"
-        if not holds and element.children:
-            self._refuse(element, found, f"none; they are held by {format_names(_HOLDING)}")
-        elif holds == "child" and len(element.children) != 1:
-            self._refuse(element, found, "one")
+        if holds != "children" and len(element.children) != bool(holds):
+            expected = (
+                "one"
+                if holds
+                else f"none; they are held by {format_names(form.tag for form in FORMS.values() if form.holds)}"
+            )
+            self._refuse(element, f"<{element.tag}> with {len(element.children)} nodes in it", expected)
         names: Counter[str] = Counter()
         children = []
         for index, child in enumerate(element.children):
@@ -194,11 +176,9 @@ class _Reader:
             values[key if name == own else name] = f"${value.key}" if isinstance(value, Reference) else value
         return values
 
-    def _place(self, element: Element) -> str:
-        return f"{self._source}:{element.mark[0]}:{element.mark[1]}"
-
     def _refuse(self, element: Element, found: str, expected: str, hint: str = "") -> None:
-        self.problems.append(Problem("INVALID_VALUE", self._place(element), found, expected, hint))
+        place = f"{self.source}:{element.mark[0]}:{element.mark[1]}"
+        self.problems.append(Problem("INVALID_VALUE", place, found, expected, hint))
 
 
 def _fit_name(name: str) -> str:
@@ -216,11 +196,10 @@ def _classify(element: Element) -> tuple[NodeKind, str]:
 
 def _read_port(port: Element, *, is_optional: bool) -> dict[str, Any]:
     """An input or output of a tree, as the tree format writes it."""
-    kind, default = port.attributes.get("type"), port.attributes.get("default")
-    body = {
-        "type": kind,
-        "description": "".join(port.texts).strip() or None,
-        "optional": is_optional or None,
-        "default": decode(default) if default is not None else None,
-    }
-    return {key: value for key, value in body.items() if value is not None}
+    texts = {"type": port.attributes.get("type"), "description": "".join(port.texts).strip()}
+    body: dict[str, Any] = {key: text for key, text in texts.items() if text}
+    if is_optional:
+        body["optional"] = True
+    if "default" in port.attributes:
+        body["default"] = decode(port.attributes["default"])
+    return body

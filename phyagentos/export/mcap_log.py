@@ -8,8 +8,7 @@ import base64
 import heapq
 import mimetypes
 import zipfile
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
 from operator import itemgetter
 from pathlib import Path
@@ -17,14 +16,13 @@ from typing import Any
 
 import msgspec
 
-from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
+from phyagentos.errors import DefinitionError, needs_extra
 from phyagentos.protocol.capabilities.registries import get_registered_target
-from phyagentos.protocol.sessions.evidence import TRAJECTORY, Event, read_bundle
+from phyagentos.protocol.sessions.evidence import TRAJECTORY, read_bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
-from phyagentos.protocol.sessions.looks import LOOK, StoredLook, read_looks
+from phyagentos.protocol.sessions.looks import read_looks, read_stored_look
 from phyagentos.protocol.sessions.recording import RECORDING, read_recording
 from phyagentos.protocol.sessions.session import SessionStatus
-from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.workspace.array_files import decode_arrays
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.history import Histories
@@ -33,12 +31,10 @@ from phyagentos.store.records import Record, encode_record
 
 Message = tuple[int, int, str, Mapping[str, Any]]
 """When it is logged and was published [ns since the epoch], on which topic, and what it says."""
-Place = Callable[[float], int]
-"""The target's time [s] as a time of the file [ns]."""
 Picture = tuple[float, float, str, Path, str]
 """When it was shown and stamped, in the target's time [s]; the camera; a zip file of the bundle, and its name there."""
 
-_NUMBER, _TEXT, _OBJECT = {"type": "number"}, {"type": "string"}, {"type": "object"}
+_NUMBER, _TEXT = {"type": "number"}, {"type": "string"}
 _IMAGE = {  # https://docs.foxglove.dev/docs/sdk/schemas/compressed-image
     "timestamp": {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}},
     "frame_id": _TEXT,
@@ -46,14 +42,13 @@ _IMAGE = {  # https://docs.foxglove.dev/docs/sdk/schemas/compressed-image
     "format": _TEXT,
 }
 _TREE = dict.fromkeys(("path", "leaf", "status", "role", "code", "message"), _TEXT) | {"time_s": _NUMBER}
-_EVENTS = {"time_s": _NUMBER, "kind": _TEXT, "code": _TEXT, "details": _OBJECT}
 _TRANSITIONS = dict.fromkeys(("event", "state", "by", "side", "at"), _TEXT)
 _DOCUMENTS = frozenset({".json", ".jsonl", ".md", ".png", ".xml", ".yaml"})
 _MOVING = frozenset({SessionState.RUNNING, SessionState.HALTING, SessionState.CANCELLING})
 
 
-def write_mcap(workspace: Workspace, status: SessionStatus, to: Path) -> Mapping[str, int]:
-    """Write a session to a file; returns the number of messages of each topic.
+def write_mcap(workspace: Workspace, status: SessionStatus, to: Path) -> None:
+    """Write a session to a file.
 
     Raises:
         DefinitionError: `EXTRA_MISSING` without the package mcap; `NOTHING_TO_EXPORT` of a session that never ran.
@@ -70,25 +65,23 @@ def write_mcap(workspace: Workspace, status: SessionStatus, to: Path) -> Mapping
     arrays = decode_arrays(path.read_bytes()) if (path := folder / TRAJECTORY).is_file() else {}
     joints = get_registered_target(workspace.target_registry, contract.target).arm.joints
     start_s = bundle.trace[0].time_s if bundle.trace else 0.0
-    start_ns, _ = _find_motion(records)
+    start_ns, ended_ns = _find_motion(records)
 
     def place(time_s: float) -> int:
         return start_ns + round((time_s - start_s) * 1e9)
 
     of_joints = {"type": "object", "properties": dict.fromkeys(joints, _NUMBER)}
     rows = {name: of_joints if values.ndim > 1 else _NUMBER for name, values in arrays.items()}
-    forms = {"/trajectory": ("phyagentos.Trajectory", rows), "/tree": ("phyagentos.TraceEvent", _TREE)}
-    forms |= {"/events": ("phyagentos.Event", _EVENTS), "/session": ("phyagentos.Transition", _TRANSITIONS)}
+    forms: dict[str, tuple[str, Any]] = {"/trajectory": ("phyagentos.Trajectory", rows)}
+    forms |= {"/tree": ("phyagentos.TraceEvent", _TREE), "/session": ("phyagentos.Transition", _TRANSITIONS)}
     forms |= {f"/camera/{camera}": ("foxglove.CompressedImage", _IMAGE) for _, _, camera, *_ in pictures}
     messages = heapq.merge(
         _iter_rows(arrays, joints, place),
-        _iter_changes("/tree", bundle.trace, place),
-        _iter_changes("/events", bundle.events, place),
-        _iter_transitions(records, place(start_s + status.execution.sim_time_s)),
+        ((place(each.time_s), place(each.time_s), "/tree", msgspec.to_builtins(each)) for each in bundle.trace),
+        _iter_transitions(records, ended_ns, place(start_s + status.execution.sim_time_s)),
         _iter_images(pictures, place),
         key=itemgetter(0),
     )
-    counts: Counter[str] = Counter()
     with to.open("wb") as file:
         writer = Writer(file)
         writer.start(library="phyagentos")
@@ -97,14 +90,12 @@ def write_mcap(workspace: Workspace, status: SessionStatus, to: Path) -> Mapping
             schema = msgspec.json.encode({"title": name, "type": "object", "properties": properties})
             channels[topic] = writer.register_channel(topic, "json", writer.register_schema(name, "jsonschema", schema))
         for log_ns, publish_ns, topic, value in messages:
-            writer.add_message(channels[topic], log_ns, msgspec.json.encode(value), publish_ns, counts[topic])
-            counts[topic] += 1
+            writer.add_message(channels[topic], log_ns, msgspec.json.encode(value), publish_ns)
         documents = {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in _DOCUMENTS}
         documents["journal.md"] = b"".join(map(encode_record, records))
         for name, data in sorted(documents.items()):
             writer.add_attachment(start_ns, start_ns, name, mimetypes.guess_type(name)[0] or "text/plain", data)
         writer.finish()
-    return counts
 
 
 def find_pictures(folder: Path) -> Sequence[Picture]:
@@ -113,21 +104,13 @@ def find_pictures(folder: Path) -> Sequence[Picture]:
     recorded = recording.pictures if recording is not None else ()
     found: list[Picture] = [(each.shown_s, each.time_s, each.camera, folder / RECORDING, each.rgb) for each in recorded]
     for path in (folder / entry.file for entry in read_looks(folder)):
-        for request, answer in _read_look(path).captures if path.is_file() else ():
+        for request, answer in read_stored_look(path).captures if path.is_file() else ():
             whole = (each for each in answer.frames if request.every == 1 and each.camera not in request.crops)
             found += [(each.time_s, each.time_s, each.camera, path, each.rgb) for each in whole]
     return sorted({each[1:3]: each for each in reversed(found)}.values())
 
 
-def _read_look(path: Path) -> StoredLook:
-    try:
-        with zipfile.ZipFile(path) as file:
-            return msgspec.json.decode(file.read(LOOK), type=StoredLook)
-    except (zipfile.BadZipFile, KeyError, msgspec.MsgspecError, OSError) as error:
-        raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
-
-
-def _iter_rows(arrays: Mapping[str, Any], joints: Sequence[str], place: Place) -> Iterator[Message]:
+def _iter_rows(arrays: Mapping[str, Any], joints: Sequence[str], place: Callable[[float], int]) -> Iterator[Message]:
     """The trajectory: by name of the array a number, or numbers by joint."""
     columns = {name: values.tolist() for name, values in arrays.items() if len(values) == len(arrays["time_s"])}
     for row, time_s in enumerate(columns.get("time_s", ())):
@@ -136,20 +119,14 @@ def _iter_rows(arrays: Mapping[str, Any], joints: Sequence[str], place: Place) -
         yield place(time_s), place(time_s), "/trajectory", value
 
 
-def _iter_changes(topic: str, events: Iterable[TraceEvent | Event], place: Place) -> Iterator[Message]:
-    for each in sorted(events, key=lambda event: event.time_s):
-        yield place(each.time_s), place(each.time_s), topic, msgspec.to_builtins(each)
-
-
 def _find_motion(records: Sequence[Record]) -> tuple[int, int]:
     """Wall times [ns] at which the target was given free, and at which it was at rest again."""
     moved = [index for index, record in enumerate(records) if record.to in _MOVING] or [0]
     return _read_moment(records[moved[0]]), _read_moment(records[min(moved[-1] + 1, len(records) - 1)])
 
 
-def _iter_transitions(records: Sequence[Record], rest_ns: int) -> Iterator[Message]:
+def _iter_transitions(records: Sequence[Record], ended_ns: int, rest_ns: int) -> Iterator[Message]:
     """The statechart; what happened during the motion stands at its wall time, but not behind its end, `rest_ns`."""
-    _, ended_ns = _find_motion(records)
     for each in records:
         at_ns = _read_moment(each)
         value = {"event": each.ev, "state": each.to, "by": each.by, "side": each.side, "at": each.at}
@@ -160,11 +137,11 @@ def _read_moment(record: Record) -> int:
     return round(datetime.fromisoformat(record.at).timestamp() * 1e6) * 1000
 
 
-def _iter_images(pictures: Sequence[Picture], place: Place) -> Iterator[Message]:
+def _iter_images(pictures: Sequence[Picture], place: Callable[[float], int]) -> Iterator[Message]:
     for shown_s, time_s, camera, path, name in pictures:
         with zipfile.ZipFile(path) as file:
             data = base64.b64encode(file.read(name)).decode()
         seconds, nanoseconds = divmod(place(time_s), 1_000_000_000)
-        stamp = {"sec": seconds, "nsec": nanoseconds}
-        value = {"timestamp": stamp, "frame_id": camera, "format": "png", "data": data}
+        at = {"sec": seconds, "nsec": nanoseconds}
+        value = {"timestamp": at, "frame_id": camera, "format": "png", "data": data}
         yield place(shown_s), place(shown_s), f"/camera/{camera}", value

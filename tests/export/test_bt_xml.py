@@ -108,7 +108,7 @@ def test_every_kind_of_node_and_every_form_of_value_comes_back(every_kind, tmp_p
 
 REFERENCES = st.builds(Reference, st.from_regex(r"[a-z][a-z0-9_]*", fullmatch=True))
 WORDS = st.text() | st.from_regex(r"\$?[\"{$(]*[a-z]*[\"})]*", fullmatch=True)
-DATA = st.recursive(st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | WORDS, st.lists)
+DATA = st.recursive(st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | WORDS, st.lists, max_leaves=5)
 
 
 @given(DATA | REFERENCES)
@@ -276,10 +276,10 @@ def test_a_foreign_tree_is_refused_with_line_and_column_what_is_possible_and_the
             ":1:1: INVALID_VALUE: found <root> of format 3 or",
         ),
         ("<root BTCPP_format='4'><include path='a.xml'/></root>", ":1:24: INVALID_VALUE: found <include ID=''>"),
-        ("<root BTCPP_format='4'/>", ":1:1: UNKNOWN_TREE: found 'tree'; expected (none)"),
+        ("<root BTCPP_format='4'/>", ":1:1: INVALID_VALUE: found main_tree_to_execute=''; expected (none)"),
         (
             "<root BTCPP_format='4' main_tree_to_execute='b'><BehaviorTree ID='a'/></root>",
-            ":1:1: UNKNOWN_TREE: found 'b'; expected a",
+            ":1:1: INVALID_VALUE: found main_tree_to_execute='b'; expected a",
         ),
         (
             "<root BTCPP_format='4'><BehaviorTree ID='a'/><BehaviorTree ID='a'/></root>",
@@ -308,7 +308,7 @@ def test_what_is_no_tree_is_refused_at_its_place(text, line, paos, tmp_path):
     assert any(each.startswith(f"{file}{line}") for each in result.err.splitlines()), result.err
 
 
-def test_a_tree_drawn_with_explicit_tags_and_short_keys_is_printed_as_yaml(paos, tmp_path):
+def test_a_tree_drawn_with_explicit_tags_and_short_keys_becomes_yaml(paos, tmp_path):
     file = tmp_path / "drawn.xml"
     file.write_text(
         """<root BTCPP_format="4"><BehaviorTree ID="show" _description="Show a thing.">
@@ -321,10 +321,10 @@ def test_a_tree_drawn_with_explicit_tags_and_short_keys_is_printed_as_yaml(paos,
         </SubTree></TreeNodesModel></root>"""
     )
 
-    result = paos("import", file)
+    result = paos("import", file, "--to", tmp_path)
 
-    assert (result.code, result.err) == (0, "")
-    assert result.out == (
+    assert (result.code, result.err, result.out) == (0, "", f"{tmp_path}/trees/show.yaml\n")
+    assert (tmp_path / "trees" / "show.yaml").read_text() == (
         "tree: show\ndescription: Show a thing.\ninputs:\n  object: {type: entity, description: It.}\nroot:\n"
         "  sequence:\n    children:\n    - locate: {object: $object}\n    - {condition: 'visible(${object})'}\n"
         "    - subtree: {tree: home}\n"
