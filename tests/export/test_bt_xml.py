@@ -108,7 +108,9 @@ def test_every_kind_of_node_and_every_form_of_value_comes_back(every_kind, tmp_p
 
 REFERENCES = st.builds(Reference, st.from_regex(r"[a-z][a-z0-9_]*", fullmatch=True))
 WORDS = st.text() | st.from_regex(r"\$?[\"{$(]*[a-z]*[\"})]*", fullmatch=True)
-DATA = st.recursive(st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | WORDS, st.lists, max_leaves=5)
+DATA = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | WORDS, st.lists, max_leaves=5
+)
 
 
 @given(DATA | REFERENCES)
