@@ -149,8 +149,7 @@ class _Reader:
                 else f"none; they are held by {format_names(form.tag for form in FORMS.values() if form.holds)}"
             )
             self._refuse(element, f"<{element.tag}> with {len(element.children)} nodes in it", expected)
-        names: Counter[str] = Counter()
-        children = []
+        names, children = Counter[str](), list[Any]()
         for index, child in enumerate(element.children):
             default = _classify(child)[1].rsplit("/", 1)[-1]
             numbered = f"{default}.{names[default] + 1}" if names[default] else default  # as siblings are told apart

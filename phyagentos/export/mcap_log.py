@@ -29,8 +29,8 @@ from phyagentos.store.history import Histories
 from phyagentos.store.journal import choose_partition
 from phyagentos.store.records import Record, encode_record
 
-Message = tuple[int, int, str, Mapping[str, Any]]
-"""When it is logged and was published [ns since the epoch], on which topic, and what it says."""
+Message = tuple[int, str, Mapping[str, Any]]
+"""When it is logged [ns since the epoch], on which topic, and what it says."""
 Picture = tuple[float, float, str, Path, str]
 """When it was shown and stamped, in the target's time [s]; the camera; a zip file of the bundle, and its name there."""
 
@@ -62,7 +62,8 @@ def write_mcap(workspace: Workspace, status: SessionStatus, to: Path) -> None:
     with Histories(workspace.sessions / choose_partition(workspace.sessions)) as histories:
         records = histories.find(contract.id)
     bundle, pictures = read_bundle(folder, contract, status.execution), find_pictures(folder)
-    arrays = decode_arrays(path.read_bytes()) if (path := folder / TRAJECTORY).is_file() else {}
+    course = decode_arrays(path.read_bytes()) if (path := folder / TRAJECTORY).is_file() else {}
+    arrays = {name: values for name, values in course.items() if len(values) == len(course["time_s"])}
     joints = get_registered_target(workspace.target_registry, contract.target).arm.joints
     start_s = bundle.trace[0].time_s if bundle.trace else 0.0
     start_ns, ended_ns = _find_motion(records)
@@ -77,7 +78,7 @@ def write_mcap(workspace: Workspace, status: SessionStatus, to: Path) -> None:
     forms |= {f"/camera/{camera}": ("foxglove.CompressedImage", _IMAGE) for _, _, camera, *_ in pictures}
     messages = heapq.merge(
         _iter_rows(arrays, joints, place),
-        ((place(each.time_s), place(each.time_s), "/tree", msgspec.to_builtins(each)) for each in bundle.trace),
+        ((place(each.time_s), "/tree", msgspec.to_builtins(each) | {"role": each.role or ""}) for each in bundle.trace),
         _iter_transitions(records, ended_ns, place(start_s + status.execution.sim_time_s)),
         _iter_images(pictures, place),
         key=itemgetter(0),
@@ -89,8 +90,9 @@ def write_mcap(workspace: Workspace, status: SessionStatus, to: Path) -> None:
         for topic, (name, properties) in forms.items():
             schema = msgspec.json.encode({"title": name, "type": "object", "properties": properties})
             channels[topic] = writer.register_channel(topic, "json", writer.register_schema(name, "jsonschema", schema))
-        for log_ns, publish_ns, topic, value in messages:
-            writer.add_message(channels[topic], log_ns, msgspec.json.encode(value), publish_ns)
+        for at_ns, topic, value in messages:
+            published_ns = _read_moment(value["at"]) if "at" in value else at_ns
+            writer.add_message(channels[topic], at_ns, msgspec.json.encode(value), published_ns)
         documents = {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in _DOCUMENTS}
         documents["journal.md"] = b"".join(map(encode_record, records))
         for name, data in sorted(documents.items()):
@@ -112,29 +114,29 @@ def find_pictures(folder: Path) -> Sequence[Picture]:
 
 def _iter_rows(arrays: Mapping[str, Any], joints: Sequence[str], place: Callable[[float], int]) -> Iterator[Message]:
     """The trajectory: by name of the array a number, or numbers by joint."""
-    columns = {name: values.tolist() for name, values in arrays.items() if len(values) == len(arrays["time_s"])}
+    columns = {name: values.tolist() for name, values in arrays.items()}
     for row, time_s in enumerate(columns.get("time_s", ())):
         value = {name: values[row] for name, values in columns.items()}
         value |= {name: dict(zip(joints, each, strict=True)) for name, each in value.items() if isinstance(each, list)}
-        yield place(time_s), place(time_s), "/trajectory", value
+        yield place(time_s), "/trajectory", value
 
 
 def _find_motion(records: Sequence[Record]) -> tuple[int, int]:
     """Wall times [ns] at which the target was given free, and at which it was at rest again."""
     moved = [index for index, record in enumerate(records) if record.to in _MOVING] or [0]
-    return _read_moment(records[moved[0]]), _read_moment(records[min(moved[-1] + 1, len(records) - 1)])
+    return _read_moment(records[moved[0]].at), _read_moment(records[min(moved[-1] + 1, len(records) - 1)].at)
 
 
 def _iter_transitions(records: Sequence[Record], ended_ns: int, rest_ns: int) -> Iterator[Message]:
     """The statechart; what happened during the motion stands at its wall time, but not behind its end, `rest_ns`."""
     for each in records:
-        at_ns = _read_moment(each)
+        at_ns = _read_moment(each.at)
         value = {"event": each.ev, "state": each.to, "by": each.by, "side": each.side, "at": each.at}
-        yield min(at_ns, rest_ns) if at_ns < ended_ns else at_ns - ended_ns + rest_ns, at_ns, "/session", value
+        yield min(at_ns, rest_ns) if at_ns < ended_ns else at_ns - ended_ns + rest_ns, "/session", value
 
 
-def _read_moment(record: Record) -> int:
-    return round(datetime.fromisoformat(record.at).timestamp() * 1e6) * 1000
+def _read_moment(at: str) -> int:
+    return round(datetime.fromisoformat(at).timestamp() * 1e6) * 1000
 
 
 def _iter_images(pictures: Sequence[Picture], place: Callable[[float], int]) -> Iterator[Message]:
@@ -144,4 +146,4 @@ def _iter_images(pictures: Sequence[Picture], place: Callable[[float], int]) -> 
         seconds, nanoseconds = divmod(place(time_s), 1_000_000_000)
         at = {"sec": seconds, "nsec": nanoseconds}
         value = {"timestamp": at, "frame_id": camera, "format": "png", "data": data}
-        yield place(shown_s), place(shown_s), f"/camera/{camera}", value
+        yield place(shown_s), f"/camera/{camera}", value

@@ -14,7 +14,6 @@ from phyagentos.pictures.playback import Playback
 from phyagentos.protocol.sessions.session import SessionStatus
 
 TIMELINE = "target_time"
-_SHOWN_GROUPS = 3  # MuJoCo shows the first three groups of geoms; shapes for collisions stand behind them
 
 
 def write_rrd(playback: Playback, status: SessionStatus, to: Path) -> None:
@@ -33,7 +32,9 @@ def write_rrd(playback: Playback, status: SessionStatus, to: Path) -> None:
     for path, own in zip(paths, poses.swapaxes(0, 1), strict=True):
         columns = rerun.Transform3D.columns(translation=own[:, :3], quaternion=own[:, 3:])
         recording.send_columns(path, [rerun.TimeColumn(TIMELINE, duration=playback.time_s)], columns)
-    for number in np.flatnonzero(model.geom_group < _SHOWN_GROUPS):
+    for number in np.flatnonzero(
+        model.geom_group < 3
+    ):  # the groups that MuJoCo shows; shapes for collisions are of others
         geom = model.geom(number)
         place = rerun.Transform3D(translation=geom.pos, quaternion=geom.quat[[1, 2, 3, 0]])
         recording.log(f"{paths[geom.bodyid[0]]}/{number}", place, *_make_shape(rerun, model, geom), static=True)
