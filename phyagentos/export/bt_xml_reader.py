@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 from xml.parsers import expat
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
-from phyagentos.export.bt_xml import FORMS, VERSION, decode
+from phyagentos.export.bt_xml import APART, FORMS, VERSION, decode, end_of_unused
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference
 from phyagentos.protocol.documents.schema import Address, Located, read_text
 from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP
@@ -105,8 +105,8 @@ class _Reader:
         description = (
             facts.get("description") or facts.get("_description") or f"Imported from {Path(self.source).name}."
         )
-        name = _fit_name(element.id)
-        if name != element.id:
+        name = _fit_name(_read_name(element.id))
+        if name != _read_name(element.id):
             self._refuse(element, f"the tree {element.id!r}", "small letters, digits and _", f"Call it {name!r}.")
         data: dict[str, Any] = {"tree": name, "description": description}
         self.marks = {(): element.mark}
@@ -128,7 +128,7 @@ class _Reader:
         kind, tag = _classify(element)
         key = tag if kind is NodeKind.LEAF else kind.value
         self.marks[address] = self.marks[*address, key] = element.mark
-        body: dict[str, Any] = self._read_values(element, kind)
+        body: dict[str, Any] = self._read_values(element, kind, tag)
         name = element.attributes.get("name", default)
         if kind is NodeKind.CONDITION:
             if name != default or body.keys() != {"predicate"}:
@@ -159,12 +159,13 @@ class _Reader:
             children.append(self._read_node(child, (*place, *step), numbered))
         return {holds: children} if holds == "children" else {holds: children[0]} if holds and children else {}
 
-    def _read_values(self, element: Element, kind: NodeKind) -> dict[str, Any]:
+    def _read_values(self, element: Element, kind: NodeKind, tag: str) -> dict[str, Any]:
         """Values of the attributes that are ports, as the tree format writes them."""
         own, key = FORMS[kind].number if kind in FORMS else ("", "")
         values: dict[str, Any] = {}
         for name, text in element.attributes.items():
-            if name in _SILENT or (name == "_autoremap" and text in {"false", "0"}):
+            is_unused = text.startswith("{_") and text.endswith(f"{end_of_unused(tag, name)}}}")
+            if name in _SILENT or is_unused or (name == "_autoremap" and text in {"false", "0"}):
                 continue
             value = Reference(name) if text == "{=}" else decode(text)
             if name.startswith("_"):
@@ -190,7 +191,12 @@ def _classify(element: Element) -> tuple[NodeKind, str]:
     """Kind of a node, and the name of the leaf or tree that it stands for; of others the name of the kind."""
     tag = element.id if element.tag in _EXPLICIT and element.id else element.tag
     kind = _KINDS.get(tag, NodeKind.LEAF)
-    return kind, tag if kind is NodeKind.LEAF else element.id if kind is NodeKind.SUBTREE else kind.value
+    return kind, tag if kind is NodeKind.LEAF else _read_name(element.id) if kind is NodeKind.SUBTREE else kind.value
+
+
+def _read_name(id: str) -> str:
+    """The name of a tree that was written as an ID."""
+    return id.removesuffix(APART).replace("-", "/")
 
 
 def _read_port(port: Element, *, is_optional: bool) -> dict[str, Any]:
