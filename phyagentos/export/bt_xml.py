@@ -17,6 +17,7 @@ from phyagentos.protocol.capabilities.trees import REFERENCE, Node, NodeKind, Re
 VERSION = "4"
 _KEY = re.compile(r"^\{([a-z][a-z0-9_]*)\}$")
 _NAMED = re.compile(r"\$\(([a-z][a-z0-9_]*)\)")  # `${name}` of a predicate: other readers refuse braces inside a text
+UNWIRED = "_unwired_"  # begins a key that nothing else has
 APART = "-Tree"  # after the name of a tree that a leaf has, too; no name of ours has hyphens or capitals
 _BRACES = {"{": "\\u007b", "}": "\\u007d", "$": "\\u0024"}
 
@@ -96,10 +97,9 @@ def describe_tree(header: TreeHeader) -> NodeModel:
 def render_trees(trees: Sequence[Tree], leaves: Mapping[str, NodeModel]) -> str:
     """One file of trees, the first of which is the main one; `leaves` are those that the model offers."""
     models = {form.tag: form.model for form in FORMS.values() if form.model is not None} | dict(leaves)
-    names = [tree.header.tree for tree in trees]
-    ids = {name: name.replace("/", "-") + (APART if name in models else "") for name in names}
+    ids = {name: name.replace("/", "-") + APART * (name in models) for name in (tree.header.tree for tree in trees)}
     subtrees = {ids[tree.header.tree]: describe_tree(tree.header) for tree in trees}
-    root = ET.Element("root", {"BTCPP_format": VERSION, "main_tree_to_execute": ids[names[0]]})
+    root = ET.Element("root", {"BTCPP_format": VERSION, "main_tree_to_execute": next(iter(ids.values()))})
     for tree in trees:
         _write_node(ET.SubElement(root, "BehaviorTree", {"ID": ids[tree.header.tree]}), tree.root, ids, subtrees)
     model = ET.SubElement(root, "TreeNodesModel")
@@ -118,14 +118,9 @@ def _write_node(parent: ET.Element, node: Node, ids: Mapping[str, str], subtrees
         element.set("ID", ids[node.type])
         for name, port in subtrees[ids[node.type]].ports.items():
             if name not in node.wiring and port.default is None:  # version 4 wants every port wired
-                element.set(name, f"{{_{re.sub(r'[^a-z0-9]', '_', node.name)}{end_of_unused(node.type, name)}}}")
+                element.set(name, f"{{{UNWIRED}{re.sub(r'[^a-z0-9]', '_', f'{node.name}_{node.type}_{name}')}}}")
     for child in node.children:
         _write_node(element, child, ids, subtrees)
-
-
-def end_of_unused(tree: str, port: str) -> str:
-    """How a key ends to which an unwired port of a tree is wired, and nothing else; keys of ours begin otherwise."""
-    return f"_{tree.replace('/', '_')}_{port}"
 
 
 def _list_values(node: Node, form: Form) -> Mapping[str, Any]:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 from xml.parsers import expat
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
-from phyagentos.export.bt_xml import APART, FORMS, VERSION, decode, end_of_unused
+from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.export.bt_xml import APART, FORMS, UNWIRED, VERSION, decode
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference
 from phyagentos.protocol.documents.schema import Address, Located, read_text
 from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP
@@ -35,7 +35,7 @@ class Element:
 
 
 def read_trees(path: Path) -> tuple[tuple[Located, ...], tuple[Problem, ...]]:
-    """Data of the trees of a file, the main one first, at their places in the XML; and what the format cannot say.
+    """Data of the trees of a file, each value at its place in the XML; and what the tree format cannot say.
 
     Problems are `INVALID_VALUE`; raises DefinitionError `XML_SYNTAX`.
     """
@@ -58,7 +58,9 @@ def _parse(text: str, source: str) -> Element:
     def begin(tag: str, attributes: dict[str, str]) -> None:
         if len(opened) > DEPTH_MAX:
             refuse(TOO_DEEP)
-        opened.append(Element(tag, attributes.pop("ID", ""), attributes, get_mark()))
+        id = attributes.pop("ID", "")
+        id = id if tag in _EXPLICIT else id.removesuffix(APART).replace("-", "/")  # of a tree
+        opened.append(Element(tag, id, attributes, get_mark()))
         opened[-2].children.append(opened[-1])
 
     parser.StartElementHandler = begin
@@ -93,10 +95,9 @@ class _Reader:
                 self._refuse(each, f"<{each.tag} ID={each.id!r}>", "each <BehaviorTree> once, and <TreeNodesModel>")
             else:
                 trees[each.id] = each
-        main = root.attributes.get("main_tree_to_execute", next(iter(trees), ""))
-        if main not in trees:
-            self._refuse(root, f"main_tree_to_execute={main!r}", format_names(trees), format_hint(main, trees))
-        return tuple(self._read_tree(trees[name]) for name in sorted(trees, key=lambda name: name != main))
+        if not trees:
+            self._refuse(root, "no tree", "<BehaviorTree>")
+        return tuple(map(self._read_tree, trees.values()))
 
     def _read_tree(self, element: Element) -> Located:
         model = self.subtrees.get(element.id, Element("SubTree"))
@@ -105,15 +106,21 @@ class _Reader:
         description = (
             facts.get("description") or facts.get("_description") or f"Imported from {Path(self.source).name}."
         )
-        name = _fit_name(_read_name(element.id))
-        if name != _read_name(element.id):
+        name = _fit_name(element.id)
+        if name != element.id:
             self._refuse(element, f"the tree {element.id!r}", "small letters, digits and _", f"Call it {name!r}.")
         data: dict[str, Any] = {"tree": name, "description": description}
         self.marks = {(): element.mark}
         for port in model.children:
             if group := {"input_port": "inputs", "output_port": "outputs"}.get(port.tag):
                 own = port.attributes.get("name", "")
-                data.setdefault(group, {})[own] = _read_port(port, is_optional=own in facts.get("optional", "").split())
+                body = {
+                    "type": port.attributes.get("type"),
+                    "description": "".join(port.texts).strip() or None,
+                    "optional": own in facts.get("optional", "").split() or None,
+                    "default": decode(port.attributes["default"]) if "default" in port.attributes else None,
+                }
+                data.setdefault(group, {})[own] = {key: value for key, value in body.items() if value is not None}
                 self.marks[group, own] = port.mark
             elif port.tag != "MetadataFields":
                 self._refuse(port, f"<{port.tag}>", "<input_port> or <output_port>")
@@ -128,7 +135,7 @@ class _Reader:
         kind, tag = _classify(element)
         key = tag if kind is NodeKind.LEAF else kind.value
         self.marks[address] = self.marks[*address, key] = element.mark
-        body: dict[str, Any] = self._read_values(element, kind, tag)
+        body: dict[str, Any] = self._read_values(element, kind)
         name = element.attributes.get("name", default)
         if kind is NodeKind.CONDITION:
             if name != default or body.keys() != {"predicate"}:
@@ -159,20 +166,17 @@ class _Reader:
             children.append(self._read_node(child, (*place, *step), numbered))
         return {holds: children} if holds == "children" else {holds: children[0]} if holds and children else {}
 
-    def _read_values(self, element: Element, kind: NodeKind, tag: str) -> dict[str, Any]:
+    def _read_values(self, element: Element, kind: NodeKind) -> dict[str, Any]:
         """Values of the attributes that are ports, as the tree format writes them."""
         own, key = FORMS[kind].number if kind in FORMS else ("", "")
         values: dict[str, Any] = {}
         for name, text in element.attributes.items():
-            is_unused = text.startswith("{_") and text.endswith(f"{end_of_unused(tag, name)}}}")
-            if name in _SILENT or is_unused or (name == "_autoremap" and text in {"false", "0"}):
+            if name in _SILENT or text.startswith(f"{{{UNWIRED}") or (name, text) == ("_autoremap", "false"):
                 continue
             value = Reference(name) if text == "{=}" else decode(text)
-            if name.startswith("_"):
-                self._refuse(element, f"{name}={text!r}", "no scripts and no remapping of all: nodes, and keys by name")
+            if name.startswith("_") or (text.startswith("{") and not isinstance(value, Reference)):
+                self._refuse(element, f"{name}={text!r}", "ports, whose keys are small letters, digits and _ in braces")
                 continue
-            if text.startswith("{") and not isinstance(value, Reference):
-                self._refuse(element, f"{name}={text!r}", "a key of small letters, digits and underscores in braces")
             values[key if name == own else name] = f"${value.key}" if isinstance(value, Reference) else value
         return values
 
@@ -191,20 +195,4 @@ def _classify(element: Element) -> tuple[NodeKind, str]:
     """Kind of a node, and the name of the leaf or tree that it stands for; of others the name of the kind."""
     tag = element.id if element.tag in _EXPLICIT and element.id else element.tag
     kind = _KINDS.get(tag, NodeKind.LEAF)
-    return kind, tag if kind is NodeKind.LEAF else _read_name(element.id) if kind is NodeKind.SUBTREE else kind.value
-
-
-def _read_name(id: str) -> str:
-    """The name of a tree that was written as an ID."""
-    return id.removesuffix(APART).replace("-", "/")
-
-
-def _read_port(port: Element, *, is_optional: bool) -> dict[str, Any]:
-    """An input or output of a tree, as the tree format writes it."""
-    texts = {"type": port.attributes.get("type"), "description": "".join(port.texts).strip()}
-    body: dict[str, Any] = {key: text for key, text in texts.items() if text}
-    if is_optional:
-        body["optional"] = True
-    if "default" in port.attributes:
-        body["default"] = decode(port.attributes["default"])
-    return body
+    return kind, tag if kind is NodeKind.LEAF else element.id if kind is NodeKind.SUBTREE else kind.value

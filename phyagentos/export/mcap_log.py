@@ -50,9 +50,7 @@ _MOVING = frozenset({SessionState.RUNNING, SessionState.HALTING, SessionState.CA
 def write_mcap(workspace: Workspace, status: SessionStatus, to: Path) -> None:
     """Write a session to a file.
 
-    Raises:
-        DefinitionError: `EXTRA_MISSING` without the package mcap; `NOTHING_TO_EXPORT` of a session that never ran.
-        ExecutionError: `EVIDENCE_UNREADABLE`, `JOURNAL_DAMAGED`.
+    Raises DefinitionError `EXTRA_MISSING`, `NOTHING_TO_EXPORT`; ExecutionError of a damaged bundle or journal.
     """
     with needs_extra("export", "paos export mcap"):
         from mcap.writer import Writer

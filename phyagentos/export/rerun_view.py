@@ -27,14 +27,12 @@ def write_rrd(playback: Playback, status: SessionStatus, to: Path) -> None:
     for row, time_s in enumerate(playback.time_s):
         playback.pose(time_s, data)
         poses[row] = np.hstack((data.xpos, data.xquat[:, [1, 2, 3, 0]]))  # Rerun writes the scalar last
-    names = [model.body(number).name or str(number) for number in range(model.nbody)]
+    names = (model.body(number).name or str(number) for number in range(model.nbody))
     paths = [f"world/{rerun.escape_entity_path_part(name)}" for name in names]
     for path, own in zip(paths, poses.swapaxes(0, 1), strict=True):
         columns = rerun.Transform3D.columns(translation=own[:, :3], quaternion=own[:, 3:])
         recording.send_columns(path, [rerun.TimeColumn(TIMELINE, duration=playback.time_s)], columns)
-    for number in np.flatnonzero(
-        model.geom_group < 3
-    ):  # the groups that MuJoCo shows; shapes for collisions are of others
+    for number in np.flatnonzero(model.geom_group < 3):  # what MuJoCo shows; shapes for collisions are of other groups
         geom = model.geom(number)
         place = rerun.Transform3D(translation=geom.pos, quaternion=geom.quat[[1, 2, 3, 0]])
         recording.log(f"{paths[geom.bodyid[0]]}/{number}", place, *_make_shape(rerun, model, geom), static=True)
@@ -44,9 +42,9 @@ def write_rrd(playback: Playback, status: SessionStatus, to: Path) -> None:
         recording.log("tree", rerun.TextLog(text, level="WARN" if event.status == "FAILURE" else "INFO"))
     recording.set_time(TIMELINE, duration=playback.time_s[-1])
     for attempt in status.attempts:
-        recording.log("verdict", rerun.TextLog(f"{attempt.verdict}: {attempt.reason}", level="INFO"))
         for each in attempt.criteria:
-            recording.log("verdict/criteria", rerun.TextLog(f"{each.truth}: {each.kind} {each.text}: {each.because}"))
+            recording.log("criteria", rerun.TextLog(f"{each.truth}: {each.kind} {each.text}: {each.because}"))
+        recording.log("verdict", rerun.TextLog(f"{attempt.verdict}: {attempt.reason}"))
     recording.disconnect()
 
 
