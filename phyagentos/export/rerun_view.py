@@ -36,10 +36,11 @@ def write_rrd(playback: Playback, status: SessionStatus, to: Path) -> None:
         geom = model.geom(number)
         place = rerun.Transform3D(translation=geom.pos, quaternion=geom.quat[[1, 2, 3, 0]])
         recording.log(f"{paths[geom.bodyid[0]]}/{number}", place, *_make_shape(rerun, model, geom), static=True)
+    levels = rerun.TextLogLevel
     for event in playback.bundle.trace:
         recording.set_time(TIMELINE, duration=event.time_s)
         text = f"{event.path} {event.status} {event.code} {event.message}".rstrip()
-        recording.log("tree", rerun.TextLog(text, level="WARN" if event.status == "FAILURE" else "INFO"))
+        recording.log("tree", rerun.TextLog(text, level=levels.WARN if event.status == "FAILURE" else levels.INFO))
     recording.set_time(TIMELINE, duration=playback.time_s[-1])
     for attempt in status.attempts:
         for each in attempt.criteria:
