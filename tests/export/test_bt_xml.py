@@ -2,6 +2,7 @@
 
 import types
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from py_trees.decorators import Decorator
 from py_trees.parsers.behaviour_tree_xml import parse_behaviour_tree_xml
 from py_trees.ports import PortInformation, PortsMixin
 
-from phyagentos.export.bt_xml import FORMS, decode, encode, render_trees
+from phyagentos.export.bt_xml import FORMS, NodeModel, Port, decode, encode, render_trees
 from phyagentos.export.bt_xml_reader import read_trees
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference, iter_nodes, parse_tree, read_tree
@@ -120,6 +121,28 @@ def test_a_value_is_read_as_it_was_written_and_no_text_holds_a_stray_brace(value
     assert decode(text) == value
     assert type(decode(text)) is type(value)
     assert isinstance(value, Reference) or not set(text) & set("{}")
+
+
+def test_a_tree_is_told_apart_from_a_leaf_of_its_name_and_no_port_of_a_subtree_is_left_unwired(every_kind):
+    leaf = NodeModel("Action", {"to": Port(type="point")})
+    tree = read_tree(LIBRARY.get_tree("drive_to"))
+    inner = replace(every_kind, header=every_kind.header.model_copy(update={"tree": "of/mine"}))
+
+    root = ET.fromstring(render_trees(list(find_trees(tree, inner).values()), {"drive_to": leaf}))
+
+    assert {"drive_to-Tree", "of-mine", "home"} <= {each.get("ID") for each in root.iter("BehaviorTree")}
+    models = {(each.get("ID"), each.tag): each for each in root.find("TreeNodesModel")}
+    assert ("drive_to", "Action") in models
+    unwired = 0
+    for tree in root.iter("BehaviorTree"):
+        keys = []
+        for each in tree.iter("SubTree"):
+            for port in (port for port in models[each.get("ID"), "SubTree"] if port.tag.endswith("_port")):
+                assert port.get("name") in each.attrib or port.get("default") is not None
+                keys += [key for key in [each.get(port.get("name"), "")] if key.startswith("{_unwired_")]
+        assert len(set(keys)) == len(keys)
+        unwired += len(keys)
+    assert unwired > 0
 
 
 # Read by py_trees: classes for what it does not know are made of the file's own model.
