@@ -105,7 +105,7 @@ GOAL_DIFFERS      A goal of this name was begun with another graph.
 INVALID_RATE      A rate is not the control rate divided by a whole number.
 MIXED_TARGETS     Sessions of different targets would be exported into one data set.
 MODULE_MISSING    A suite needs a Python module that is not installed.
-NOTHING_TO_EXPORT No session was verified as a success, or the choice leaves none.
+NOTHING_TO_EXPORT No session was verified as a success, the choice leaves none, or the session never ran.
 NOT_A_RUN         The folder is no run of a suite.
 NOT_A_WORKSPACE   The folder is no workspace.
 NOT_BY_HAND       An edit by hand may not change this field.
