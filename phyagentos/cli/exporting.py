@@ -16,6 +16,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 
 _SPACES = typer.Argument(metavar="WORKSPACE…", help="Workspaces whose sessions succeeded.")
 _LIST = "Names with commas between."
+_TO = typer.Option("--to", metavar="FILE", help="The file that is written.")
 
 
 def export_lerobot(
@@ -55,9 +56,6 @@ def export_mermaid(
         show_tree(subject, mermaid=True)
     else:
         show_graph(workspace or choose_newest(), subject, mermaid=True, as_json=False)
-
-
-_TO = typer.Option("--to", metavar="FILE", help="The file that is written.")
 
 
 def export_mcap(session: Id, workspace: Space, to: Annotated[Path, _TO] = Path("session.mcap")) -> None:

@@ -20,6 +20,7 @@ def write_rrd(playback: Playback, status: SessionStatus, to: Path) -> None:
     """Write a session to a file, on the timeline `target_time` [s]; raises DefinitionError `EXTRA_MISSING`."""
     with needs_extra("rerun", "paos export rrd"):
         import rerun
+    to.touch()  # an OSError where it cannot be written, which Rerun does not tell
     recording = rerun.RecordingStream("phyagentos", recording_id=status.contract.id)
     recording.save(to)
     model, data = playback.model, mujoco.MjData(playback.model)

@@ -15,6 +15,7 @@ def write_mp4(pictures: Iterable[NDArray[np.uint8]], to: Path, fps: int, options
     """Write pictures (height, width, 3) of one size, without an odd last row or column; raises `EXTRA_MISSING`."""
     with needs_extra("export", "paos export video"):
         import av
+    to.touch()  # an OSError that names the file where it cannot be written
     with av.open(to, "w") as container:
         stream = container.add_stream("libx264", rate=fps, options=dict(options))
         stream.pix_fmt = "yuv420p"

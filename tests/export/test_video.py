@@ -26,6 +26,16 @@ def test_a_film_has_every_picture_at_its_rate_without_an_odd_last_row_or_column(
     assert np.abs([frame.mean() - shade for frame, shade in zip(frames, shades, strict=True)]).max() < 4
 
 
+def test_a_place_that_cannot_be_written_is_named_before_a_picture_is_drawn(tmp_path):
+    def draw():
+        raise AssertionError
+        yield
+
+    with pytest.raises(FileNotFoundError) as refused:
+        write_mp4(draw(), tmp_path / "missing" / "film.mp4", 25)
+    assert refused.value.filename == str(tmp_path / "missing" / "film.mp4")
+
+
 def test_without_pyav_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
 
