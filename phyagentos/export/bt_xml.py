@@ -140,7 +140,7 @@ def _write_model(parent: ET.Element, name: str, model: NodeModel) -> None:
         written = ET.SubElement(element, port.direction, {"name": port_name, "type": port.type} | default)
         written.text = port.description or None
     facts = {"description": model.description, "optional": " ".join(model.optional)}
-    if any(facts.values()):
+    if facts := {key: text for key, text in facts.items() if text}:
         ET.SubElement(ET.SubElement(element, "MetadataFields"), "Metadata", facts)
 
 

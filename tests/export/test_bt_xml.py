@@ -15,13 +15,17 @@ from py_trees.decorators import Decorator
 from py_trees.parsers.behaviour_tree_xml import parse_behaviour_tree_xml
 from py_trees.ports import PortInformation, PortsMixin
 
+from phyagentos.cli.tree_exchange import find_tree, iter_leaf_models
 from phyagentos.export.bt_xml import FORMS, NodeModel, Port, decode, encode, render_trees
 from phyagentos.export.bt_xml_reader import read_trees
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference, iter_nodes, parse_tree, read_tree
 from phyagentos.protocol.documents.schema import parse_yaml
+from phyagentos.runtime.execution.leaf_registry import build_registry
+from phyagentos.runtime.execution.tree_check import PORT_TYPES
 
 LIBRARY = Library.open()
+REGISTRY = build_registry(LIBRARY)
 TREES = LIBRARY.names_of_trees()
 
 EVERY_KIND = """
@@ -210,12 +214,9 @@ def expand(node, trees, scope, above=()):
 
 @pytest.mark.parametrize("name", TREES)
 def test_py_trees_reads_the_same_nodes_in_the_same_places_with_the_same_keys(name, tmp_path):
-    from phyagentos.cli.tree_exchange import iter_leaf_models
-    from phyagentos.runtime.execution.leaf_registry import build_registry
-
     trees = find_trees(read_tree(LIBRARY.get_tree(name)))
     path = tmp_path / "tree.xml"
-    path.write_text(render_trees(list(trees.values()), dict(iter_leaf_models(build_registry(LIBRARY)))), "utf-8")
+    path.write_text(render_trees(list(trees.values()), dict(iter_leaf_models(REGISTRY))), "utf-8")
 
     try:
         root = read_with_py_trees(path, {})
@@ -375,6 +376,31 @@ def test_export_and_import_by_command_write_what_is_new_and_never_over_another_t
 
 @pytest.mark.parametrize("name", LIBRARY.names_of_skills())
 def test_a_skill_is_exported_as_its_tree(name):
-    from phyagentos.cli.tree_exchange import find_tree
-
     assert find_tree(name, LIBRARY) in TREES
+
+
+@pytest.mark.parametrize("name", REGISTRY.names())
+def test_the_model_of_a_leaf_has_its_ports_with_their_ways_types_and_defaults(name):
+    leaf = REGISTRY.get(name)
+    model = dict(iter_leaf_models(REGISTRY))[name]
+
+    ways = {port: each.direction for port, each in model.ports.items()}
+    assert ways == dict.fromkeys(leaf.INPUT_PORTS, "input_port") | dict.fromkeys(leaf.OUTPUT_PORTS, "output_port")
+    for port, declared in {**leaf.INPUT_PORTS, **leaf.OUTPUT_PORTS}.items():
+        assert PORT_TYPES[model.ports[port].type] is declared.data_type
+        assert model.ports[port].default == (declared.default_value if declared.has_default else None)
+        assert model.ports[port].description == declared.description
+    assert model.description
+    assert model.kind == ("Condition" if name in {"fail", "is_sharp", "verify_grasp"} else "Action")
+
+
+@pytest.mark.parametrize("options", [(), ("--run-python",)])
+def test_a_tree_with_leaves_of_a_skills_own_python_comes_back_whether_that_is_executed_or_not(options, paos, tmp_path):
+    project = Path(__file__).parents[2] / "examples" / "06_gymnasium"
+    file = tmp_path / "tree.xml"
+    file.write_text(paos("export", "bt-xml", project / "trees" / "close_along_line.yaml", *options).out)
+
+    again = paos("import", file, "--to", project, *options)
+
+    assert (again.code, again.out) == (0, "every tree of the file is in the library already\n"), again.err
+    assert ('<Action ID="move_beside">' in file.read_text()) is bool(options)
