@@ -36,7 +36,7 @@ Picture = tuple[float, float, str, Path, str]
 
 _NUMBER, _TEXT = {"type": "number"}, {"type": "string"}
 _IMAGE = {  # https://docs.foxglove.dev/docs/sdk/schemas/compressed-image
-    "timestamp": {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}},
+    "timestamp": {"type": "object", "title": "time", "properties": dict.fromkeys(("sec", "nsec"), {"type": "integer"})},
     "frame_id": _TEXT,
     "data": {"type": "string", "contentEncoding": "base64"},
     "format": _TEXT,
