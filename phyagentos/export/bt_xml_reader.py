@@ -103,9 +103,7 @@ class _Reader:
         model = self.subtrees.get(element.id, Element("SubTree"))
         metadata = [fact for each in model.children if each.tag == "MetadataFields" for fact in each.children]
         facts = element.attributes | {key: value for fact in metadata for key, value in fact.attributes.items()}
-        description = (
-            facts.get("description") or facts.get("_description") or f"Imported from {Path(self.source).name}."
-        )
+        description = facts.get("description", facts.get("_description", f"Imported from {Path(self.source).name}."))
         name = _fit_name(element.id)
         if name != element.id:
             self._refuse(element, f"the tree {element.id!r}", "small letters, digits and _", f"Call it {name!r}.")
@@ -116,7 +114,7 @@ class _Reader:
                 own = port.attributes.get("name", "")
                 body = {
                     "type": port.attributes.get("type"),
-                    "description": "".join(port.texts).strip() or None,
+                    "description": text if (text := "".join(port.texts)).strip() else None,
                     "optional": own in facts.get("optional", "").split() or None,
                     "default": decode(port.attributes["default"]) if "default" in port.attributes else None,
                 }

@@ -34,9 +34,9 @@ Message = tuple[int, str, Mapping[str, Any]]
 Picture = tuple[float, float, str, Path, str]
 """When it was shown and stamped, in the target's time [s]; the camera; a zip file of the bundle, and its name there."""
 
-_NUMBER, _TEXT = {"type": "number"}, {"type": "string"}
+_NUMBER, _WHOLE, _TEXT = {"type": "number"}, {"type": "integer"}, {"type": "string"}
 _IMAGE = {  # https://docs.foxglove.dev/docs/sdk/schemas/compressed-image
-    "timestamp": {"type": "object", "title": "time", "properties": dict.fromkeys(("sec", "nsec"), {"type": "integer"})},
+    "timestamp": {"type": "object", "title": "time", "properties": {"sec": _WHOLE, "nsec": _WHOLE}},
     "frame_id": _TEXT,
     "data": {"type": "string", "contentEncoding": "base64"},
     "format": _TEXT,

@@ -34,7 +34,7 @@ description: 'Every kind of node, and values that are easily taken for others: "
 inputs:
   object: {type: entity, description: What it is about., optional: true}
   things: {type: entities}
-  speed: {type: number, default: 0.5}
+  speed: {type: number, default: 0.5, description: "In two\n  lines,\n"}
   word: {type: string, default: "1"}
   near: {type: boolean, default: false}
 outputs:
