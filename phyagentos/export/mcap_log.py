@@ -48,10 +48,7 @@ _MOVING = frozenset({SessionState.RUNNING, SessionState.HALTING, SessionState.CA
 
 
 def write_mcap(workspace: Workspace, status: SessionStatus, to: Path) -> None:
-    """Write a session to a file.
-
-    Raises DefinitionError `EXTRA_MISSING`, `NOTHING_TO_EXPORT`; ExecutionError of a damaged bundle or journal.
-    """
+    """Write a session to a file; raises DefinitionError `EXTRA_MISSING`, `NOTHING_TO_EXPORT`, or ExecutionError."""
     with needs_extra("export", "paos export mcap"):
         from mcap.writer import Writer
     contract, folder = status.contract, workspace.evidence_of(status.contract.id)
