@@ -235,11 +235,6 @@ class WantedGoal(Authored):
     """A goal as predicates; it has the keys of a goal graph that say what is wanted, and no sessions.
 
     Attributes:
-        goal: Name, as of a goal graph.
-        objective: In words.
-        scene: Name of the scene.
-        targets: Role -> name in TARGETS.md, or `any`.
-        constraints: Invariants, sampled all through every session.
         steps: What must come true before what follows it, in this order; each a list of predicates that hold together.
         accept: What must be true at the end.
     """

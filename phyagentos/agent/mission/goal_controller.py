@@ -131,12 +131,9 @@ class GoalController:
         return entries if self.status.is_cancelled else [*entries, self._facts.note(GoalEvent.GOAL_CANCELLED, body)]
 
     def _judge_ended(self) -> list[Entry]:
-        """Verdicts and consequences: of the sessions that succeeded up to the first that did not, or of that one.
-
-        Those whose judgement was interrupted come first, then the others in the order of their end.
-        """
+        """Verdicts and consequences: of the sessions that succeeded up to the first that did not, or of that one."""
         waiting = [self._ledger.sessions[id] for id in self.worklist.iter_unjudged()]
-        waiting.sort(key=lambda status: status.state != SessionState.VERIFYING)
+        waiting.sort(key=lambda status: status.state != SessionState.VERIFYING)  # interrupted judgements come first
         entries: list[Entry] = []
         fresh: dict[str, Mapping[str, Any]] = {}
         for status in waiting[:BATCH]:
@@ -156,10 +153,7 @@ class GoalController:
         return entries
 
     def _judge(self, status: SessionStatus) -> tuple[Bundle, Attempt]:
-        """The judgement of a session, and the evidence that it rests on.
-
-        A session that only looked is judged by the criteria of its subject, on the snapshot of the look.
-        """
+        """The judgement of a session, or of the subject of a look on the snapshot of that, and its evidence."""
         facts, node = self._facts, status.contract.node
         judges_another = is_look(status.contract) and not self._recovery.prepares(status)
         subject = facts.find_subject(status.contract) if judges_another else status

@@ -30,13 +30,7 @@ Tried = tuple[str, str, Mapping[str, Any]]  # skill, target and parameters of a 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Domain:
-    """A planning problem, and what it was made of.
-
-    Attributes:
-        roles: Role -> target.
-        operators: All that were considered.
-        state: Every fact, and whether it is true at the start.
-    """
+    """A planning problem, the target of each role, all operators that were considered, and the state of all facts."""
 
     problem: PlanningProblem
     roles: Mapping[str, str]
@@ -94,14 +88,9 @@ def build_domain(
     everywhere: bool = False,
     without: Collection[Tried] = (),
 ) -> Domain:
-    """The problem of a goal in a world.
+    """The problem of a goal in a world, `without` sessions that no plan may have.
 
-    Args:
-        wanted: The goal.
-        catalogue: Skills and targets.
-        world: The present snapshot.
-        without: Sessions that no plan may have.
-        everywhere: Whether things may go to every place of the world, rather than to those of the goal and free spots.
+    Things may go `everywhere`, or only to places of the goal and free spots.
 
     Raises:
         DefinitionError: A predicate that cannot be planned for, or `UNKNOWN_TARGET`.
