@@ -78,11 +78,6 @@ class Budget(Authored):
     sessions: int | None = pydantic.Field(default=None, ge=1)
     sim_time_s: float | None = pydantic.Field(default=None, gt=0)
 
-    @property
-    def is_endless(self) -> bool:
-        """Whether it bounds nothing."""
-        return self.sessions is None and self.sim_time_s is None
-
 
 class After(Authored):
     """An edge from the node that comes first; a bare name is one that waits for its success.

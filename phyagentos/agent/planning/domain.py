@@ -98,7 +98,7 @@ def build_domain(
     roles = _resolve_targets(wanted, catalogue)
     targets = {name: catalogue.targets[name] for name in dict.fromkeys(roles.values())}
     things = list_carried(world)
-    stages, invariants = _read_goal(wanted, things, roles)
+    stages, invariants = _read_goal(wanted, things, roles, lambda path: ".".join(map(str, path)))
     texts = (*chain(*wanted.steps), *wanted.accept, *wanted.constraints)
     calls = [call for text in texts for call in iter_calls(parse_predicate(text).rename_targets(roles).formula)]
     relations = (relation for each in world.entities.values() for relation in find_places(each, world))
@@ -153,12 +153,8 @@ def _resolve_targets(wanted: WantedGoal, catalogue: Catalogue) -> dict[str, str]
     return {role: best if name == ANY else name for role, name in roles.items()}
 
 
-def _join(path: Address) -> str:
-    return ".".join(map(str, path))
-
-
 def _read_goal(
-    wanted: WantedGoal, things: Sequence[str], roles: Mapping[str, str], locate: Callable[[Address], str] = _join
+    wanted: WantedGoal, things: Sequence[str], roles: Mapping[str, str], locate: Callable[[Address], str]
 ) -> tuple[list[tuple[Condition, ...]], tuple[Condition, ...]]:
     """Conditions of each step and of the end, and invariants that a plan keeps; numbers are sampled when it runs."""
     parts: list[tuple[Address, Sequence[str]]] = [(("steps", index), step) for index, step in enumerate(wanted.steps)]

@@ -220,10 +220,10 @@ def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> I
             written = ([round(x, 4) for x in v.point_m] if isinstance(v, Spot) else v for v in values)
             given = dict(zip(choices, written, strict=True))
             given |= {k: c for k, p in skill.parameters.items() for c in p.choices if chosen and c in relations}
-            given |= _find_support(skill, str(given.get(moved, "")), spot, given, scope)
+            thing = str(given.get(moved, ""))
+            given |= _find_support(skill, thing, spot, given, scope)
             effects = tuple(_iter_bound(literals, given, target, scope))
             if effects and _is_whole(skill, given, scope.world) and len(dict(effects)) == len(set(effects)):
-                thing = str(given.get(moved, ""))
                 yield _Draft(
                     scope=scope,
                     skill=skill,
