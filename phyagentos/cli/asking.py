@@ -16,8 +16,7 @@ import yaml
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.planning.domain import read_wanted
-from phyagentos.agent.planning.graph_file import render_mermaid, write_graph
-from phyagentos.agent.planning.planned import PlannedGoal, Unsolvable, plan_goal
+from phyagentos.agent.planning.planned import PlannedGoal, Unsolvable, plan_goal, render_mermaid, write_graph
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers, write_answers
 from phyagentos.agent.understanding.understanding import (
