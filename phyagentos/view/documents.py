@@ -38,10 +38,10 @@ class Version:
 
 
 class Documents:
-    """The documents of one workspace; may be used by several threads."""
+    """The documents of one workspace, `given` as who opened it named it; may be used by several threads."""
 
     def __init__(self, root: Path) -> None:
-        self.workspace = Workspace.open(root)
+        self.workspace, self.given = Workspace.open(root), root
         self.ledger = Ledger(forgets=False)
         self.visited: dict[SessionId, list[str]] = defaultdict(list)
         self.version = Version()

@@ -55,7 +55,7 @@ class PanelRenderer:
     def _render(self, panel: Panel, query: Query) -> str:
         status = self.documents.find_session(query.session, query.goal)
         names = {
-            "w": self.documents.workspace.root,
+            "w": self.documents.given,
             "id": status.contract.id if status is not None else "SESSION",
             "skill": status.contract.skill if status is not None else "TREE",
         }

@@ -56,7 +56,7 @@ def test_every_panel_names_its_file_and_the_command_that_prints_the_same(told, p
     shown = see(read(told, panel.name, session="tidy-7.a"))
     assert panel.title in shown
     assert panel.file.format(id="tidy-7.a") in shown
-    names = {"w": told.workspace.root, "id": "tidy-7.a", "skill": "pick_and_place"}
+    names = {"w": told.given, "id": "tidy-7.a", "skill": "pick_and_place"}
     assert panel.command.format(**names) in shown
 
 
