@@ -4,7 +4,7 @@ import os
 import socket
 import webbrowser
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -51,4 +51,12 @@ def view(
         webbrowser.open(address)
     app = build_app(documents, access, allows_actions=allow_actions, runs={path.name: path for path in run or ()})
     config = uvicorn.Config(app, log_level="warning", ws_max_size=64 << 20, timeout_graceful_shutdown=1)
-    uvicorn.Server(config).run(sockets=[listening])
+    server = uvicorn.Server(config)
+    handle_exit = server.handle_exit
+
+    def end(*signal: Any) -> None:
+        app.state.watcher.is_over = True  # no stream keeps the server
+        handle_exit(*signal)
+
+    server.handle_exit = end  # type: ignore[method-assign]
+    server.run(sockets=[listening])

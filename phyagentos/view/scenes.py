@@ -46,14 +46,13 @@ def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
             await socket.close(1008)
             return
         wanted = [each.strip() for each in socket.headers.get("sec-websocket-protocol", "").split(",") if each.strip()]
+        await socket.accept(wanted[0] if wanted else None)  # at once: the client gives up after five seconds
         try:
             stage = await asyncio.to_thread(Stage, documents, SessionId(session))
         except (DefinitionError, ExecutionError, KeyError, OSError, ValueError) as error:
-            await socket.accept(wanted[0] if wanted else None)
             await socket.close(1011, str(error)[:100])
             return
         try:
-            await socket.accept(wanted[0] if wanted else None)
             await _relay(socket, stage.port, wanted)
         finally:
             await asyncio.to_thread(stage.close)
@@ -193,7 +192,7 @@ class Stage:
             )
             age_s = max(0.0, time_s - entity.observed_at_s)
             text = f"{entity.name}: {entity.status} {age_s:.0f} s ago, {100 * entity.confidence:.0f} %"
-            scene.add_label(f"/believed/{entity.name}/text", text, position=np.add(outline.position_m, (0, 0, 0.08)))
+            scene.add_label(f"/believed/{entity.name}/text", text, position=np.add(outline.position_m, (0, 0, 0.08)), font_screen_scale=0.7)
 
 
 @cache
