@@ -34,7 +34,9 @@ def pytest_addoption(parser):
     parser.addoption(
         "--journeys", type=Path, help="what a run of all journeys has left, for journeys/test_statecharts.py"
     )
-    parser.addoption("--chromium", default=os.environ.get("CHROMIUM", "/usr/bin/chromium"), help="for tests of the page")
+    parser.addoption(
+        "--chromium", default=os.environ.get("CHROMIUM", "/usr/bin/chromium"), help="for tests of the page"
+    )
     parser.addoption("--axe", type=Path, default=AXE, help="the npm package of axe-core, for tests of the page")
     for name, brings in INTERPRETERS.items():
         about = f"interpreter that has {brings}, for tests marked `extras`"

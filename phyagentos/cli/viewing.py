@@ -4,9 +4,11 @@ import os
 import socket
 import webbrowser
 from pathlib import Path
-from typing import Annotated, Any
+from types import FrameType
+from typing import Annotated
 
 import typer
+from typing_extensions import override
 
 from phyagentos.cli.arguments import choose_newest
 from phyagentos.cli.outcome import print_note, print_result
@@ -51,12 +53,11 @@ def view(
         webbrowser.open(address)
     app = build_app(documents, access, allows_actions=allow_actions, runs={path.name: path for path in run or ()})
     config = uvicorn.Config(app, log_level="warning", ws_max_size=64 << 20, timeout_graceful_shutdown=1)
-    server = uvicorn.Server(config)
-    handle_exit = server.handle_exit
 
-    def end(*signal: Any) -> None:
-        app.state.watcher.is_over = True  # no stream keeps the server
-        handle_exit(*signal)
+    class Server(uvicorn.Server):
+        @override
+        def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+            app.state.watcher.is_over = True  # streams end by themselves
+            super().handle_exit(sig, frame)
 
-    server.handle_exit = end  # type: ignore[method-assign]
-    server.run(sockets=[listening])
+    Server(config).run(sockets=[listening])

@@ -22,7 +22,6 @@ from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.looks import read_looks, read_stored_look
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.trace import TraceEvent
-from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
 from phyagentos.store.views.tasks import split_reason
 from phyagentos.view.documents import Documents
 
@@ -165,7 +164,7 @@ def _read_world(documents: Documents, query: Query) -> dict[str, Any]:
     try:
         world = documents.read_world(status) or documents.read_world(None)
     except DefinitionError as error:
-        if error.code != "NOTHING_OBSERVED":
+        if error.problems[0].code != "NOTHING_OBSERVED":
             raise
         world = None
     return {"world": world, "entities": list(world.entities.values()) if world is not None else []}
@@ -220,7 +219,7 @@ def _read_memory(documents: Documents, _: Query) -> dict[str, Any]:
 
 def _read_runtime(documents: Documents, _: Query) -> dict[str, Any]:
     place = documents.workspace
-    is_running = is_held(place.root / WATCHDOG_LOCK)
+    is_running = documents.is_running()
     beats = documents.read_beats().values() if is_running else ()
     return {"is_running": is_running, "latch": read_latch(place.signals.parent), "beats": list(beats)}
 
@@ -234,7 +233,7 @@ def _read_proposals(documents: Documents, _: Query) -> dict[str, Any]:
 _JOURNAL, _BEATS, _FILES = "journal", "beats", "files"
 PANELS = (
     Panel(name="runtime", title="Now", file="heartbeats/", command="paos status -w {w}", read=_read_runtime,
-          follows=(_JOURNAL, _BEATS, _FILES)),
+          follows=(_JOURNAL, _BEATS, _FILES, "runs")),
     Panel(name="goal", title="Goal", file="TASK.md", command="paos graph -w {w}", read=_read_goal),
     Panel(name="sessions", title="Sessions", file="SESSIONS.md", command="paos graph -w {w}", read=_read_sessions),
     Panel(name="verdict", title="Verdict", file="SESSIONS.md", command="paos why {id} -w {w}", read=_read_verdict),

@@ -1,7 +1,5 @@
 """A browser, and a replanned session for it to show."""
 
-import os
-
 import pytest
 import yaml
 
@@ -32,9 +30,7 @@ def visits(browser):
 
 @pytest.fixture(scope="session")
 def replanned(browser, tmp_path_factory):
-    """A workspace after a real run: a cube slips, the session is replanned, the goal is met; and a proposal that waits."""
-    if os.environ.get("VT_DEMO"):
-        return _propose(Workspace.open(__import__("pathlib").Path(os.environ["VT_DEMO"])))
+    """A workspace after a real run: a cube slips, the session is replanned, the goal is met; a proposal waits."""
     root = tmp_path_factory.mktemp("replanned") / "w"
     words = ("--seed", 7, "--faults", "faults/slip.yaml", "--memory", "workspace", "-w", root)
     viewing.carry_out("run", "goal_graphs/tidy_table.yaml", *words)

@@ -7,17 +7,16 @@ import shutil
 import pytest
 
 from phyagentos.cli.history import read_ledger
-from phyagentos.protocol.sessions.estop import is_latched, reset
 from phyagentos.clock import SystemClock
+from phyagentos.protocol.sessions.estop import is_latched, reset
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.view.panels import PANELS
 from tests.bench.suite_of_counter import call, make_project
-from tests.following import wait_until
 from tests.extras.viewing import (
     PATIENCE_S,
-    await_true,
     Visits,
     await_picture,
+    await_true,
     carry_out,
     differ,
     find_faults,
@@ -25,11 +24,11 @@ from tests.extras.viewing import (
     get_panel,
     get_scene,
     is_drawn,
-    photograph,
     read_lines,
     served,
     shoot,
 )
+from tests.following import wait_until
 
 pytestmark = [pytest.mark.extras, pytest.mark.journey]
 
@@ -119,7 +118,11 @@ def list_facts(workspace, panel):
             assert lessons
             return lessons, lessons
         case "log":
-            lines = [line[2:].replace("**", "") for line in workspace.log.read_text().splitlines() if line[:3] in {"- 0", "- 1", "- 2"}]
+            lines = [
+                line[2:].replace("**", "")
+                for line in workspace.log.read_text().splitlines()
+                if line[:3] in {"- 0", "- 1", "- 2"}
+            ]
             printed = (workspace.logs / "agent.log").read_text().split("\n")[0]
             return [*lines[-5:], printed], [printed]
         case "tree":
@@ -184,7 +187,17 @@ def test_a_replay_shows_any_moment_of_the_evidence(shown, visits):
 def test_two_sessions_stand_side_by_side_with_what_differed(visit):
     page = visit("compare")
     text = squeeze(page.locator("main").text_content())
-    for words in (PARENT, CHILD, "replanned", "succeeded", "strategy", "yaw+000", "GRASP_LOST", "joint path", "is 0.009 m"):
+    for words in (
+        PARENT,
+        CHILD,
+        "replanned",
+        "succeeded",
+        "strategy",
+        "yaw+000",
+        "GRASP_LOST",
+        "joint path",
+        "is 0.009 m",
+    ):
         assert words in text
     assert page.locator("svg.chart polyline").count() == 2 * page.locator("svg.chart").count() > 8
     shoot(page, "compare")
@@ -230,7 +243,8 @@ def press_tab_until(page, is_there, limit=60):
     for _ in range(limit):
         page.keyboard.press("Tab")
         seen = page.evaluate(
-            """() => { const at = document.activeElement, box = at.getBoundingClientRect(), style = getComputedStyle(at);
+            """() => { const at = document.activeElement, style = getComputedStyle(at);
+              const box = at.getBoundingClientRect();
               return {name: at.tagName + ' ' + (at.textContent || at.name || ''), is_frame: at.tagName === 'IFRAME',
                 ring: style.outlineStyle !== 'none' && parseFloat(style.outlineWidth) >= 2,
                 inside: box.bottom > 0 && box.top < innerHeight && box.right > 0 && box.left < innerWidth}; }"""

@@ -1,16 +1,17 @@
-"""The page in a real browser against what others write, pages of others, a thousand nodes, and a connection that drops."""
+"""The page in a real browser: hostile texts, pages of others, a thousand nodes, and a connection that drops."""
 
 import contextlib
 import http.client
 import http.server
 import json
+import signal
+import subprocess
 import threading
 import time
 from urllib.parse import quote
 
 import pytest
 
-from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.truth import Truth
@@ -30,7 +31,8 @@ EVIL_PAGE = """<!doctype html><title>other</title>
 <script>
 const tried = [];
 document.forms[0].submit();
-tried.push(fetch("{origin}/actions/estop", {{method: "POST", mode: "no-cors", credentials: "include"}}).then(() => 0, () => 0));
+const post = {{method: "POST", mode: "no-cors", credentials: "include"}};
+tried.push(fetch("{origin}/actions/estop", post).then(() => 0, () => 0));
 tried.push(fetch("{origin}/", {{credentials: "include"}}).then(answer => answer.text(), () => ""));
 tried.push(new Promise(done => {{ const socket = new WebSocket("{socket}/scene/tidy-7.a");
   socket.onopen = () => done("open"); socket.onclose = () => done("closed"); }}));
@@ -122,7 +124,9 @@ def test_without_token_own_name_own_origin_and_the_secret_of_its_forms_nothing_i
     signals = desk.workspace.signals.parent
     with served(desk.workspace.root, "--allow-actions") as server:
         page = visits.open(server)
-        secret = page.evaluate("JSON.parse(document.getElementById('stop').getAttribute('hx-headers'))['x-paos-secret']")
+        secret = page.evaluate(
+            "JSON.parse(document.getElementById('stop').getAttribute('hx-headers'))['x-paos-secret']"
+        )
         cookie = f"paos_view={server.token}"
         right = {"cookie": cookie, "origin": server.origin, "x_paos_secret": secret}
         refused = {
@@ -192,7 +196,9 @@ def other_page(server):
 
 
 def test_a_thousand_nodes_are_collapsed_by_state_searched_and_cheap_to_refresh(desk, visits):
-    nodes = {f"n{index}": make_node(f"Do {index}.", *([f"n{index - 7}"] if index >= 7 else [])) for index in range(MANY)}
+    nodes = {
+        f"n{index}": make_node(f"Do {index}.", *([f"n{index - 7}"] if index >= 7 else [])) for index in range(MANY)
+    }
     submit_goal(desk, nodes)
     for index in range(300):
         desk.record(f"node:tidy-7/n{index}", "node_ready")
@@ -211,11 +217,13 @@ def test_a_thousand_nodes_are_collapsed_by_state_searched_and_cheap_to_refresh(d
         page.get_by_role("searchbox").press("Enter")
         page.wait_for_url("**find=n512**")
         found = get_panel(page, "goal").locator("svg .found")
-        assert [each.strip() for each in found.locator("text").all_text_contents()][0] == "n512"
+        assert found.locator("text").first.text_content() == "n512"
         assert get_panel(page, "goal").locator("svg .box").count() < 10
         shoot(page, "thousand_found")
-    spent_s = [measure_refresh(desk, index) for index in range(301, 309)]
-    assert sorted(spent_s)[len(spent_s) // 2] < REFRESH_S, spent_s
+    documents = Documents(desk.workspace.root)
+    documents.refresh()
+    spent_s = [measure_refresh(documents, desk, index) for index in range(301, 310)]
+    assert max(spent_s) <= REFRESH_S, spent_s
 
 
 COUNT_READY = """[...document.querySelectorAll('#panel-goal .box text')].map(each => each.textContent.split(' '))
@@ -226,10 +234,8 @@ def count_ready(page):
     return page.evaluate(COUNT_READY)
 
 
-def measure_refresh(desk, index):
-    """CPU time of a refresh of every panel after a record [s]."""
-    documents = desk.__dict__.setdefault("_documents", None) or Documents(desk.workspace.root)
-    documents.refresh()
+def measure_refresh(documents, desk, index):
+    """CPU time of a refresh of every panel after a record, with nothing kept from the one before [s]."""
     renderer = PanelRenderer(documents, lambda: {"actions": True, "live": True})
     desk.record(f"node:tidy-7/n{index}", "node_ready")
     begun_s = time.thread_time()
@@ -257,3 +263,14 @@ def test_a_connection_that_drops_is_said_and_found_again(desk, visits):
         assert page.evaluate("window.mark") == 1, "without a reload"
     finally:
         server.end()
+
+
+def test_ctrl_c_ends_a_server_whose_page_is_open_without_an_error(desk, visits):
+    submit_goal(desk, {"a": make_node("Put it away.")})
+    server = serve(desk.workspace.root, stderr=subprocess.PIPE)
+    page = visits.open(server)
+    server.process.send_signal(signal.SIGINT)
+    _, err = server.process.communicate(timeout=60)
+    assert "Traceback" not in err
+    assert "ERROR" not in err, err
+    page.locator("#connection.lost").wait_for()

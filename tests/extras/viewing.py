@@ -14,11 +14,6 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 from PIL import Image
 
-from phyagentos.clock import SystemClock
-from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.journal import Entry, Journal
 from tests.following import wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -82,12 +77,12 @@ class Served:
         self.process.communicate(timeout=60)
 
 
-def serve(root, *options, token=""):
+def serve(root, *options, token="", **how):
     """`paos view` of a workspace."""
     begin = ["-c", WITH_TOKEN, token] if token else ["-m", "phyagentos"]
     command = [sys.executable, *begin, "view", str(root), "--no-browser", *map(str, options)]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, **how)
     return Served(process, process.stdout.readline().strip())
 
 
@@ -111,7 +106,7 @@ class Visits:
     contexts: list[object] = field(default_factory=list)
 
     def open(self, server, path="/", *, width=1400, height=1000, awaits_stream=True, with_scene=False, **how):
-        """A page of a server, in a profile of its own; without its 3D scene, which is slow to draw, unless asked for."""
+        """A page of a server, in a profile of its own; without its 3D scene, which is slow to draw, by default."""
         context = self.browser.new_context(viewport={"width": width, "height": height}, **how)
         self.contexts.append(context)
         context.set_default_timeout(1e3 * PATIENCE_S)
@@ -156,7 +151,7 @@ def get_panel(page, name):
 
 
 def get_scene(page, session=""):
-    """The frame of the 3D scene, once it is fed. Playwright's own waiting counts frames, of which few are drawn here."""
+    """The frame of the 3D scene, once it is fed. Playwright itself waits by drawn frames, of which there are few."""
     page.locator("#panel-scene iframe").scroll_into_view_if_needed()
 
     def find():
@@ -200,9 +195,7 @@ def await_picture(page, is_so, awaited):
 def find_faults(page, axe, *, without=()):
     """Serious and critical findings of axe-core; `without` are selectors that it does not look at."""
     page.evaluate(axe)
-    found = page.evaluate(
-        "without => axe.run({exclude: without.map(each => [each])}, {iframes: false})", [*without]
-    )
+    found = page.evaluate("without => axe.run({exclude: without.map(each => [each])}, {iframes: false})", [*without])
     assert len(found["passes"]) > 10, "it has looked"
     return [
         f"{each['impact']} {each['id']}: {[node['html'][:160] for node in each['nodes']][:4]}"
@@ -222,7 +215,8 @@ def find_wide(page):
     return page.evaluate(
         """() => {
           const wide = [];
-          const scrolls = each => { for (let at = each.parentElement; at && at !== document.body; at = at.parentElement) {
+          const scrolls = each => {
+            for (let at = each.parentElement; at && at !== document.body; at = at.parentElement) {
             if (['auto', 'scroll', 'hidden'].includes(getComputedStyle(at).overflowX)) return true; } return false; };
           for (const each of document.body.querySelectorAll('*')) {
             const box = each.getBoundingClientRect();
@@ -231,17 +225,6 @@ def find_wide(page):
           if (document.documentElement.scrollWidth > innerWidth) wide.push('the document');
           return wide; }"""
     )
-
-
-def write_goal(root, nodes, ready=(), *, objective="Much.", goal="big-1"):
-    """A workspace with a goal that was submitted, as the agent would."""
-    workspace = Workspace.create(root, Library.open(ROOT))
-    with contextlib.closing(Journal(root, side=Side.AGENT, by="agent", clock=SystemClock(), durable=False)) as journal:
-        submitted = Entry(f"goal:{goal}", "goal_submitted", {"graph": "big", "seed": 1, "objective": objective})
-        compiled = Entry(f"goal:{goal}", "goal_compiled", {"nodes": nodes, "accept": [], "constraints": []})
-        journal.commit([submitted, compiled])
-        journal.commit([Entry(f"node:{goal}/{name}", "node_ready", {}) for name in ready])
-    return workspace
 
 
 def shoot(page, name, *, whole=True):
