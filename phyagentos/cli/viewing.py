@@ -4,9 +4,11 @@ import os
 import socket
 import webbrowser
 from pathlib import Path
+from types import FrameType
 from typing import Annotated
 
 import typer
+from typing_extensions import override
 
 from phyagentos.cli.arguments import choose_newest
 from phyagentos.cli.outcome import print_note, print_result
@@ -48,4 +50,11 @@ def view(
         webbrowser.open(address)
     app = build_app(documents, access, allows_actions=allow_actions, runs={path.name: path for path in run or ()})
     config = uvicorn.Config(app, log_level="warning", ws_max_size=64 << 20, timeout_graceful_shutdown=1)
-    uvicorn.Server(config).run(sockets=[listening])
+
+    class Server(uvicorn.Server):
+        @override
+        def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+            app.state.watcher.is_over = True  # streams end by themselves
+            super().handle_exit(sig, frame)
+
+    Server(config).run(sockets=[listening])

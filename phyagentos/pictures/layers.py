@@ -123,8 +123,7 @@ def _draw_box(box: Box, middle: float, top: float) -> str:
         f'<rect x="{middle - box.width / 2:.0f}" y="{top:.0f}" width="{box.width:.0f}" height="{HEIGHT}" rx="7"/>'
         f"{''.join(rows)}</g>"
     )
-    name = escape(f"{box.title} {box.below}".strip())
-    return f'<a href="{escape(box.link)}" aria-label="{name}">{shape}</a>' if box.link else shape
+    return f'<a href="{escape(box.link)}">{shape}</a>' if box.link else shape
 
 
 def _draw_text(kind: str, x: float, y: float, text: str) -> str:

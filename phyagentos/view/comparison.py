@@ -40,11 +40,14 @@ def compare_sessions(documents: Documents, first: str, second: str) -> dict[str,
 
 
 def flatten(value: Mapping[str, Any], above: str = "") -> dict[str, Any]:
-    """Nested mappings as one, with paths as keys."""
+    """Nested mappings as one, with paths as keys; lists in words."""
     flat: dict[str, Any] = {}
     for name, each in value.items():
         key = f"{above}.{name}" if above else str(name)
-        flat |= flatten(each, key) if isinstance(each, Mapping) else {key: each}
+        if isinstance(each, Mapping):
+            flat |= flatten(each, key)
+        else:
+            flat[key] = ", ".join(map(str, each)) if isinstance(each, list | tuple) else each
     return flat
 
 

@@ -12,6 +12,7 @@ from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
 from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, SessionId, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.sessions.trace import TraceEvent
+from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment, read_environment
 from phyagentos.store.follower import Follower
@@ -30,11 +31,13 @@ class Version:
         journal: Its last record.
         beats: Latest write of a heartbeat, or of the trace of a session that runs [ns].
         files: Latest change of the other documents [ns].
+        runs: Whether a runtime is there.
     """
 
     journal: int = 0
     beats: int = 0
     files: int = 0
+    runs: bool = False
 
 
 class Documents:
@@ -62,8 +65,16 @@ class Documents:
             running = [self.workspace.evidence_of(id) / TRACE for id in self.list_running()]
             beats = [*self.workspace.heartbeats.glob("*.json"), *running]
             files = [self.workspace.root / name for name in _WATCHED]
-            self.version = Version(self.ledger.seq, _find_latest(beats), _find_latest([*files, *_list_logs(self)]))
+            newest = _find_latest([*files, *_list_logs(self)])
+            self.version = Version(self.ledger.seq, _find_latest(beats), newest, self.is_running())
             return self.version
+
+    def is_running(self) -> bool:
+        """Whether a runtime serves the workspace."""
+        try:
+            return is_held(self.workspace.root / WATCHDOG_LOCK)
+        except OSError:  # a copy that may only be read
+            return False
 
     def list_running(self) -> list[SessionId]:
         """Sessions that a worker holds."""

@@ -1,5 +1,6 @@
 """The panels of the page: for each what it shows, the file that this stands in, and the command that prints it."""
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
@@ -21,12 +22,12 @@ from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.looks import read_looks, read_stored_look
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.trace import TraceEvent
-from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
 from phyagentos.store.views.tasks import split_reason
 from phyagentos.view.documents import Documents
 
 SESSIONS_SHOWN, LINES_SHOWN, FRAMES_SHOWN = 60, 40, 12
 _RESET = "INVALID"  # status of a node that was reset
+_EVENT = re.compile(r"- \d\d:")  # a line of LOG.md that is no explanation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,7 +161,12 @@ def _read_verdict(documents: Documents, query: Query) -> dict[str, Any]:
 
 def _read_world(documents: Documents, query: Query) -> dict[str, Any]:
     status = documents.find_session(query.session, query.goal)
-    world = documents.read_world(status) or documents.read_world(None)
+    try:
+        world = documents.read_world(status) or documents.read_world(None)
+    except DefinitionError as error:
+        if error.problems[0].code != "NOTHING_OBSERVED":
+            raise
+        world = None
     return {"world": world, "entities": list(world.entities.values()) if world is not None else []}
 
 
@@ -192,7 +198,7 @@ def _read_guard(documents: Documents, query: Query) -> dict[str, Any]:
 
 def _read_log(documents: Documents, _: Query) -> dict[str, Any]:
     path = documents.workspace.log
-    events = [line for line in path.read_text().splitlines() if line.startswith("- ")] if path.is_file() else []
+    events = [line for line in path.read_text().splitlines() if _EVENT.match(line)] if path.is_file() else []
     logs = {path.stem: _read_end(path) for path in sorted(documents.workspace.logs.glob("*.log"))}
     return {"events": events[-LINES_SHOWN:], "logs": {name: lines for name, lines in logs.items() if lines}}
 
@@ -213,7 +219,7 @@ def _read_memory(documents: Documents, _: Query) -> dict[str, Any]:
 
 def _read_runtime(documents: Documents, _: Query) -> dict[str, Any]:
     place = documents.workspace
-    is_running = is_held(place.root / WATCHDOG_LOCK)
+    is_running = documents.is_running()
     beats = documents.read_beats().values() if is_running else ()
     return {"is_running": is_running, "latch": read_latch(place.signals.parent), "beats": list(beats)}
 
@@ -227,15 +233,15 @@ def _read_proposals(documents: Documents, _: Query) -> dict[str, Any]:
 _JOURNAL, _BEATS, _FILES = "journal", "beats", "files"
 PANELS = (
     Panel(name="runtime", title="Now", file="heartbeats/", command="paos status -w {w}", read=_read_runtime,
-          follows=(_JOURNAL, _BEATS, _FILES)),
+          follows=(_JOURNAL, _BEATS, _FILES, "runs")),
     Panel(name="goal", title="Goal", file="TASK.md", command="paos graph -w {w}", read=_read_goal),
-    Panel(name="sessions", title="Sessions", file="SESSIONS.md", command="paos status -w {w}", read=_read_sessions),
+    Panel(name="sessions", title="Sessions", file="SESSIONS.md", command="paos graph -w {w}", read=_read_sessions),
     Panel(name="verdict", title="Verdict", file="SESSIONS.md", command="paos why {id} -w {w}", read=_read_verdict),
     Panel(name="guard", title="Guard", file="evidence/{id}/events.jsonl", command="paos why {id} -w {w}",
           read=_read_guard),
     Panel(name="proposals", title="Proposals", file="proposals/new/", command="paos approve -w {w}",
           read=_read_proposals, follows=(_FILES,)),
-    Panel(name="memory", title="Memory", file="LESSONS.md", command="paos memory show -w {w}", read=_read_memory,
+    Panel(name="memory", title="Memory", file="LESSONS.md", command="paos memory show --all -w {w}", read=_read_memory,
           follows=(_FILES,)),
     Panel(name="log", title="Log", file="LOG.md", command="paos logs -w {w}", read=_read_log,
           follows=(_JOURNAL, _FILES)),
@@ -244,7 +250,7 @@ PANELS = (
     Panel(name="tree", title="Behaviour tree", file="evidence/{id}/trace.jsonl", command="paos tree show {skill}",
           read=_read_tree, follows=(_JOURNAL, _BEATS), is_right=True),
     Panel(name="world", title="Things", file="evidence/{id}/environment_after.json",
-          command="paos context --for verify -w {w}", read=_read_world, follows=(_JOURNAL, _FILES), is_right=True),
+          command="paos context -w {w}", read=_read_world, follows=(_JOURNAL, _FILES), is_right=True),
     Panel(name="frames", title="Camera frames", file="evidence/{id}/looks.json",
           command="paos verify {id} -w {w} --from-frames", read=_read_frames, is_right=True),
     Panel(name="statechart", title="Statechart", file="sessions/", command="paos lifecycle", read=_read_statechart,

@@ -46,14 +46,13 @@ def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
             await socket.close(1008)
             return
         wanted = [each.strip() for each in socket.headers.get("sec-websocket-protocol", "").split(",") if each.strip()]
+        await socket.accept(wanted[0] if wanted else None)  # at once: the client gives up after five seconds
         try:
             stage = await asyncio.to_thread(Stage, documents, SessionId(session))
         except (DefinitionError, ExecutionError, KeyError, OSError, ValueError) as error:
-            await socket.accept(wanted[0] if wanted else None)
             await socket.close(1011, str(error)[:100])
             return
         try:
-            await socket.accept(wanted[0] if wanted else None)
             await _relay(socket, stage.port, wanted)
         finally:
             await asyncio.to_thread(stage.close)
@@ -105,6 +104,7 @@ class Stage:
         self._scene = ViserMujocoScene(self._server, self._model, num_envs=1)
         self._scene.camera_tracking_enabled = False
         self._server.initial_camera.position, self._server.initial_camera.look_at = (1.6, 0.0, 1.1), (0.4, 0.0, 0.1)
+        self._clock = self._server.gui.add_number("time [s]", 0.0, step=0.01, disabled=True)
         self._slider: Any = None
         self._playback: Any = None
         self._shown: tuple[Any, ...] = ()
@@ -138,7 +138,8 @@ class Stage:
         if beat is not None and beat.q_rad:
             set_posture(self._model, self._data.qpos, self._profile, beat.q_rad)
             set_opening(self._model, self._data, self._profile, beat.gripper_width_m)
-        self._show(self._documents.read_bundle(status).before, beat.sim_time_s if beat is not None else 0.0)
+        time_s = self._clock.value = beat.sim_time_s if beat is not None else 0.0
+        self._show(self._documents.read_bundle(status).before, time_s)
 
     def _begin_replay(self) -> None:
         """A slider over the evidence, and the paths of the tool."""
@@ -147,6 +148,7 @@ class Stage:
         status = self._documents.ledger.sessions[self._session]
         playback = self._playback = read_playback(self._documents.workspace, status)
         last_s = float(playback.time_s[-1] - playback.time_s[0])
+        self._clock.remove()
         gui = self._server.gui
         self._slider = gui.add_slider("time [s]", min=0.0, max=max(last_s, 0.1), step=0.02, initial_value=0.0)
         self._plays = gui.add_checkbox("play", initial_value=True)
@@ -193,7 +195,12 @@ class Stage:
             )
             age_s = max(0.0, time_s - entity.observed_at_s)
             text = f"{entity.name}: {entity.status} {age_s:.0f} s ago, {100 * entity.confidence:.0f} %"
-            scene.add_label(f"/believed/{entity.name}/text", text, position=np.add(outline.position_m, (0, 0, 0.08)))
+            scene.add_label(
+                f"/believed/{entity.name}/text",
+                text,
+                position=np.add(outline.position_m, (0, 0, 0.08)),
+                font_screen_scale=0.7,
+            )
 
 
 @cache

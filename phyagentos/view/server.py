@@ -26,16 +26,20 @@ _POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; object-src 'none'; "
     "frame-ancestors 'self'; form-action 'self'; base-uri 'none'"
 )
+_MEDIA = {".png": "image/png"} | dict.fromkeys(  # of files of evidence; whatever a browser could run is only saved
+    (".json", ".jsonl", ".yaml", ".md", ".xml"), "text/plain; charset=utf-8"
+)
 _SCENE_POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' data: blob:; frame-ancestors 'self'"
 )
 
 
 class Watcher:
-    """Looks at the documents, and wakes every stream when something has changed."""
+    """Looks at the documents, and wakes every stream when something has changed, or when `is_over` is set."""
 
     def __init__(self, documents: Documents) -> None:
         self.version = Version()
+        self.is_over = False
         self._documents = documents
         self._changed = asyncio.Condition()
 
@@ -45,7 +49,7 @@ class Watcher:
             version = self.version
             with suppress(ExecutionError, OSError):  # the page itself says what is wrong
                 version = await asyncio.to_thread(self._documents.refresh)
-            if version != self.version:
+            if version != self.version or self.is_over:
                 async with self._changed:
                     self.version = version
                     self._changed.notify_all()
@@ -55,7 +59,8 @@ class Watcher:
         """The version once it is another one than `seen`; at the latest after some seconds."""
         async with self._changed:
             with suppress(TimeoutError):
-                await asyncio.wait_for(self._changed.wait_for(lambda: self.version != seen), SILENCE_S)
+                is_news = self._changed.wait_for(lambda: self.version != seen or self.is_over)
+                await asyncio.wait_for(is_news, SILENCE_S)
             return self.version
 
 
@@ -73,6 +78,7 @@ def build_app(
         task.cancel()
 
     app = FastAPI(lifespan=live, docs_url=None, redoc_url=None, openapi_url=None)
+    app.state.watcher = watcher
     app.middleware("http")(_guard(access))
     app.mount("/static", StaticFiles(directory=_STATIC))
     _add_pages(app, renderer, access, watcher, allows_actions=allows_actions)
@@ -165,7 +171,7 @@ async def _iter_changes(
     """Server-sent events: each panel when it changes, all of them at first."""
     sent: dict[str, str] = {}
     seen = Version()
-    while not await request.is_disconnected():
+    while not (watcher.is_over or await request.is_disconnected()):
         seen = await watcher.wait(seen)
         yield ": alive\n\n"
         for panel in PANELS:
@@ -188,8 +194,7 @@ def _add_files(app: FastAPI, documents: Documents) -> None:
         path = _find_file(evidence, session, name)
         if path is None:
             return PlainTextResponse(f"no file {name!r} in the evidence of {session!r}\n", 404)
-        is_text = path.suffix in {".json", ".jsonl", ".yaml", ".md", ".xml"}
-        return FileResponse(path, media_type="text/plain; charset=utf-8" if is_text else None)
+        return FileResponse(path, media_type=_MEDIA.get(path.suffix, "application/octet-stream"))
 
     @app.get("/frames/{session}/{name}/{member}")
     def show_frame(session: str, name: str, member: str) -> Response:

@@ -1,0 +1,281 @@
+"""The page in a real browser, over a session that is over: what it shows, and that anyone can use it."""
+
+import json
+import shlex
+import shutil
+
+import pytest
+
+from phyagentos.cli.history import read_ledger
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.sessions.estop import is_latched, reset
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.view.panels import PANELS
+from tests.bench.suite_of_counter import call, make_project
+from tests.extras.viewing import (
+    PATIENCE_S,
+    Visits,
+    await_picture,
+    await_true,
+    carry_out,
+    differ,
+    find_faults,
+    find_wide,
+    get_panel,
+    get_scene,
+    is_drawn,
+    read_lines,
+    served,
+    shoot,
+)
+from tests.following import wait_until
+
+pytestmark = [pytest.mark.extras, pytest.mark.journey]
+
+PARENT, CHILD = "tidy_table-7.red", "tidy_table-7.red.r1"
+PAGES = {
+    "page": f"/?session={CHILD}",
+    "found": "/?find=blue",
+    "compare": f"/compare?first={PARENT}&second={CHILD}",
+    "runs": "/compare/runs?first=one&second=two",
+    "problem": "/compare?first=none&second=none",
+}
+STREAMS = {"page", "found", "acting"}
+SCENE = "#panel-scene iframe"  # the client of viser: not ours
+
+
+@pytest.fixture(scope="module")
+def runs(browser, tmp_path_factory):
+    """Folders of two runs of a suite."""
+    project = make_project(tmp_path_factory.mktemp("suite") / "p")
+    for name in ("one", "two"):
+        call(project, "run", "suite.yaml", "-r", name)
+    return [project / "one", project / "two"]
+
+
+@pytest.fixture(scope="module")
+def shown(replanned, runs):
+    """The server of the replanned session, read-only, with two runs to compare."""
+    with served(replanned.root, *(f"--run={run}" for run in runs)) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def acting(replanned, tmp_path_factory):
+    """The server of a copy of it, with actions; and the copy."""
+    root = tmp_path_factory.mktemp("acting") / "w"
+    shutil.copytree(replanned.root, root)
+    with served(root, "--allow-actions") as server:
+        yield server, Workspace.open(root)
+
+
+@pytest.fixture(scope="module")
+def page(browser, shown):
+    """One page of the child, for tests that only read."""
+    visits = Visits(browser)
+    yield visits.open(shown, PAGES["page"])
+    visits.end()
+
+
+@pytest.fixture
+def visit(request, visits):
+    """Opens one of `PAGES`, or `acting`: the page with its actions."""
+
+    def open_one(name, **how):
+        if name == "acting":
+            return visits.open(request.getfixturevalue("acting")[0], f"/?session={CHILD}", **how)
+        return visits.open(request.getfixturevalue("shown"), PAGES[name], awaits_stream=name in STREAMS, **how)
+
+    return open_one
+
+
+def list_facts(workspace, panel):
+    """What the documents of a panel say and, of that, what the command prints in the same words."""
+    ledger = read_ledger(workspace.root)
+    goal, child = ledger.goals["tidy_table-7"], ledger.sessions[CHILD]
+    bundle = workspace.evidence_of(CHILD)
+    criteria = [each.text for each in child.decision.criteria]
+    match panel:
+        case "runtime":
+            return ["not running"], ["not running"]
+        case "goal":
+            steps = ["red", "red.r1", "green", "blue"]
+            texts = [each.text for each in goal.criteria]
+            return [goal.objective, goal.verdict, goal.reason, *steps, *texts, PARENT], [goal.objective, *steps]
+        case "sessions":
+            return [*ledger.sessions, *{each.state for each in ledger.sessions.values()}], ["red.r1", "green", "done"]
+        case "verdict":
+            reasons = [each.because for each in child.decision.criteria]
+            execution = [f"{child.execution.sim_time_s:.2f} s", "speed: 0.5"]
+            return [child.state, child.decision.reason, *criteria, *reasons, *execution, PARENT], [*criteria, *reasons]
+        case "guard":
+            return ["No guard has intervened"], ["0 safety interventions"]
+        case "proposals":
+            (name,) = (path.stem for path in (workspace.proposals / "new").iterdir())
+            return [name, "again, please"], [name]
+        case "memory":
+            lessons = [line[3:] for line in workspace.lessons.read_text().splitlines() if line.startswith("## ")]
+            assert lessons
+            return lessons, lessons
+        case "log":
+            lines = [
+                line[2:].replace("**", "")
+                for line in workspace.log.read_text().splitlines()
+                if line[:3] in {"- 0", "- 1", "- 2"}
+            ]
+            printed = (workspace.logs / "agent.log").read_text().split("\n")[0]
+            return [*lines[-5:], printed], [printed]
+        case "tree":
+            names = {event["path"].rpartition("/")[2] for event in read_lines(bundle / "trace.jsonl")}
+            return ["pick_and_place", "lower", *names], ["pick_and_place", "lower"]
+        case "world":
+            entities = json.loads((bundle / "environment_after.json").read_text())["entities"]
+            place = " ".join(f"{x:.3f}" for x in entities["red_cube"]["pose"]["position_m"])
+            return [*entities, place], ["red_cube", "green_tray"]
+        case "frames":
+            return ["overhead", "left", "right", "wrist"], ["equal to what was recorded", *criteria]
+        case "statechart":
+            chart = ["pending", "claimed", "preflight", "running", "halting", "succeeded"]
+            return [*chart, "outcome unknown"], [*chart, "outcome_unknown"]
+        case "scene":
+            return [], []
+
+
+@pytest.mark.parametrize("panel", PANELS, ids=lambda panel: panel.name)
+def test_a_panel_says_what_its_documents_say_and_names_their_file_and_the_command(panel, replanned, page, tmp_path):
+    inside = get_panel(page, panel.name)
+    said, printed = list_facts(replanned, panel.name)
+    text = squeeze(inside.text_content())
+    assert not [words for words in said if squeeze(words) not in text], text
+    assert (replanned.root / inside.locator("footer .file").text_content()).exists()
+    name, *command = shlex.split(inside.locator("footer code").text_content())
+    assert name == "paos"
+    out = carry_out(*command, *(("--to", tmp_path / "picture.png") if panel.name == "scene" else ()))
+    assert not [words for words in printed if words not in out], out
+
+
+def squeeze(text):
+    return " ".join(text.split())
+
+
+def test_frames_are_the_pictures_that_perception_has_used(page, replanned):
+    looks = json.loads((replanned.evidence_of(CHILD) / "looks.json").read_text())
+    pictures = get_panel(page, "frames").locator("img")
+    pictures.first.scroll_into_view_if_needed()
+    pictures.last.scroll_into_view_if_needed()
+    await_true(page, "[...document.querySelectorAll('#panel-frames img')].every(each => each.naturalWidth > 0)")
+    assert pictures.count() >= 2 * len({"overhead", "left", "right", "wrist"}), looks
+
+
+def test_a_replay_shows_any_moment_of_the_evidence(shown, visits):
+    page = visits.open(shown, PAGES["page"], with_scene=True)
+    scene = get_scene(page)
+    wait_until(lambda: scene.get_by_role("checkbox").count(), "the controls of a replay", PATIENCE_S)
+    scene.get_by_role("checkbox").evaluate("each => each.click()")  # it plays; now it rests
+    slider = scene.get_by_role("slider")
+    slider.press("Home")
+    first = await_picture(page, is_drawn, "a drawn scene")
+    shoot(page, "replay_begin", whole=False)
+    for key in ("End", "Home"):
+        slider.press(key)
+        if key == "End":
+            last = await_picture(page, lambda picture: differ(picture, first) > 0.004, "another picture")
+            shoot(page, "replay_end", whole=False)
+    await_picture(page, lambda picture: differ(picture, first) < differ(last, first) / 4, "the first picture")
+
+
+def test_two_sessions_stand_side_by_side_with_what_differed(visit):
+    page = visit("compare")
+    text = squeeze(page.locator("main").text_content())
+    for words in (
+        PARENT,
+        CHILD,
+        "replanned",
+        "succeeded",
+        "strategy",
+        "yaw+000",
+        "GRASP_LOST",
+        "joint path",
+        "is 0.009 m",
+    ):
+        assert words in text
+    assert page.locator("svg.chart polyline").count() == 2 * page.locator("svg.chart").count() > 8
+    shoot(page, "compare")
+
+
+def test_two_runs_of_a_suite_stand_side_by_side(visit):
+    page = visit("runs")
+    text = squeeze(page.locator("main").text_content())
+    assert "one: 2/2" in text or "Gained 0, lost 0" in text
+    assert page.locator("tbody tr").count() >= 1
+    shoot(page, "runs")
+
+
+@pytest.mark.parametrize("name", [*PAGES, "acting"])
+def test_axe_finds_nothing_serious_or_critical(name, visit, axe):
+    page = visit(name)
+    for each in page.locator("details").all():
+        each.evaluate("each => { each.open = true }")
+    shoot(page, f"whole_{name}")
+    assert find_faults(page, axe, without=[SCENE]) == []
+
+
+@pytest.mark.parametrize("name", [*PAGES, "acting"])
+def test_on_a_narrow_screen_only_what_scrolls_is_wider_than_it(name, visit):
+    page = visit(name, width=360, height=740)
+    shoot(page, f"narrow_{name}", whole=False)
+    for each in page.locator("details").all():
+        each.evaluate("each => { each.open = true }")
+    assert find_wide(page) == []
+    if name == "acting":
+        page.mouse.wheel(0, 2000)
+        await_true(page, "scrollY > 500")
+        stop = page.locator("button.stop").bounding_box()
+        assert stop["y"] >= 0
+        assert stop["y"] + stop["height"] <= 740, "it stays in sight"
+        header = page.locator("header").bounding_box()
+        assert header["height"] < 740 / 3, "and leaves room"
+        shoot(page, "narrow_scrolled", whole=False)
+
+
+def press_tab_until(page, is_there, limit=60):
+    """Go on from focus to focus, each of which is seen, until one is there."""
+    for _ in range(limit):
+        page.keyboard.press("Tab")
+        seen = page.evaluate(
+            """() => { const at = document.activeElement, style = getComputedStyle(at);
+              const box = at.getBoundingClientRect();
+              return {name: at.tagName + ' ' + (at.textContent || at.name || ''), is_frame: at.tagName === 'IFRAME',
+                ring: style.outlineStyle !== 'none' && parseFloat(style.outlineWidth) >= 2,
+                inside: box.bottom > 0 && box.top < innerHeight && box.right > 0 && box.left < innerWidth}; }"""
+        )
+        assert seen["is_frame"] or (seen["ring"] and seen["inside"]), f"focus is not seen: {seen}"
+        if page.evaluate(f"document.activeElement.matches({json.dumps(is_there)})"):
+            return
+    raise AssertionError(f"{is_there} is not reached")
+
+
+def test_the_keyboard_alone_finds_a_session_and_presses_the_stop(acting, visits):
+    server, workspace = acting
+    page = visits.open(server)
+    press_tab_until(page, ".skip", 1)
+    shoot(page, "keyboard_skip", whole=False)
+    page.keyboard.press("Enter")
+    assert page.evaluate("document.activeElement.id") == "panels"
+    page.reload()
+    press_tab_until(page, "input[name=find]")
+    page.keyboard.type("red")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**find=red**")
+    press_tab_until(page, f"td a[href*='session={CHILD}']")
+    page.keyboard.press("Enter")
+    page.wait_for_url(f"**session={CHILD}**")
+    assert CHILD in get_panel(page, "verdict").text_content()
+    press_tab_until(page, "button.stop")
+    shoot(page, "keyboard_stop", whole=False)
+    page.keyboard.press("Enter")
+    try:
+        page.locator("#result").get_by_text("latched").wait_for()
+        assert is_latched(workspace.signals.parent)
+    finally:
+        reset(workspace.signals.parent, "the test is over", SystemClock())

@@ -1,0 +1,276 @@
+"""The page in a real browser: hostile texts, pages of others, a thousand nodes, and a connection that drops."""
+
+import contextlib
+import http.client
+import http.server
+import json
+import signal
+import subprocess
+import threading
+import time
+from urllib.parse import quote
+
+import pytest
+
+from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
+from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.world.truth import Truth
+from phyagentos.view.documents import Documents
+from phyagentos.view.pages import PanelRenderer
+from phyagentos.view.panels import PANELS, Query
+from tests.extras.viewing import await_live, await_true, get_panel, read_lines, serve, served, shoot
+from tests.view.conftest import GOAL, Desk
+
+pytestmark = [pytest.mark.extras, pytest.mark.journey]
+
+ATTACK = "<script>window.hurt=1</script><img src=x onerror='window.hurt=2'>\"'><svg onload=window.hurt=3>"
+MANY, REFRESH_S = 1000, 0.2
+EVIL_PAGE = """<!doctype html><title>other</title>
+<form method=post action="{origin}/actions/estop" target=answer><input name=reason value=x></form>
+<iframe name=answer></iframe><iframe id=framed src="{origin}/"></iframe>
+<script>
+const tried = [];
+document.forms[0].submit();
+const post = {{method: "POST", mode: "no-cors", credentials: "include"}};
+tried.push(fetch("{origin}/actions/estop", post).then(() => 0, () => 0));
+tried.push(fetch("{origin}/", {{credentials: "include"}}).then(answer => answer.text(), () => ""));
+tried.push(new Promise(done => {{ const socket = new WebSocket("{socket}/scene/tidy-7.a");
+  socket.onopen = () => done("open"); socket.onclose = () => done("closed"); }}));
+Promise.all(tried).then(found => {{ window.found = found; }});
+</script>"""
+
+
+@pytest.fixture
+def desk(browser, tmp_path):
+    made = Desk(tmp_path / "w")
+    yield made
+    made.close()
+
+
+def submit_goal(desk, nodes, objective="Tidy."):
+    desk.record(GOAL, "goal_submitted", graph="tidy", seed=7, objective=objective)
+    desk.record(GOAL, "goal_compiled", nodes=nodes, accept=[], constraints=[])
+
+
+def make_node(objective, *after):
+    return {"objective": objective, "skill": "pick_and_place", "target": "panda", "after": [*after]}
+
+
+@pytest.fixture
+def hostile(desk):
+    """A workspace whose every text is an attack, and what of it each panel has to show."""
+    place = desk.workspace
+    submit_goal(desk, {"a": make_node(ATTACK), "b": make_node(ATTACK, "a")}, objective=ATTACK)
+    first = desk.submit("a")
+    desk.execute(first, events=[{"time_s": 1.0, "kind": "intervention", "code": "X", "details": {"message": ATTACK}}])
+    folder = place.evidence_of(first)
+    for name in ("environment_before.json", "environment_after.json"):
+        world = json.loads((folder / name).read_text())
+        (folder / name).write_text(json.dumps(world | {"scene": ATTACK}))
+    events = [event | {"message": ATTACK} for event in read_lines(folder / "trace.jsonl")]
+    (folder / "trace.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
+    (folder / "evil.html").write_text(f"<!doctype html><script src=evil.js></script>{ATTACK}")
+    (folder / "evil.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'><script>window.hurt=4</script></svg>")
+    (folder / "evil.js").write_text("window.hurt = 5")
+    desk.judge(first, "replan", Verdict.REPLAN, Truth.FALSE, cause=ATTACK)
+    desk.submit("a", 1, parent=first)
+    place.log.write_text(f"- 07:00:00 {ATTACK}\n")
+    (place.logs / "agent.log").write_text(f"{ATTACK}\n")
+    waiting = place.proposals / "new"
+    waiting.mkdir(parents=True)
+    (waiting / "x.yaml").write_text(ATTACK)
+    latch(place.signals.parent, Latch(by=ATTACK, reason=ATTACK))
+    return first
+
+
+def test_texts_of_documents_are_shown_and_no_script_of_theirs_runs(hostile, desk, visits):
+    with served(desk.workspace.root, "--allow-actions") as server:
+        page = visits.open(server, f"/?session={hostile}", with_scene=True)
+        for name in ("runtime", "goal", "verdict", "guard", "proposals", "log", "tree", "world"):
+            assert ATTACK in get_panel(page, name).text_content(), name
+        page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true })")
+        shoot(page, "hostile")
+        assert page.evaluate("window.hurt") is None
+        assert page.evaluate("document.querySelectorAll('main script, main img[src=x], svg[onload]').length") == 0
+        for path in (
+            f"/?find={quote(ATTACK)}&session={quote(ATTACK)}&goal={quote(ATTACK)}",
+            f"/compare?first={quote(ATTACK)}&second={hostile}",
+            f"/compare/runs?first={quote(ATTACK)}",
+            f"/panels/{quote(ATTACK, safe='')}",
+            f"/scene/{quote(ATTACK, safe='')}/",
+        ):
+            page.goto(server.origin + path)
+            assert page.evaluate("window.hurt") is None, path
+        for name in ("evil.html", "evil.svg"):
+            with contextlib.suppress(Exception):  # it may be saved instead of shown
+                page.goto(f"{server.origin}/evidence/{hostile}/{name}")
+            page.wait_for_timeout(200)
+            assert page.evaluate("window.hurt") is None, name
+
+
+def ask(server, method="POST", path="/actions/estop", body="", **headers):
+    """Status of the answer to a request that no page makes."""
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60)
+    given = {name.replace("_", "-"): value for name, value in headers.items()}
+    connection.request(method, path, body, {"content-type": "application/x-www-form-urlencoded"} | given)
+    answer = connection.getresponse()
+    status, text = answer.status, answer.read().decode(errors="replace")
+    connection.close()
+    return status, text
+
+
+def test_without_token_own_name_own_origin_and_the_secret_of_its_forms_nothing_is_done(desk, visits):
+    submit_goal(desk, {"a": make_node("Put it away.")})
+    signals = desk.workspace.signals.parent
+    with served(desk.workspace.root, "--allow-actions") as server:
+        page = visits.open(server)
+        secret = page.evaluate(
+            "JSON.parse(document.getElementById('stop').getAttribute('hx-headers'))['x-paos-secret']"
+        )
+        cookie = f"paos_view={server.token}"
+        right = {"cookie": cookie, "origin": server.origin, "x_paos_secret": secret}
+        refused = {
+            "no token": (401, {**right, "cookie": ""}),
+            "another token": (401, {**right, "cookie": "paos_view=" + "x" * 32}),
+            "another name": (401, {**right, "host": f"evil.example:{server.port}"}),
+            "no origin": (403, {**right, "origin": ""}),
+            "another origin": (403, {**right, "origin": "http://evil.example"}),
+            "another port": (403, {**right, "origin": f"http://127.0.0.1:{server.port + 1}"}),
+            "no secret": (403, {**right, "x_paos_secret": ""}),
+            "another secret": (403, {**right, "x_paos_secret": "0" * 64}),
+            "the token as secret": (403, {**right, "x_paos_secret": server.token}),
+        }
+        for why, (status, headers) in refused.items():
+            assert ask(server, **headers)[0] == status, why
+            assert not is_latched(signals), why
+        for path in ("/", "/events", "/panels/goal", "/static/page.css", "/scene/tidy-7.a/", "/evidence/a/b"):
+            assert ask(server, "GET", path)[0] == 401, path
+        assert ask(server, **right)[0] == 200
+        assert is_latched(signals), "the same request with all of it is carried out"
+
+
+def test_read_only_a_page_offers_no_action_and_its_server_knows_none(desk, visits):
+    submit_goal(desk, {"a": make_node("Put it away.")})
+    with served(desk.workspace.root) as server:
+        page = visits.open(server)
+        assert page.locator("main button, button.stop, form[hx-post]").count() == 0
+        assert ask(server, cookie=f"paos_view={server.token}", origin=server.origin)[0] in {404, 405}
+    assert not is_latched(desk.workspace.signals.parent)
+
+
+def test_a_page_of_others_in_the_same_browser_neither_acts_nor_reads(desk, visits):
+    submit_goal(desk, {"a": make_node("Put it away.")})
+    desk.submit("a")
+    with served(desk.workspace.root, "--allow-actions") as server, other_page(server) as address:
+        page = visits.open(server)
+        visits.allowed.append(address.removeprefix("http://"))
+        page.goto(address)  # another port of the same host: the browser sends the cookie along
+        await_true(page, "window.found")
+        _, read, scene = page.evaluate("window.found")
+        assert (read, scene) == ("", "closed")
+        answers = [frame for frame in page.frames if frame.url.startswith(server.origin)]
+        texts = " ".join(frame.text_content("body") or "" for frame in answers)
+        assert "EMERGENCY" not in texts
+    assert not is_latched(desk.workspace.signals.parent)
+
+
+@contextlib.contextmanager
+def other_page(server):
+    """A web server beside ours, whose page attacks ours."""
+    text = EVIL_PAGE.format(origin=server.origin, socket=server.origin.replace("http", "ws", 1)).encode()
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("content-type", "text/html")
+            self.end_headers()
+            self.wfile.write(text)
+
+        def log_message(self, *_):
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as other:
+        threading.Thread(target=other.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{other.server_port}"
+        other.shutdown()
+
+
+def test_a_thousand_nodes_are_collapsed_by_state_searched_and_cheap_to_refresh(desk, visits):
+    nodes = {
+        f"n{index}": make_node(f"Do {index}.", *([f"n{index - 7}"] if index >= 7 else [])) for index in range(MANY)
+    }
+    submit_goal(desk, nodes)
+    for index in range(300):
+        desk.record(f"node:tidy-7/n{index}", "node_ready")
+    with served(desk.workspace.root) as server:
+        page = visits.open(server)
+        graph = get_panel(page, "goal").locator("svg")
+        assert "collapsed by state" in graph.get_attribute("aria-label")
+        assert graph.locator(".box").count() < 60
+        counted = "[...document.querySelectorAll('#panel-goal .box text')].map(each => parseInt(each.textContent))"
+        assert sum(page.evaluate(counted)) == MANY
+        assert count_ready(page) == 300
+        shoot(page, "thousand")
+        desk.record("node:tidy-7/n300", "node_ready")
+        await_true(page, f"({COUNT_READY}) === 301")
+        page.get_by_role("searchbox").fill("n512")
+        page.get_by_role("searchbox").press("Enter")
+        page.wait_for_url("**find=n512**")
+        found = get_panel(page, "goal").locator("svg .found")
+        assert found.locator("text").first.text_content() == "n512"
+        assert get_panel(page, "goal").locator("svg .box").count() < 10
+        shoot(page, "thousand_found")
+    documents = Documents(desk.workspace.root)
+    documents.refresh()
+    spent_s = [measure_refresh(documents, desk, index) for index in range(301, 310)]
+    assert max(spent_s) <= REFRESH_S, spent_s
+
+
+COUNT_READY = """[...document.querySelectorAll('#panel-goal .box text')].map(each => each.textContent.split(' '))
+  .filter(each => each[1] === 'ready').reduce((sum, each) => sum + parseInt(each[0]), 0)"""
+
+
+def count_ready(page):
+    return page.evaluate(COUNT_READY)
+
+
+def measure_refresh(documents, desk, index):
+    """CPU time of a refresh of every panel after a record, with nothing kept from the one before [s]."""
+    renderer = PanelRenderer(documents, lambda: {"actions": True, "live": True})
+    desk.record(f"node:tidy-7/n{index}", "node_ready")
+    begun_s = time.thread_time()
+    documents.refresh()
+    for panel in PANELS:
+        renderer.render(panel, Query())
+    return time.thread_time() - begun_s
+
+
+def test_a_connection_that_drops_is_said_and_found_again(desk, visits):
+    submit_goal(desk, {"a": make_node("Put it away.")})
+    token = "t" * 32
+    server = serve(desk.workspace.root, token=token)
+    try:
+        page = visits.open(server)
+        page.evaluate("window.mark = 1")
+        server.end(kills=True)
+        page.locator("#connection.lost").wait_for()
+        assert "lost" in page.locator("#connection").text_content()
+        shoot(page, "dropped", whole=False)
+        latch(desk.workspace.signals.parent, Latch(by="test", reason="while nobody looked"))
+        server = serve(desk.workspace.root, "--port", server.port, token=token)
+        await_live(page)
+        get_panel(page, "runtime").get_by_text("while nobody looked").wait_for()
+        assert page.evaluate("window.mark") == 1, "without a reload"
+    finally:
+        server.end()
+
+
+def test_ctrl_c_ends_a_server_whose_page_is_open_without_an_error(desk, visits):
+    submit_goal(desk, {"a": make_node("Put it away.")})
+    server = serve(desk.workspace.root, stderr=subprocess.PIPE)
+    page = visits.open(server)
+    server.process.send_signal(signal.SIGINT)
+    _, err = server.process.communicate(timeout=60)
+    assert "Traceback" not in err
+    assert "ERROR" not in err, err
+    page.locator("#connection.lost").wait_for()
