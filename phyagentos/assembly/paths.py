@@ -47,12 +47,6 @@ def serve_alone(workspace: Workspace, clock: Clock) -> Iterator[None]:
         os.close(lock)
 
 
-def find_project(graph: Path) -> Path:
-    """The project folder that a goal graph belongs to: the parent of its `goal_graphs/`, else its own folder."""
-    folder = graph.resolve().parent
-    return folder.parent if folder.name == "goal_graphs" else folder
-
-
 def choose_folder(parent: Path, name: str) -> Path:
     """`<parent>/<name>-<n>`, the first that does not exist."""
     return next(path for number in itertools.count(1) if not (path := parent / f"{name}-{number}").exists())

@@ -24,9 +24,10 @@ import msgspec
 import yaml
 
 from phyagentos.assembly import agent_plane
-from phyagentos.assembly.paths import choose_folder, find_project, open_project
+from phyagentos.assembly.paths import choose_folder, open_project
 from phyagentos.assembly.planes import STOP_S
 from phyagentos.assembly.process_tuning import end_with
+from phyagentos.assembly.project import find_project
 from phyagentos.bench.plug_ins import FAULTS, draw, load_repair
 from phyagentos.bench.records import Axes, EpisodeRecord, Order, SessionRecord
 from phyagentos.bench.scoring import record_sessions, score

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from phyagentos.cli.arguments import AsJson, TrustPython, open_library
+from phyagentos.assembly.project import open_library
+from phyagentos.cli.arguments import AsJson, TrustPython
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note
 from phyagentos.cli.planning import print_missing
 from phyagentos.cli.running import NoPictures, Seed

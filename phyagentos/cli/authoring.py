@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from phyagentos.cli.arguments import AsJson, Overrides, RunPython, get_file, open_library, parse_overrides
+from phyagentos.assembly.project import get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import AsJson, Overrides, RunPython
 from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_problems, print_result
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 from typing_extensions import override
 
-from phyagentos.cli.progress import Row, RunFold
+from phyagentos.assembly.progress import Row, RunFold
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
@@ -35,7 +35,7 @@ STYLES = {
     "running": "bold cyan",
     "waiting": "dim",
 }
-MARKS = {Truth.TRUE: ("✓", "green"), Truth.FALSE: ("✗", "red"), Truth.UNKNOWN: ("?", "yellow")}
+COLOURS = {Truth.TRUE: "green", Truth.FALSE: "red", Truth.UNKNOWN: "yellow"}
 
 
 class CleanConsole(Console):
@@ -166,10 +166,10 @@ def describe(row: Row) -> str:
 
 def build_criterion_line(criterion: Criterion) -> Text:
     """One judged criterion with the numbers that decided it."""
-    mark, style = MARKS[criterion.truth]
     numbers = ", ".join(
         f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}"
         for name, value in criterion.measured.items()
     )
     because = criterion.because or numbers
-    return Text.assemble("    ", (mark, style), f" {criterion.text}", (f"  {because}" if because else "", "dim"))
+    mark = (criterion.truth.mark, COLOURS[criterion.truth])
+    return Text.assemble("    ", mark, f" {criterion.text}", (f"  {because}" if because else "", "dim"))

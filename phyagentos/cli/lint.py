@@ -9,7 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from phyagentos.cli.arguments import FOLDERS, open_library
+from phyagentos.assembly.project import FOLDERS, open_library
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
@@ -171,7 +171,7 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
 
             read_wanted(path, Catalogue.read(library))
         case FileKind.SKILL:
-            from phyagentos.cli.skill_checks import check_skill
+            from phyagentos.assembly.skill_checks import check_skill
 
             check_skill(path, library)
         case FileKind.TREE:

@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 import typer
 
-from phyagentos.cli.arguments import Overrides, TrustPython, get_file, open_library, parse_overrides
-from phyagentos.cli.explaining import get_session
+from phyagentos.assembly.project import get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import Overrides, TrustPython
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
 from phyagentos.cli.trusting import admit_python
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import GoalId, Session
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.subjects import get_session
 
 if TYPE_CHECKING:
     from phyagentos.runtime.worker.orders import Checked

@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from phyagentos.assembly.process_tuning import end_with
-from phyagentos.cli.arguments import Overrides, TrustPython, get_file, open_library, parse_overrides
+from phyagentos.assembly.project import get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import Overrides, TrustPython
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.settings.perception import Prior, Sensing

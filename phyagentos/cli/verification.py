@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from phyagentos.cli.explaining import Space, get_session
+from phyagentos.cli.explaining import Space
 from phyagentos.cli.outcome import ExitCode, print_json, print_result
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -16,6 +16,7 @@ from phyagentos.protocol.settings.verification import JudgeName
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
+from phyagentos.store.subjects import get_session
 
 if TYPE_CHECKING:
     from phyagentos.agent.judging.verifier import SessionVerifier

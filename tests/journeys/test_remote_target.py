@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
+from phyagentos.assembly.explanation import explain_session
 from phyagentos.assembly.paths import TOKENS
-from phyagentos.cli.why import explain_session
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.targets.handshake import make_key
