@@ -71,6 +71,7 @@ COMMANDS: dict[str, tuple[str, str]] = {  # name -> module and function, and the
         "explaining:show_graph",
         "Show a goal's graph as it stands: every attempt at a node, and what comes before it.",
     ),
+    "render": ("rendering:render", "Draw any moment of a session, or a film of sessions, from evidence alone."),
     "context": (
         "explaining:show_context",
         "Print what a model would be shown: request, world, open nodes, verdicts, capabilities, lessons, limits.",

@@ -3,15 +3,21 @@
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from phyagentos.assembly.project import find_project
 from phyagentos.cli.arguments import RunPython
 from phyagentos.cli.outcome import print_note, print_result
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS, render_mermaid
 from phyagentos.protocol.world.predicates.library import get_predicate_library
+
+if TYPE_CHECKING:
+    from phyagentos.pictures.trees import Drawing
+
+_PIPE_WIDTH = 400  # characters: a pipe cuts nothing
 
 
 class Listing(StrEnum):
@@ -68,16 +74,45 @@ def show_tree(
     svg: Annotated[Path | None, typer.Option(help="Write a drawing to this file.")] = None,
 ) -> None:
     """Draw a behaviour tree, subtrees included."""
-    from phyagentos.cli import tree_drawing
+    from phyagentos.pictures import trees
+    from phyagentos.protocol.capabilities.trees import read_tree
 
-    root = tree_drawing.read_drawing(tree)
+    path = Path(tree)
+    is_file = path.suffix in {".yaml", ".yml"}
+    library = Library.open(find_project(path), Path.cwd()) if is_file else Library.open(Path.cwd())
+    root = trees.draw_tree(read_tree(path if is_file else library.get_tree(tree)), library)
     if svg is not None:
-        svg.write_text(tree_drawing.render_svg(root), encoding="utf-8")
+        svg.write_text(trees.render_svg(root), encoding="utf-8")
         print_note(f"wrote {svg}")
     elif mermaid:
-        print_result(tree_drawing.render_mermaid(root))
+        print_result(trees.render_mermaid(root))
     else:
-        tree_drawing.print_tree(root)
+        _print_tree(root)
+
+
+def _print_tree(root: "Drawing") -> None:
+    """With rich, colours where the terminal has them."""
+    from rich.markup import escape
+    from rich.tree import Tree
+
+    from phyagentos.cli.console import CleanConsole
+
+    styles = {"leaf": "cyan", "subtree": "magenta", "control": "bold"}
+
+    def show(node: "Drawing") -> str:
+        ports = f"  [dim]{escape(', '.join(node.ports))}[/]" if node.ports else ""
+        return f"[{styles[node.family]}]{escape(node.label)}[/]{ports}"
+
+    def grow(branch: Tree, node: "Drawing") -> None:
+        for child in node.children:
+            grow(branch.add(show(child)), child)
+
+    tree = Tree(show(root))
+    grow(tree, root)
+    console = CleanConsole(highlight=False)
+    if not console.is_terminal:
+        console.width = _PIPE_WIDTH
+    console.print(tree)
 
 
 def _find_names(kind: Listing, *, runs_python: bool) -> list[str]:

@@ -31,6 +31,7 @@ _KINDS = {
     evidence.SCENE_XML: "model",
     evidence.TRACE: "trace",
     evidence.TRAJECTORY: "trajectory",
+    evidence.MOTION: "trajectory",
     RECORDING: "recording",
     evidence.PICTURE_BEFORE: "pictures",
     evidence.PICTURE_AFTER: "pictures",

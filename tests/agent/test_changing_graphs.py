@@ -3,6 +3,7 @@
 import re
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 import yaml
@@ -459,3 +460,14 @@ def test_a_fan_out_over_what_is_seen_has_no_session_before_it_is_ready(catalogue
     graph = read_goal_graph(write_graph(HEAD + EACH % 1), catalogue)
     compiler = SessionCompiler(graph=graph, catalogue=catalogue, goal=GoalId("changing-7"), seed=7)
     assert [session.node for session in compiler.preview()] == ["first", "last"]
+
+
+def test_the_pristine_document_of_a_new_workspace_is_no_edit(tmp_path, library):
+    workspace = Workspace.create(tmp_path / "workspace", library)
+    workspace.task.write_text(Path("protocol/TASK.md").read_text())
+    with closing(TaskDocument(workspace, SystemClock())) as task:
+        ledger = Ledger()
+        ledger.seq = 3  # something was recorded before anything is rendered
+        task.publish(ledger)
+        assert not task.take(at_once=True)
+    assert not workspace.task.with_suffix(".rejected.md").exists()

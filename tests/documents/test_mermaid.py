@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from phyagentos.cli.app import main
-from phyagentos.cli.tree_drawing import Drawing
-from phyagentos.cli.tree_drawing import render_mermaid as render_tree
+from phyagentos.pictures.trees import Drawing
+from phyagentos.pictures.trees import render_mermaid as render_tree
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -240,9 +240,9 @@ def test_a_node_of_any_name_is_one_node_with_that_name(parse, goals):
 
 def test_a_leaf_of_any_name_is_one_node_with_that_name(parse):
     names = [name for name in HARD_NAMES if name]
-    leaves = tuple(Drawing(kind="leaf", name=name, ports=(f"port = {name}",)) for name in names)
+    leaves = tuple(Drawing(kind="leaf", id=name, name=name, ports=(f"port = {name}",)) for name in names)
 
-    (answer,) = parse([render_tree(Drawing(kind="sequence", name="root", children=leaves))])
+    (answer,) = parse([render_tree(Drawing(kind="sequence", id="root", name="root", children=leaves))])
 
     shown = [(" ".join(leaf.label.split()), " ".join(leaf.ports[0].split())) for leaf in leaves]
     assert show(answer)[1:] == [f"{label}<br>{port}" for label, port in shown]

@@ -80,7 +80,8 @@ class TaskDocument:
         except DefinitionError as error:
             self._refuse(text, f"it cannot be read: {error}")
             return
-        shown = self._shown.get(getattr(document.front, "view", -1))
+        view = getattr(document.front, "view", -1)
+        shown = self._shown.get(view, None if view else {})  # 0 shows no goal, as the pristine document
         if shown is None:
             self._refuse(text, "it was made from a rendering that is not known any more; use `paos amend`")
             return

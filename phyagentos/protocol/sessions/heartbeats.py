@@ -22,6 +22,8 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
         tick: Control periods commanded so far.
         sim_time_s: The world's time.
         leaf: Path of the active leaf.
+        q_rad: Measured joint positions while it executes [rad, m], in the order of the profile.
+        gripper_width_m: Measured opening [m].
         phase: `idle`, `loading`, `executing`, `thinking`, `paused`, `halting`, `observing`.
     """
 
@@ -34,6 +36,8 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
     sim_time_s: float = 0.0
     leaf: str = ""
     phase: str = "idle"
+    q_rad: tuple[float, ...] = ()
+    gripper_width_m: float = 0.0
 
 
 def write_heartbeat(folder: Path, beat: Heartbeat) -> None:

@@ -320,11 +320,11 @@ class TargetSessionHandle:
         result = self._invoke(wire.RENDER, camera=camera, width=width, height=height)
         return result.artefacts["picture.png"].data if result.artefacts else b""
 
-    def fetch_model(self) -> dict[str, bytes]:
-        """The compiled scene, by file name; empty where the target has none. Always permitted, as evidence."""
-        if not self.describe().offers_tool(wire.SCENE_MODEL):
+    def fetch_files(self, tool: str) -> dict[str, bytes]:
+        """What a tool keeps for the evidence, by file name; empty where the target has no such tool."""
+        if not self.describe().offers_tool(tool):
             return {}
-        return {name: file.data for name, file in self._invoke(wire.SCENE_MODEL).artefacts.items()}
+        return {name: file.data for name, file in self._invoke(tool).artefacts.items()}
 
     def _invoke(self, tool: str, **arguments: Any) -> wire.ToolResult:
         request = wire.InvokeTool(name=tool, arguments=arguments, session=self._session, epoch=self._epoch)

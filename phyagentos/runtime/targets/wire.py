@@ -29,6 +29,7 @@ WIRE_VERSION = handshake.WIRE_VERSION
 NPZ = "application/x-npz"
 RENDER = "render"  # tool: a picture for people; arguments `camera`, `width`, `height`; artefact `picture.png`
 SCENE_MODEL = "scene_model"  # tool: the compiled scene, artefacts by file name
+MOTION = "motion"  # tool: how the world has moved since the session began, artefact `motion.npz`
 
 
 class Artefact(msgspec.Struct, frozen=True):

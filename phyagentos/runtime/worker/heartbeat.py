@@ -29,6 +29,8 @@ class HeartbeatWriter:
         tick: int = 0,
         sim_time_s: float = 0.0,
         leaf: str = "",
+        q_rad: tuple[float, ...] = (),
+        gripper_width_m: float = 0.0,
         at_once: bool = False,
     ) -> None:
         """Publish the fields of a `Heartbeat`; cheap enough for every control period.
@@ -36,7 +38,7 @@ class HeartbeatWriter:
         With `at_once` even within a tenth of a second, since a long silence follows.
         """
         doing = {"session": session, "epoch": epoch, "tick": tick, "sim_time_s": sim_time_s, "leaf": leaf}
-        self._publish(at_once=at_once, phase=phase, **doing)
+        self._publish(at_once=at_once, phase=phase, q_rad=q_rad, gripper_width_m=gripper_width_m, **doing)
 
     def beat_paused(self) -> None:
         """Repeat the last beat in the phase `paused`."""

@@ -4,11 +4,12 @@ The verifier reads nothing else. During the loop samples only go to memory; file
 and after the last one.
 """
 
+import contextlib
 import os
 import platform
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -38,6 +39,7 @@ RECORDED_PACKAGES = (
     "phyagentos", "numpy", "scipy", "mujoco", "mink", "daqp", "ompl", "toppra", "casadi", "numba", "py-trees",
 )  # fmt: skip
 
+TRACED_EVERY = 5  # turns
 ROBOT_CONTACT = "robot_contact"  # kind of an event: another robot of the world was touched
 _NONE: Mapping[str, float] = {}
 
@@ -61,6 +63,8 @@ class Recorder:
         self._force_error_n = 0.0
         self._touches: list[Event] = []
         self._looks: list[LookEntry] = []
+        self._read_trace: Callable[[], Sequence[TraceEvent]] = tuple
+        self._traced = self._turns = 0
         self.look_ms, self.look_bytes = 0.0, 0
         try:
             folder.mkdir(parents=True)
@@ -121,8 +125,18 @@ class Recorder:
         if data:
             self.files.write(name, data)
 
+    def follow(self, trace: Callable[[], Sequence[TraceEvent]]) -> None:
+        """Write this trace on the way as well, for those who watch; what `write_course` is given replaces it."""
+        self._read_trace, self._traced = trace, 0
+        self.files.write(evidence.TRACE, b"")
+
     def on_turn(self, result: object, ticks: int, time_s: float) -> None:
-        """Turns leave no sample; the tree keeps its own trace."""
+        """Every few turns append what has changed in the tree."""
+        self._turns += 1
+        if self._turns % TRACED_EVERY == 0 and len(events := self._read_trace()) > self._traced:
+            with contextlib.suppress(OSError), (self.folder / evidence.TRACE).open("ab") as file:
+                file.write(encode_lines(list(events[self._traced :])))
+            self._traced = len(events)
 
     def on_step(self, points: SetPoints, step: Step) -> None:
         """Keep one sample: the end of a commanded period and what was measured there."""

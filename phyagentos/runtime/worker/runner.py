@@ -17,7 +17,7 @@ from phyagentos.protocol.sessions.looks import LookRole
 from phyagentos.protocol.sessions.recording import RECORDING
 from phyagentos.protocol.sessions.session import ALREADY_MET, Ended, Execution, Session
 from phyagentos.protocol.settings.runtime_contract import CameraRecording
-from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.environment import Environment, TargetState
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.execution.already_met import weigh_before
@@ -29,6 +29,7 @@ from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
 from phyagentos.runtime.execution.open_criteria import find_moving, find_open_criteria, is_marginal, is_start_marginal
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
 from phyagentos.runtime.perception.world_model import WORLD
+from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.wire import RecordedFault, Step
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.orders import Reconcile
@@ -42,26 +43,48 @@ SETTLE_S = 0.3  # of simulated time, within which released things come to rest
 class Beat(Protocol):
     """Called in every turn of the loop; see `heartbeat.HeartbeatWriter.beat`."""
 
-    def __call__(self, *, phase: str, session: str, epoch: int, tick: int, sim_time_s: float, leaf: str) -> None:
+    def __call__(
+        self,
+        *,
+        phase: str,
+        session: str,
+        epoch: int,
+        tick: int,
+        sim_time_s: float,
+        leaf: str,
+        q_rad: tuple[float, ...] = (),
+        gripper_width_m: float = 0.0,
+    ) -> None:
         """Publish the state of the session."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True)
 class _HeartbeatObserver:
     """Heartbeat of one session, as an observer of its loop."""
 
     session: Session
     epoch: int
     beat: Beat
+    posture: TargetState | None = None
 
     def on_turn(self, result: TickResult, ticks: int, time_s: float) -> None:
         self.publish("thinking" if result.thinking else "executing", ticks, time_s, result.active)
 
     def on_step(self, points: SetPoints, step: Step) -> None:
-        pass
+        self.posture = step.target
 
     def publish(self, phase: str, ticks: int, time_s: float, leaf: str = "") -> None:
-        self.beat(phase=phase, session=self.session.id, epoch=self.epoch, tick=ticks, sim_time_s=time_s, leaf=leaf)
+        now = self.posture
+        self.beat(
+            phase=phase,
+            session=self.session.id,
+            epoch=self.epoch,
+            tick=ticks,
+            sim_time_s=time_s,
+            leaf=leaf,
+            q_rad=now.q_rad if now is not None else (),
+            gripper_width_m=now.gripper_width_m if now is not None else 0.0,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,6 +220,7 @@ class SessionRunner:
         self._take_picture(recorder, files.PICTURE_BEFORE)
         context = self._skills.open_context(session, self._target, initial, recorder.folder)
         skill = self._skills.open(session, plan, context)
+        recorder.follow(skill.trace)
         holds = HoldMonitor(session.hold, initial, session.target, self._sample_every, session.interchangeable)
         heartbeat = _HeartbeatObserver(session=session, epoch=epoch, beat=beat)
         cameras = self._open_cameras()
@@ -307,6 +331,8 @@ class SessionRunner:
             holds.sample(after, self._world.latest_look, is_last=True)
         self._open_criteria = find_open_criteria(session, after)
         self._take_picture(recorder, files.PICTURE_AFTER)
+        for name, data in self._handle.fetch_files(wire.MOTION).items():
+            recorder.write_file(name, data)
         return self._handle.end().faults
 
     def _write_looks(self, recorder: Recorder, role: LookRole, seen: Environment) -> None:
@@ -335,7 +361,7 @@ class SessionRunner:
         episode = session.scene.episode
         if self._model_of is not None and self._model_of[0] == episode and recorder.link_model(self._model_of[1]):
             return
-        for name, data in self._handle.fetch_model().items():
+        for name, data in self._handle.fetch_files(wire.SCENE_MODEL).items():
             recorder.write_file(name, data)
             self._model_of = (episode, recorder.folder)
 

@@ -12,12 +12,14 @@ from typing import Any
 import msgspec
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.placed_scenes import read_placed
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.evidence import MOTION
 from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
@@ -39,7 +41,8 @@ from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
 
 PICTURE_MAX = 4096  # pixels of one side
-TOOLS = (wire.Tool(wire.RENDER), wire.Tool(wire.SCENE_MODEL))
+MOTION_PERIOD_S = 0.04
+TOOLS = (wire.Tool(wire.RENDER), wire.Tool(wire.SCENE_MODEL), wire.Tool(wire.MOTION))
 
 
 class RenderArguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -160,6 +163,7 @@ class MujocoDriver(TargetDriver):
         self.world, self.profile, self.folder = world, profile, folder
         self.session = ""
         self._present: Embodiment | None = None
+        self._moved: list[tuple[float, NDArray[np.float64]]] = []  # simulated time and (nq,) of the whole world
         world.join(profile.target, self)
 
     @property
@@ -259,6 +263,7 @@ class MujocoDriver(TargetDriver):
             self.world.simulation.carry_out(self.profile.target, present.controller.halt())
         self.world.simulation.ending.discard(self.profile.target)
         present.controller.begin()
+        self._moved = []
         present.controller.activations = list(present.faults.on_session(session))
 
     @override
@@ -306,6 +311,8 @@ class MujocoDriver(TargetDriver):
     @override
     def report(self) -> wire.Step:
         physics, controller, encounters = self.physics, self.controller, self.world.simulation.encounters
+        if not self._moved or physics.time_s >= self._moved[-1][0] + MOTION_PERIOD_S - physics.model.opt.timestep:
+            self._moved.append((physics.time_s, physics.data.qpos.copy()))
         return wire.Step(
             time_s=physics.time_s,
             target=self.look(),
@@ -360,6 +367,10 @@ class MujocoDriver(TargetDriver):
                 name: wire.Artefact("application/octet-stream", data) for name, data in physics.scene.export().items()
             }
             return wire.ToolResult(files)
+        if name == wire.MOTION:
+            qpos = np.array([each for _, each in self._moved], np.float32).reshape(-1, physics.model.nq)
+            arrays = {"time_s": np.array([time_s for time_s, _ in self._moved]), "qpos": qpos}
+            return wire.ToolResult({MOTION: wire.Artefact(wire.NPZ, encode_arrays(arrays))})
         wanted = msgspec.convert(dict(arguments), RenderArguments)
         if not (1 <= wanted.width <= PICTURE_MAX and 1 <= wanted.height <= PICTURE_MAX):
             message = f"a picture of {wanted.width} x {wanted.height} pixels; 1 to {PICTURE_MAX} are possible"

@@ -1,11 +1,9 @@
-"""A behaviour tree in the terminal, as Mermaid, as SVG, from its file and the declared ports alone."""
+"""A behaviour tree as Mermaid and as SVG, from its file and the declared ports alone."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from html import escape
-from pathlib import Path
 
-from phyagentos.assembly.project import find_project
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, read_tree
@@ -26,7 +24,6 @@ SYMBOLS = {
     "condition": "◇",
     "subtree": "▣",
 }
-PIPE_WIDTH = 400  # characters: a pipe cuts nothing
 BOX_HEIGHT, LEVEL_HEIGHT, GAP, LETTER = 40, 74, 14, 7.2  # pixels
 COLORS = {"leaf": ("#e8f1fb", "#3b78b5"), "subtree": ("#f3ecfa", "#7d56a8"), "control": ("#f4f4f1", "#77756c")}
 
@@ -37,11 +34,13 @@ class Drawing:
 
     Attributes:
         kind: `sequence`, `fallback`, ..., `subtree`, or the name of a leaf.
-        name: As authored; may equal the kind.
+        id: As authored, and in the paths of a trace; may equal the kind.
+        name: The same with what its kind adds.
         ports: `port = value` texts.
     """
 
     kind: str
+    id: str
     name: str
     ports: tuple[str, ...] = ()
     children: tuple["Drawing", ...] = ()
@@ -61,23 +60,19 @@ class Drawing:
         return "control" if self.kind in SYMBOLS else "leaf"
 
 
-def read_drawing(argument: str) -> Drawing:
-    """Read a tree (a YAML file, or a name in the library) and the subtrees it names.
+def draw_tree(tree: Tree, library: Library) -> Drawing:
+    """A tree and the subtrees it names.
 
     Raises:
         DefinitionError: With every problem of the first file that has any; `CYCLE` when a tree contains itself.
     """
-    path = Path(argument)
-    is_file = path.suffix in {".yaml", ".yml"}
-    library = Library.open(find_project(path), Path.cwd()) if is_file else Library.open(Path.cwd())
-    tree = read_tree(path if is_file else library.get_tree(argument))
     return _draw_tree(tree, library, (tree.header.tree,))
 
 
 def _draw_tree(tree: Tree, library: Library, inside: tuple[str, ...]) -> Drawing:
     inputs = tuple(f"{name}: {port.type}" for name, port in tree.header.inputs.items())
     root = _draw_node(tree.root, tree, library, inside)
-    return Drawing(kind="subtree", name=tree.header.tree, ports=inputs, children=(root,))
+    return Drawing(kind="subtree", id=tree.header.tree, name=tree.header.tree, ports=inputs, children=(root,))
 
 
 def _draw_node(node: Node, tree: Tree, library: Library, inside: tuple[str, ...]) -> Drawing:
@@ -87,10 +82,10 @@ def _draw_node(node: Node, tree: Tree, library: Library, inside: tuple[str, ...]
             way = " -> ".join((*inside, node.type))
             raise DefinitionError.of("CYCLE", tree.located.address_of(node.address), way, hint="Break the cycle.")
         below = _draw_tree(read_tree(library.get_tree(node.type)), library, (*inside, node.type))
-        return Drawing(kind="subtree", name=node.name, ports=ports, children=below.children)
+        return Drawing(kind="subtree", id=node.name, name=node.name, ports=ports, children=below.children)
     children = tuple(_draw_node(child, tree, library, inside) for child in node.children)
     kind = node.type if node.kind is NodeKind.LEAF else node.kind.value
-    return Drawing(kind=kind, name=_name_of(node), ports=ports, children=children)
+    return Drawing(kind=kind, id=node.name, name=_name_of(node), ports=ports, children=children)
 
 
 def _name_of(node: Node) -> str:
@@ -122,33 +117,6 @@ def render_mermaid(root: Drawing) -> str:
         if parent is not None:
             lines.append(f"    n{parent} --> n{number}")
     return "\n".join(lines) + "\n"
-
-
-def print_tree(root: Drawing) -> None:
-    """Print with rich, colours where the terminal has them."""
-    from rich.tree import Tree
-
-    from phyagentos.cli.console import CleanConsole
-
-    styles = {"leaf": "cyan", "subtree": "magenta", "control": "bold"}
-
-    def grow(branch: Tree, node: Drawing) -> None:
-        for child in node.children:
-            grow(branch.add(text(child)), child)
-
-    def text(node: Drawing) -> str:
-        from rich.markup import escape as escape_markup
-
-        style = styles[node.family]
-        ports = f"  [dim]{escape_markup(', '.join(node.ports))}[/]" if node.ports else ""
-        return f"[{style}]{escape_markup(node.label)}[/]{ports}"
-
-    tree = Tree(text(root))
-    grow(tree, root)
-    console = CleanConsole(highlight=False)
-    if not console.is_terminal:
-        console.width = PIPE_WIDTH
-    console.print(tree)
 
 
 def render_svg(root: Drawing) -> str:

@@ -1,0 +1,131 @@
+"""Graphs in layers, as SVG that needs no program to look at: what comes first stands above."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import networkx
+
+HEIGHT, LAYER, GAP, LETTER, MARGIN = 40, 84, 18, 7.0, 10  # pixels
+STYLE = """
+.box rect{fill:#eceff1;stroke:#78909c}.box text{fill:#263238;font:12px sans-serif;text-anchor:middle}
+.box .sub{fill:#455a64;font-size:11px}.edge{stroke:#78909c;fill:none}.edge.other{stroke-dasharray:5 3}
+.note{fill:#546e7a;font:10px sans-serif;text-anchor:middle}
+.ready rect{fill:#e3f2fd;stroke:#1e88e5}.active rect,.here rect{fill:#fff3e0;stroke:#e65100;stroke-width:2}
+.done rect{fill:#e8f5e9;stroke:#388e3c}.blocked rect,.invalidated rect{fill:#ffebee;stroke:#c62828}
+.skipped rect{fill:#fafafa;stroke:#b0bec5}.rescued rect{fill:#f9fbe7;stroke:#827717}.past rect{fill:#fff}
+.been rect{fill:#e8eaf6;stroke:#3949ab}.found rect{stroke-width:3}
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box:
+    """A vertex.
+
+    Attributes:
+        title: First line.
+        below: Second line; none when empty.
+        kind: Classes of `STYLE`.
+        link: Where it leads.
+        hint: Shown on hovering.
+    """
+
+    name: str
+    title: str
+    below: str = ""
+    kind: str = ""
+    link: str = ""
+    hint: str = ""
+
+    @property
+    def width(self) -> float:
+        """In pixels."""
+        return max(64.0, max(len(self.title), len(self.below)) * LETTER + 18)
+
+
+@dataclass(frozen=True, slots=True)
+class Arrow:
+    """An edge between boxes of these names; dashed where it has a label."""
+
+    before: str
+    after: str
+    label: str = ""
+
+
+def draw_layers(boxes: Sequence[Box], arrows: Iterable[Arrow], label: str) -> str:
+    """A stand-alone SVG; `label` says what it shows to those who do not see it.
+
+    An arrow that leads to an earlier box of the sequence does not count for the layers.
+    """
+    order = {box.name: index for index, box in enumerate(boxes)}
+    arrows = [each for each in dict.fromkeys(arrows) if each.before in order and each.after in order]
+    ahead = networkx.DiGraph((each.before, each.after) for each in arrows if order[each.before] < order[each.after])
+    ahead.add_nodes_from(order)
+    layers = _sort_layers(
+        [sorted(names, key=order.__getitem__) for names in networkx.topological_generations(ahead)], ahead
+    )
+    by_name = {box.name: box for box in boxes}
+    widths = [sum(by_name[name].width + GAP for name in names) - GAP for names in layers]
+    width = max(widths, default=0.0) + 2 * MARGIN
+    at: dict[str, tuple[float, float]] = {}
+    for level, names in enumerate(layers):
+        left = (width - widths[level]) / 2
+        for name in names:
+            at[name] = (left + by_name[name].width / 2, MARGIN + level * LAYER)
+            left += by_name[name].width + GAP
+    height = MARGIN * 2 + (len(layers) - 1) * LAYER + HEIGHT if layers else 0
+    shapes = [*(_draw_arrow(each, at) for each in arrows), *(_draw_box(box, *at[box.name]) for box in boxes)]
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" '
+        f'role="group" aria-label="{escape(label)}"><style>{STYLE}</style>'
+        '<defs><marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
+        '<path d="M0 0 8 4 0 8z" fill="#78909c"/></marker></defs>' + "".join(shapes) + "</svg>"
+    )
+
+
+def _sort_layers(layers: list[list[str]], graph: "networkx.DiGraph[str]") -> list[list[str]]:
+    """Each layer by the mean place of what comes before, so that fewer arrows cross."""
+    place: dict[str, float] = {}
+    for names in layers:
+        for index, name in enumerate(names):
+            before = [place[each] for each in graph.predecessors(name)]
+            place[name] = sum(before) / len(before) if before else index / max(1, len(names) - 1)
+        names.sort(key=place.__getitem__)
+        place |= {name: index / max(1, len(names) - 1) for index, name in enumerate(names)}
+    return layers
+
+
+def _draw_arrow(arrow: Arrow, at: dict[str, tuple[float, float]]) -> str:
+    (left, top), (right, bottom) = at[arrow.before], at[arrow.after]
+    if bottom > top + LAYER:  # past other boxes, in a bow around them
+        bow = max(left, right) + 20 + 6 * (bottom - top) / LAYER
+        path = f"M{left:.0f} {top + HEIGHT}C{bow:.0f} {top + LAYER} {bow:.0f} {bottom - LAYER} {right:.0f} {bottom}"
+        where = (left + right + 2 * bow) / 4, (top + HEIGHT + bottom) / 2
+    elif bottom > top:
+        path = (
+            f"M{left:.0f} {top + HEIGHT}C{left:.0f} {top + LAYER - 16} {right:.0f} {bottom - 30} {right:.0f} {bottom}"
+        )
+        where = (left + right) / 2, (top + HEIGHT + bottom) / 2 + 3
+    else:  # back, around the side
+        side = max(left, right) + 70
+        end = f"{right:.0f} {bottom + HEIGHT}"
+        path = f"M{left:.0f} {top + HEIGHT / 2}C{side:.0f} {top} {side:.0f} {bottom + HEIGHT} {end}"
+        where = side - 22, (top + bottom) / 2 + HEIGHT / 2
+    kind, note = ("edge other", _draw_text("note", *where, arrow.label)) if arrow.label else ("edge", "")
+    return f'<path class="{kind}" d="{path}" marker-end="url(#tip)"/>{note}'
+
+
+def _draw_box(box: Box, middle: float, top: float) -> str:
+    rows = [_draw_text("", middle, top + (17 if box.below else 25), box.title)]
+    rows += [_draw_text("sub", middle, top + 32, box.below)] if box.below else []
+    shape = (
+        f'<g class="box {escape(box.kind)}"><title>{escape(box.hint or box.title)}</title>'
+        f'<rect x="{middle - box.width / 2:.0f}" y="{top:.0f}" width="{box.width:.0f}" height="{HEIGHT}" rx="7"/>'
+        f"{''.join(rows)}</g>"
+    )
+    name = escape(f"{box.title} {box.below}".strip())
+    return f'<a href="{escape(box.link)}" aria-label="{name}">{shape}</a>' if box.link else shape
+
+
+def _draw_text(kind: str, x: float, y: float, text: str) -> str:
+    return f'<text class="{kind}" x="{x:.0f}" y="{y:.0f}">{escape(text)}</text>'

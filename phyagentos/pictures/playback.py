@@ -1,0 +1,123 @@
+"""One session over time, from its evidence alone: states of the world, paths of the tool, what was believed.
+
+Where a bundle holds `motion.npz` (simulated targets) every body is where it was. Elsewhere the robot moves as it was
+measured, and things stand where they stood at the start, until the end.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.capabilities.registries import get_registered_target
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.evidence import Bundle, read_bundle
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.workspace.array_files import decode_arrays
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import Environment
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Playback:
+    """States of the world of one session.
+
+    Attributes:
+        model: The compiled scene.
+        time_s: (n,) moments, growing, in the target's own time [s].
+        qpos: (n, nq) positions of all joints at these moments.
+        measured_m: (k, 3) places of the tool as measured, in the world [m].
+        planned_m: (k, 3) its places as commanded [m].
+        bundle: What else was left: trace, events, the world as believed before and after.
+    """
+
+    model: mujoco.MjModel
+    time_s: Array
+    qpos: Array
+    measured_m: Array
+    planned_m: Array
+    bundle: Bundle
+
+    def pose(self, time_s: float, data: mujoco.MjData | None = None) -> mujoco.MjData:
+        """The world at the latest moment up to `time_s`, with its kinematics; in `data` where one is given."""
+        data = data or mujoco.MjData(self.model)
+        data.qpos[:] = self.qpos[max(0, int(np.searchsorted(self.time_s, time_s + 1e-9)) - 1)]
+        mujoco.mj_forward(self.model, data)
+        return data
+
+    def believe(self, time_s: float) -> Environment | None:
+        """The latest snapshot of the world as believed, up to a moment."""
+        after = self.bundle.after
+        return after if after is not None and time_s >= after.time_s else self.bundle.before
+
+
+def read_playback(workspace: Workspace, status: SessionStatus) -> Playback:
+    """The playback of a session that was executed.
+
+    Raises:
+        ExecutionError: `EVIDENCE_UNREADABLE` where it left no scene model, was thinned, or is damaged.
+        DefinitionError: `TARGET_UNKNOWN`.
+    """
+    folder = workspace.evidence_of(status.contract.id)
+    if status.execution is None or not (folder / evidence.SCENE_MODEL).is_file():
+        message = (
+            f"{folder}: no {evidence.SCENE_MODEL}; expected the evidence of a session that moved a simulated robot"
+        )
+        raise ExecutionError("EVIDENCE_UNREADABLE", message)
+    profile = get_registered_target(workspace.target_registry, status.contract.target)
+    try:
+        model = mujoco.MjModel.from_binary_path(str(folder / evidence.SCENE_MODEL))
+        first, last, course = (
+            decode_arrays((folder / name).read_bytes())
+            for name in (evidence.INITIAL, evidence.TERMINAL, evidence.TRAJECTORY)
+        )
+        path = folder / evidence.MOTION
+        moved = decode_arrays(path.read_bytes()) if path.is_file() else {}
+    except (OSError, ValueError, mujoco.FatalError) as error:
+        raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder}: {error}") from error
+    address = find_joints(model, profile)
+    if not moved:
+        qpos = np.tile(first["qpos"], (len(course["time_s"]), 1))
+        qpos[:, address] = course["q_measured"]
+        moved = {"time_s": course["time_s"], "qpos": qpos}
+    data = mujoco.MjData(model)
+    data.qpos[:] = first["qpos"]
+    tool = find_tool(model, profile)
+    return Playback(
+        model=model,
+        time_s=np.concatenate(([float(first["time"])], moved["time_s"], [float(last["time"])])),
+        qpos=np.vstack((first["qpos"], moved["qpos"], last["qpos"])),
+        measured_m=_trace_tool(model, data, tool, address, course["q_measured"]),
+        planned_m=_trace_tool(model, data, tool, address, course["q_commanded"]),
+        bundle=read_bundle(folder, status.contract, status.execution),
+    )
+
+
+def find_joints(model: mujoco.MjModel, profile: TargetProfile) -> list[int]:
+    """Addresses in qpos of the joints of an arm, in the order of its profile."""
+    return [int(model.joint(_find_prefix(model, profile) + name).qposadr[0]) for name in profile.arm.joints]
+
+
+def find_tool(model: mujoco.MjModel, profile: TargetProfile) -> int:
+    """Number of the site of its tool centre point."""
+    return int(model.site(_find_prefix(model, profile) + profile.tcp).id)
+
+
+def _find_prefix(model: mujoco.MjModel, profile: TargetProfile) -> str:
+    """Of a robot's names in a model: its own name where it is one of several."""
+    several = f"{profile.target}/"
+    return several if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, several + profile.tcp) >= 0 else ""
+
+
+def _trace_tool(model: mujoco.MjModel, data: mujoco.MjData, tool: int, address: list[int], q: Array) -> Array:
+    places = np.empty((len(q), 3))
+    for row, posture in enumerate(q):
+        data.qpos[address] = posture
+        mujoco.mj_kinematics(model, data)
+        places[row] = data.site_xpos[tool]
+    return places

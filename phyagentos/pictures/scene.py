@@ -1,0 +1,157 @@
+"""Pictures of a session at any moment: the true world, paths of the tool, and outlines of things as believed.
+
+MUJOCO_GL selects the graphics when MuJoCo is imported.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from phyagentos.errors import DefinitionError
+from phyagentos.geometry import multiply, rotate
+from phyagentos.pictures.playback import Array, Playback
+from phyagentos.protocol.world.environment import Environment, ShapeKind, Status
+
+Picture = NDArray[np.uint8]
+MEASURED, PLANNED, BELIEVED = (0.10, 0.35, 0.85, 1.0), (0.95, 0.55, 0.05, 1.0), (0.75, 0.1, 0.85, 1.0)
+PATH_RADIUS_M, PATH_POINTS, OUTSIDE_M = 0.003, 150, 0.002
+SHADOW_PX = 1024  # more of it is most of the time of a picture
+AZIMUTH_DEG, ELEVATION_DEG, DISTANCE_M = 180.0, -40.0, 1.6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """How a moment is shown.
+
+    Attributes:
+        camera: A camera of the model; empty for a view of the table from the front.
+        paths: Whether to draw the tool's paths: measured up to the moment, and as commanded.
+        beliefs: Whether to draw movable things where they are believed to be.
+    """
+
+    camera: str = ""
+    width: int = 800
+    height: int = 600
+    paths: bool = True
+    beliefs: bool = True
+
+
+class SceneRenderer:
+    """Draws moments of one session; a context manager.
+
+    Raises:
+        DefinitionError: `UNKNOWN_CAMERA`; `NO_GRAPHICS` when this machine cannot draw.
+    """
+
+    def __init__(self, playback: Playback, look: Look) -> None:
+        self._playback, self._look = playback, look
+        model = playback.model
+        cameras = [model.camera(index).name for index in range(model.ncam)]
+        if look.camera and look.camera not in cameras:
+            raise DefinitionError.unknown("UNKNOWN_CAMERA", "--camera", look.camera, cameras)
+        model.vis.global_.offwidth = max(model.vis.global_.offwidth, look.width)
+        model.vis.global_.offheight = max(model.vis.global_.offheight, look.height)
+        model.vis.quality.shadowsize = SHADOW_PX
+        try:
+            self._renderer = mujoco.Renderer(model, look.height, look.width)
+        except Exception as error:  # graphics drivers raise what they like
+            where, found = str(playback.bundle.folder), f"{type(error).__name__}: {error}"
+            raise DefinitionError.of("NO_GRAPHICS", where, found, "MuJoCo's graphics", "See `paos doctor`.") from error
+        self._data = mujoco.MjData(model)
+
+    def __enter__(self) -> "SceneRenderer":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._renderer.close()
+
+    def draw(self, time_s: float) -> Picture:
+        """(height, width, 3) the moment, with a caption: session, time, active leaf."""
+        playback, look, scene = self._playback, self._look, self._renderer.scene
+        self._renderer.update_scene(playback.pose(time_s, self._data), look.camera or self._make_camera())
+        if look.paths:
+            done = int(np.searchsorted(playback.time_s, time_s)) / len(playback.time_s)
+            _add_path(scene, playback.planned_m, PLANNED)
+            _add_path(scene, playback.measured_m[: max(2, round(done * len(playback.measured_m)))], MEASURED)
+        believed = playback.believe(time_s)
+        if look.beliefs and believed is not None:
+            _add_believed(scene, believed)
+        return _write_caption(self._renderer.render(), self._describe(time_s), look)
+
+    def _make_camera(self) -> mujoco.MjvCamera:
+        camera = mujoco.MjvCamera()
+        places = self._playback.measured_m
+        camera.lookat[:] = (places.min(axis=0) + places.max(axis=0)) / 2 if len(places) else (0.4, 0.0, 0.1)
+        camera.azimuth, camera.elevation, camera.distance = AZIMUTH_DEG, ELEVATION_DEG, DISTANCE_M
+        return camera
+
+    def _describe(self, time_s: float) -> str:
+        bundle = self._playback.bundle
+        leaf = next((each.path for each in reversed(bundle.trace) if each.role and each.time_s <= time_s), "")
+        return f"{bundle.session.id}   {time_s - self._playback.time_s[0]:5.2f} s   {leaf}"
+
+
+def iter_film(playback: Playback, look: Look, *, fps: int, speed: float = 1.0) -> Iterator[Picture]:
+    """The pictures of a film of the whole session, at `speed` times the robot's own."""
+    first_s, last_s = playback.time_s[0], playback.time_s[-1]
+    with SceneRenderer(playback, look) as renderer:
+        for index in range(round((last_s - first_s) * fps / speed) + 1):
+            yield renderer.draw(min(last_s, first_s + index * speed / fps))
+
+
+def write_film(pictures: Iterator[Picture], to: Path, fps: int) -> None:
+    """An animated WebP, or a GIF, by the suffix of the file."""
+    first, *rest = (Image.fromarray(each) for each in pictures)
+    form: dict[str, Any] = {"quality": 60, "method": 4} if to.suffix == ".webp" else {"optimize": True}
+    first.save(to, save_all=True, append_images=rest, duration=round(1000 / fps), loop=0, **form)
+
+
+def _add_path(scene: mujoco.MjvScene, places: Array, rgba: tuple[float, ...]) -> None:
+    some = places[np.linspace(0, len(places) - 1, min(len(places), PATH_POINTS)).astype(int)] if len(places) else places
+    for before, after in pairwise(some):
+        geom = _add_geom(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3), np.eye(3), rgba)
+        mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, PATH_RADIUS_M, before, after)
+
+
+def _add_believed(scene: mujoco.MjvScene, believed: Environment) -> None:
+    """The outline of each solid of each movable thing; a round one in the box around it."""
+    for entity in believed.entities.values():
+        for shape in entity.shapes if entity.movable and entity.status is not Status.GONE else ():
+            pose, turn = entity.pose, np.zeros(9)
+            radius, *rest = shape.size_m
+            half = np.array(shape.size_m if shape.kind is ShapeKind.BOX else (radius, radius, *(rest or [radius])))
+            at = np.add(pose.position_m, rotate(pose.quaternion_wxyz, shape.pose.position_m))
+            mujoco.mju_quat2Mat(turn, np.array(multiply(pose.quaternion_wxyz, shape.pose.quaternion_wxyz)))
+            _add_geom(scene, mujoco.mjtGeom.mjGEOM_LINEBOX, half + OUTSIDE_M, at, turn, BELIEVED)
+
+
+def _add_geom(
+    scene: mujoco.MjvScene, kind: mujoco.mjtGeom, size: Array, at: Array, turn: Array, rgba: tuple[float, ...]
+) -> mujoco.MjvGeom:
+    geom = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(geom, kind, size, at, turn.ravel(), np.array(rgba, np.float32))
+    scene.ngeom += 1
+    return geom
+
+
+def _write_caption(picture: Picture, text: str, look: Look) -> Picture:
+    image = Image.fromarray(picture)
+    draw = ImageDraw.Draw(image, "RGBA")
+    draw.rectangle((0, look.height - 22, look.width, look.height), fill=(20, 24, 28, 190))
+    draw.text((8, look.height - 18), text, fill=(255, 255, 255))
+    legend = [("measured", MEASURED), ("planned", PLANNED)] if look.paths else []
+    legend += [("believed", BELIEVED)] if look.beliefs else []
+    for place, (word, rgba) in enumerate(legend):
+        left = look.width - 84 * (len(legend) - place)
+        draw.rectangle(
+            (left, look.height - 15, left + 9, look.height - 7), fill=tuple(int(255 * each) for each in rgba[:3])
+        )
+        draw.text((left + 13, look.height - 18), word, fill=(255, 255, 255))
+    return np.asarray(image)
