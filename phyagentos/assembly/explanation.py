@@ -25,11 +25,7 @@ _OWN_WAY = "the skill's own way"
 
 
 def explain_subject(workspace: Workspace, ledger: Ledger, subject: str = "") -> tuple[object, str]:
-    """The goal, node or session that is called so, the latest goal without a name; and why it stands as it does.
-
-    Raises:
-        DefinitionError: `UNKNOWN_GOAL`, `UNKNOWN_SESSION`.
-    """
+    """The goal, node or session that is called so, the latest goal without a name; and why it stands as it does."""
     latest = dict(list(ledger.goals.items())[-1:])
     goal = ledger.goals.get(GoalId(subject)) if subject else get_goal("", str(workspace.root), latest)
     holder, name = find_node(subject, ledger.goals)

@@ -67,11 +67,15 @@ class RunOrder:
 
 
 class PlaneEnded(ExecutionError):
-    """A `plane` ended before the verdict; its exit code and what it has printed say why."""
+    """A plane ended before the verdict; its exit code and the lines that it has printed say why."""
 
-    def __init__(self, plane: Plane, last: str) -> None:
-        self.plane, code = plane, plane.find_exit_code()
-        super().__init__("PLANE_ENDED", f"the {plane.name} plane ended with code {code}: {last} Log: {plane.log}")
+    def __init__(self, plane: Plane) -> None:
+        self.exit_code, self.printed = plane.find_exit_code(), plane.read_printed()
+        last = self.printed[-1] if self.printed else "it printed nothing."
+        if not self.printed and (room := shutil.disk_usage(plane.log.parent).free) < FULL_BYTES:
+            last = f"it printed nothing, and its disk is full ({room} bytes are free): make room and run it again."
+        message = f"the {plane.name} plane ended with code {self.exit_code}: {last} Log: {plane.log}"
+        super().__init__("PLANE_ENDED", message)
 
 
 class Interrupts:
@@ -82,10 +86,7 @@ class Interrupts:
 
     @contextmanager
     def counted(self) -> Iterator["Interrupts"]:
-        """Take over SIGINT, SIGTERM and, unless it is ignored (`nohup`), SIGHUP while the block runs.
-
-        Outside the main thread, which alone may do so, nothing is counted.
-        """
+        """Take over SIGINT, SIGTERM and, unless it is ignored (`nohup`), SIGHUP; outside the main thread none."""
 
         def note(*_: object) -> None:
             self.count += 1
@@ -126,12 +127,8 @@ def run_goal(
 ) -> tuple[Workspace, RunFold]:
     """Run a goal graph to its verdict; the workspace, and what stands in its journal about the goal.
 
-    Args:
-        order: What is to run.
-        interrupts: The first cancels the goal, the second ends the planes at once.
-        clock: Of the machine.
-        announce: Told what is trusted, then where the run takes place; from then on interrupts are counted.
-        show: Called before the planes start, and after each look at the journal.
+    `announce` is told what is trusted, then where the run takes place; from then on `interrupts` are counted: the first
+    cancels the goal, a second one ends the planes at once. `show` is called before they start, then with each look.
 
     Raises:
         DefinitionError: With every problem, before anything is started.
@@ -141,8 +138,7 @@ def run_goal(
     faults = get_file(order.faults, "faults") if order.faults is not None else None
     compiled = check_order(graph, faults, parse_overrides(order.overrides), order.workspace)
     root = order.workspace or choose_workspace(graph.stem, order.seed)
-    for path in admit_python(root, graph, is_trusted=order.trusts_python):
-        announce(f"trusted Python: {path}")
+    admit_python(root, graph, is_trusted=order.trusts_python, announce=announce)
     workspace = Workspace.create(root, open_library(graph))
     with serve_alone(workspace, clock), interrupts.counted():
         if order.world_mode is not None:
@@ -161,19 +157,13 @@ def run_goal(
             try:
                 follow_run(fold, journal, workspace, planes, interrupts, clock, show)
             finally:
-                _stop_planes(planes, goal, fold, journal, interrupts, clock)
+                for plane in reversed(planes):  # the agent first: what it still cancels needs the runtime
+                    plane.stop(clock, is_urgent=lambda: interrupts.count > 1)
+                fold.apply(journal.read_new())
+                if fold.goal is not None and fold.goal.is_cancelled:
+                    with contextlib.suppress(ExecutionError):  # a full disk: the next runtime ends them
+                        cancel_unheld(goal, fold.ledger, journal)
     return workspace, fold
-
-
-def _stop_planes(
-    planes: list[Plane], goal: GoalId, fold: RunFold, journal: Journal, interrupts: Interrupts, clock: Clock
-) -> None:
-    for plane in reversed(planes):  # the agent first: what it still cancels needs the runtime
-        plane.stop(clock, is_urgent=lambda: interrupts.count > 1)
-    fold.apply(journal.read_new())
-    if fold.goal is not None and fold.goal.is_cancelled:
-        with contextlib.suppress(ExecutionError):  # a full disk: the next runtime ends them
-            cancel_unheld(goal, fold.ledger, journal)
 
 
 def check_order(
@@ -263,7 +253,7 @@ def follow_run(
             if asked_at_s is not None and (is_quiet or is_patience_spent):
                 return
             if ended:
-                raise_for(ended[0])
+                raise PlaneEnded(ended[0])
 
 
 def has_live(fold: RunFold) -> bool:
@@ -281,12 +271,3 @@ def ask_for_end(fold: RunFold, journal: Journal) -> None:
             journal.commit([Entry(f"{GOAL_PREFIX}{goal.id}", GoalEvent.GOAL_CANCELLED, body)])
         except IllegalEvent:  # the verdict came first
             return
-
-
-def raise_for(plane: Plane) -> None:
-    """Raise PlaneEnded for a plane that ended before the verdict."""
-    printed = plane.read_printed()
-    last = printed[-1] if printed else "it printed nothing."
-    if not printed and (room := shutil.disk_usage(plane.log.parent).free) < FULL_BYTES:
-        last = f"it printed nothing, and its disk is full ({room} bytes are free): make room and run it again."
-    raise PlaneEnded(plane, last)

@@ -1,10 +1,10 @@
-"""Files and names of a project: what a path or a name means, and parameters and roles of `--set`.
+"""Files and names of a project: what a path or a name means, parameters and roles of `--set`, whose Python may run.
 
 A project is a folder with any of goal_graphs/, trees/, skills/, scenes/, robots/, faults/. The folder of the given file
 comes first, then the working directory, then installed libraries and what ships.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
@@ -66,14 +66,14 @@ def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
     return {key if key.startswith(PREFIX) else f"parameters.{key}.default": value for key, _, value in pairs}
 
 
-def admit_python(root: Path, *sources: Path, is_trusted: bool) -> list[Path]:
-    """The Python of an existing workspace that neither the projects of `sources` nor the working folder hold.
+def admit_python(root: Path, *sources: Path, is_trusted: bool, announce: Callable[[str], object] = str) -> None:
+    """Name the Python of an existing workspace that neither the projects of `sources` nor the working folder hold.
 
     Raises:
         DefinitionError: `UNTRUSTED_PYTHON` unless it `is_trusted`; `LEADS_OUT`.
     """
     if not (root / MARKER).is_file():
-        return []
+        return
     found = find_foreign_python(Workspace.open(root), open_library(*sources))
     if found and not is_trusted:
         expected = "a skill as in this project, in an installed package or as shipped"
@@ -81,4 +81,5 @@ def admit_python(root: Path, *sources: Path, is_trusted: bool) -> list[Path]:
         raise DefinitionError(
             [Problem("UNTRUSTED_PYTHON", str(path), "other Python", expected, hint) for path in found]
         )
-    return found
+    for path in found:
+        announce(f"trusted Python: {path}")

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from phyagentos.assembly.project import admit_python
 from phyagentos.cli.arguments import TrustPython
 from phyagentos.cli.explaining import Space
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
-from phyagentos.cli.trusting import admit_python
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.plain_text import clean
@@ -50,7 +50,7 @@ def approve(
     if not name and policy is None:
         print_result("\n".join(_list(proposals)) or "no proposal waits")
         return int(ExitCode.GOAL_MET)
-    admit_python(workspace, is_trusted=trust_python)
+    admit_python(workspace, is_trusted=trust_python, announce=print_note)
     if policy is not None:
         return _approve_by_policy(place, proposals, policy, once_idle=once_idle)
     proposed = proposals.read(name)

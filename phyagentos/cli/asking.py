@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from phyagentos.agent.understanding.model import ModelLimits, ModelUnderstander
     from phyagentos.agent.understanding.understanding import Understanding, Understood
     from phyagentos.agent.understanding.vocabulary import Vocabulary
-    from phyagentos.cli.mission_run import Order
+    from phyagentos.assembly.mission_run import RunOrder
     from phyagentos.protocol.capabilities.library import Library
 
 ASKED = Path("asked")  # goals and graphs of requests, below the working directory
@@ -59,7 +59,7 @@ def ask(
     """Make a goal of a request in words, plan it, show the graph and, once approved, run it."""
     from phyagentos.agent.goals.catalogue import Catalogue
     from phyagentos.agent.understanding.model import ModelLimits
-    from phyagentos.cli.mission_run import Order
+    from phyagentos.assembly.mission_run import RunOrder
 
     library = open_library()
     catalogue = Catalogue.read(library)
@@ -79,15 +79,14 @@ def ask(
         print_note(f"wrote {graph}")
         if yes or (not as_json and _is_approved()):
             pictures = not no_pictures
-            order = Order(
+            order = RunOrder(
                 graph=graph,
                 seed=seed,
                 workspace=workspace,
-                as_json=as_json,
                 pictures=pictures,
                 trusts_python=trust_python,
             )
-            return _run(understood, planned, order)
+            return _run(understood, planned, order, as_json=as_json)
         print_note(f"not approved, nothing was run; next: paos run {graph}")
     if as_json:
         print_json(describe(understood, planned, graph))
@@ -224,13 +223,13 @@ def _is_approved() -> bool:
     return typer.getchar() in {"y", "Y"}
 
 
-def _run(understood: "Understood", planned: "PlannedGoal", order: "Order") -> int:
+def _run(understood: "Understood", planned: "PlannedGoal", order: "RunOrder", *, as_json: bool) -> int:
     """As `paos run` does; its report becomes a part of this command's."""
     from phyagentos.cli.mission_run import run_mission
 
-    if not order.as_json:
+    if not as_json:
         return run_mission(order)
     with contextlib.redirect_stdout(io.StringIO()) as text:
-        code = run_mission(order)
+        code = run_mission(order, as_json=True)
     print_json(describe(understood, planned, order.graph) | {"report": json.loads(text.getvalue())})
     return code

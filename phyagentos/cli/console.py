@@ -166,10 +166,5 @@ def describe(row: Row) -> str:
 
 def build_criterion_line(criterion: Criterion) -> Text:
     """One judged criterion with the numbers that decided it."""
-    numbers = ", ".join(
-        f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}"
-        for name, value in criterion.measured.items()
-    )
-    because = criterion.because or numbers
     mark = (criterion.truth.mark, COLOURS[criterion.truth])
-    return Text.assemble("    ", mark, f" {criterion.text}", (f"  {because}" if because else "", "dim"))
+    return Text.assemble("    ", mark, f" {criterion.text}", (f"  {criterion.sentence}".rstrip(), "dim"))

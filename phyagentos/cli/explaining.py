@@ -91,12 +91,12 @@ def show_context(
 
 def rerun(session: Id, workspace: Space, trust_python: TrustPython = False) -> int:
     """Run a session once more from its own documents and compare the bits of the terminal state."""
+    from phyagentos.assembly.project import admit_python
     from phyagentos.assembly.rerun import rerun_session
     from phyagentos.cli.history import read_ledger
-    from phyagentos.cli.trusting import admit_python
 
     id = get_session(session, read_ledger(workspace, session).sessions)
-    admit_python(workspace, is_trusted=trust_python)
+    admit_python(workspace, is_trusted=trust_python, announce=print_note)
     repetition = rerun_session(workspace, id)
     if repetition.differences:
         print_result("\n".join([f"{id} came out differently:", *repetition.differences]))

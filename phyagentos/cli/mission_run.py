@@ -1,8 +1,6 @@
 """`paos run`: a live view until the verdict, and a report. What runs is `assembly.mission_run`."""
 
-from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 from phyagentos.assembly.mission_run import Interrupts, PlaneEnded, RunOrder, run_goal
 from phyagentos.assembly.progress import RunFold
@@ -19,15 +17,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 WARM_UP_S = 6.0  # a machine that has compiled its kernels moves before
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Order(RunOrder):
-    """What was asked for on the command line; see `paos run --help`."""
-
-    as_json: bool = False
-    quiet: bool = False
-
-
-def run_mission(order: Order, clock: Clock | None = None) -> int:
+def run_mission(order: RunOrder, clock: Clock | None = None, *, as_json: bool = False, quiet: bool = False) -> int:
     """Run a goal graph to its verdict; returns the exit code.
 
     Raises:
@@ -35,32 +25,26 @@ def run_mission(order: Order, clock: Clock | None = None) -> int:
         Exit: When a plane failed, with its own code where it is one of ours.
     """
     clock, interrupts = clock or SystemClock(), Interrupts()
-    graph, started_s = check_kinds(order), clock.now_s()
-    with RunConsole(f"{graph.stem}, seed {order.seed}", quiet=order.quiet) as console:
-        show = partial(show_run, console, interrupts, clock, started_s + WARM_UP_S)
-        try:
-            workspace, fold = run_goal(order, interrupts, clock, print_note, show)
-        except PlaneEnded as error:
-            if (code := error.plane.find_exit_code()) in {ExitCode.INVALID_INPUT, ExitCode.REJECTED}:
-                raise Exit(ExitCode(code), "\n".join(error.plane.read_printed())) from error
-            raise Exit(ExitCode.INTERNAL_ERROR, str(error).removeprefix(f"{error.code}: ")) from error
-    code = ExitCode.INTERRUPTED if interrupts.count else compute_exit_code(fold)
-    report = build_report(fold, workspace=workspace.root, wall_s=clock.now_s() - started_s, exit_code=code)
-    if order.as_json:
-        print_json(report)
-    print_report(report, fold, CleanConsole(stderr=order.as_json, highlight=False))
-    return int(code)
-
-
-def check_kinds(order: Order) -> Path:
-    """The file of the graph; raises the problem of one that is of another kind than is asked for."""
-    graph = get_file(order.graph, "goal_graphs")
+    graph, started_s = get_file(order.graph, "goal_graphs"), clock.now_s()
     problems = find_other_kind(graph, FileKind.GOAL_GRAPH)
     if order.faults is not None:
         problems += find_other_kind(get_file(order.faults, "faults"), FileKind.FAULTS)
     if problems:
         raise DefinitionError(problems)
-    return graph
+    with RunConsole(f"{graph.stem}, seed {order.seed}", quiet=quiet) as console:
+        show = partial(show_run, console, interrupts, clock, started_s + WARM_UP_S)
+        try:
+            workspace, fold = run_goal(order, interrupts, clock, print_note, show)
+        except PlaneEnded as error:
+            if error.exit_code in {ExitCode.INVALID_INPUT, ExitCode.REJECTED}:
+                raise Exit(ExitCode(error.exit_code), "\n".join(error.printed)) from error
+            raise Exit(ExitCode.INTERNAL_ERROR, str(error).removeprefix(f"{error.code}: ")) from error
+    code = ExitCode.INTERRUPTED if interrupts.count else compute_exit_code(fold)
+    report = build_report(fold, workspace=workspace.root, wall_s=clock.now_s() - started_s, exit_code=code)
+    if as_json:
+        print_json(report)
+    print_report(report, fold, CleanConsole(stderr=as_json, highlight=False))
+    return int(code)
 
 
 def show_run(

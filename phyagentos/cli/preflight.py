@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 import typer
 
-from phyagentos.assembly.project import get_file, open_library, parse_overrides
+from phyagentos.assembly.project import admit_python, get_file, open_library, parse_overrides
 from phyagentos.cli.arguments import Overrides, TrustPython
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
-from phyagentos.cli.trusting import admit_python
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import GoalId, Session
@@ -44,7 +43,7 @@ def preflight(
     """Check every session against its live target, without moving anything: plan and tools, or every problem."""
     order = _find_session(subject, workspace) or read_order(Path(subject), workspace, seed, parse_overrides(set_))
     if workspace is not None:
-        admit_python(workspace, is_trusted=trust_python)
+        admit_python(workspace, is_trusted=trust_python, announce=print_note)
     reports = check_sessions(order)
     if as_json:
         print_json({"subject": subject, "sessions": reports})

@@ -47,25 +47,26 @@ def run(
     trust_python: TrustPython = False,
 ) -> int:
     """Run a goal graph to its verdict: both planes, live progress, a final table."""
-    from phyagentos.cli.mission_run import Order, run_mission
+    from phyagentos.assembly.mission_run import RunOrder
+    from phyagentos.cli.mission_run import run_mission
 
     return run_mission(
-        Order(
+        RunOrder(
             graph=graph,
             seed=seed,
             workspace=workspace,
             faults=faults,
             overrides=tuple(set_ or ()),
-            as_json=as_json,
             pictures=not no_pictures,
-            quiet=quiet,
             world_mode=world_mode,
             verify=verify,
             sense=sense,
             prior=prior,
             memory=memory,
             trusts_python=trust_python,
-        )
+        ),
+        as_json=as_json,
+        quiet=quiet,
     )
 
 
@@ -107,15 +108,15 @@ def watch(
     trust_python: TrustPython = False,
 ) -> None:
     """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
+    from phyagentos.assembly.project import admit_python
     from phyagentos.assembly.runtime_plane import run_watch
     from phyagentos.cli.lint import FileKind, find_other_kind, lint_file
-    from phyagentos.cli.trusting import admit_python
 
     file = get_file(faults, "faults") if faults is not None else None
     if file is not None and (problems := find_other_kind(file, FileKind.FAULTS) or lint_file(file)):
         raise DefinitionError(problems)
     _prepare(with_parent, f"runtime of {workspace}: claims, checks and runs what an agent submits; Ctrl-C ends")
-    admit_python(workspace, is_trusted=trust_python)
+    admit_python(workspace, is_trusted=trust_python, announce=print_note)
     run_watch(
         workspace,
         faults=file,

@@ -20,7 +20,7 @@ from phyagentos.agent.mission.report import build_report, report_session
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.agent.tools.registry import Answer, Level, Tool
 from phyagentos.assembly.approved_goals import as_file, shorten
-from phyagentos.assembly.project import open_library, parse_overrides
+from phyagentos.assembly.project import admit_python, open_library, parse_overrides
 from phyagentos.cli.authoring import describe_nodes
 from phyagentos.cli.explaining import explain
 from phyagentos.cli.history import read_ledger
@@ -31,7 +31,6 @@ from phyagentos.cli.outcome import Exit
 from phyagentos.cli.planning import plan_file
 from phyagentos.cli.preflight import check_sessions, read_order
 from phyagentos.cli.stopping import end, request, stop_all
-from phyagentos.cli.trusting import admit_python
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.agent_loops import AgentCall

@@ -8,11 +8,7 @@ from phyagentos.protocol.sessions.tasks import GoalStatus
 
 
 def get_goal(text: str, where: str, known: Mapping[GoalId, GoalStatus]) -> GoalStatus:
-    """The goal that is called so, or the only one; `where` is named in the error.
-
-    Raises:
-        DefinitionError: `UNKNOWN_GOAL`.
-    """
+    """The goal that is called so, or the only one; raises `UNKNOWN_GOAL`, which names `where`."""
     if (goal := known.get(GoalId(text)) if text else None) is not None:
         return goal
     if not text and len(known) == 1:
@@ -32,11 +28,7 @@ def find_node(text: str, goals: Mapping[GoalId, GoalStatus]) -> tuple[GoalStatus
 
 
 def get_session(text: str, known: Iterable[SessionId]) -> SessionId:
-    """The full id that a person means: the id itself, or the only one that ends with `.<text>`.
-
-    Raises:
-        DefinitionError: `UNKNOWN_SESSION`.
-    """
+    """The id that a person means: this one, or the only one that ends with `.<text>`; raises `UNKNOWN_SESSION`."""
     ids = list(known)
     found = [id for id in ids if id == text or id.split(".", 1)[-1] == text]
     if len(found) == 1:

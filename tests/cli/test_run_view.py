@@ -24,7 +24,6 @@ from phyagentos.assembly.mission_run import (
     choose_workspace,
     follow_run,
     mute_if_gone,
-    raise_for,
     run_goal,
 )
 from phyagentos.assembly.progress import RunFold, compute_depth
@@ -32,7 +31,6 @@ from phyagentos.cli import console as console_module
 from phyagentos.cli import mission_run
 from phyagentos.cli.console import CleanConsole, RunConsole, build_progress_table
 from phyagentos.cli.history import read_ledger
-from phyagentos.cli.mission_run import Order
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.report import build_report, compute_exit_code, print_report
 from phyagentos.clock import SystemClock
@@ -344,7 +342,7 @@ def test_a_latched_emergency_stop_is_told_once_with_its_way_out(run, monkeypatch
 def test_a_plane_that_ended_without_a_word_on_a_full_disk_says_so(tmp_path, monkeypatch, free_bytes, printed, said):
     monkeypatch.setattr(carrying_out.shutil, "disk_usage", lambda _: SimpleNamespace(free=free_bytes))
     with pytest.raises(PlaneEnded, match=said):
-        raise_for(EndedPlane(tmp_path, printed))
+        raise PlaneEnded(EndedPlane(tmp_path, printed))
 
 
 def test_a_new_workspace_is_chosen_every_time(tmp_path, monkeypatch):
@@ -426,5 +424,6 @@ def test_a_latched_stop_is_told_before_anything_starts_and_even_when_quiet(run, 
         raise Started
 
     monkeypatch.setattr(carrying_out, "start_planes", start)
+    order = RunOrder(graph=Path("tidy_table"), workspace=run.workspace.root)
     with pytest.raises(Started):
-        mission_run.run_mission(Order(graph=Path("tidy_table"), workspace=run.workspace.root, quiet=True), run.clock)
+        mission_run.run_mission(order, run.clock, quiet=True)
