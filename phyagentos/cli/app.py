@@ -71,6 +71,10 @@ COMMANDS: dict[str, tuple[str, str]] = {  # name -> module and function, and the
         "explaining:show_graph",
         "Show a goal's graph as it stands: every attempt at a node, and what comes before it.",
     ),
+    "view": (
+        "viewing:view",
+        "Show a workspace in the browser, before, during or after a run, until Ctrl-C; a token is printed.",
+    ),
     "render": ("rendering:render", "Draw any moment of a session, or a film of sessions, from evidence alone."),
     "context": (
         "explaining:show_context",

@@ -107,6 +107,14 @@ def find_joints(model: mujoco.MjModel, profile: TargetProfile) -> list[int]:
     return [int(model.joint(_find_prefix(model, profile) + name).qposadr[0]) for name in profile.arm.joints]
 
 
+def set_opening(model: mujoco.MjModel, data: mujoco.MjData, profile: TargetProfile, width_m: float) -> None:
+    """Share an opening [m] among the fingers that slide; others stay."""
+    joints = [model.joint(_find_prefix(model, profile) + name) for name in profile.gripper.joints]
+    sliding = [joint for joint in joints if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE]
+    for joint in sliding:
+        data.qpos[joint.qposadr[0]] = width_m / len(sliding)
+
+
 def find_tool(model: mujoco.MjModel, profile: TargetProfile) -> int:
     """Number of the site of its tool centre point."""
     return int(model.site(_find_prefix(model, profile) + profile.tcp).id)

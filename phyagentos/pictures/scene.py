@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from phyagentos.errors import DefinitionError
-from phyagentos.geometry import multiply, rotate
+from phyagentos.pictures.outlines import iter_outlines
 from phyagentos.pictures.playback import Array, Playback
-from phyagentos.protocol.world.environment import Environment, ShapeKind, Status
+from phyagentos.protocol.world.environment import Environment
 
 Picture = NDArray[np.uint8]
 MEASURED, PLANNED, BELIEVED = (0.10, 0.35, 0.85, 1.0), (0.95, 0.55, 0.05, 1.0), (0.75, 0.1, 0.85, 1.0)
-PATH_RADIUS_M, PATH_POINTS, OUTSIDE_M = 0.003, 150, 0.002
+PATH_RADIUS_M, PATH_POINTS = 0.003, 150
 SHADOW_PX = 1024  # more of it is most of the time of a picture
 AZIMUTH_DEG, ELEVATION_DEG, DISTANCE_M = 180.0, -40.0, 1.6
 
@@ -121,15 +121,10 @@ def _add_path(scene: mujoco.MjvScene, places: Array, rgba: tuple[float, ...]) ->
 
 
 def _add_believed(scene: mujoco.MjvScene, believed: Environment) -> None:
-    """The outline of each solid of each movable thing; a round one in the box around it."""
-    for entity in believed.entities.values():
-        for shape in entity.shapes if entity.movable and entity.status is not Status.GONE else ():
-            pose, turn = entity.pose, np.zeros(9)
-            radius, *rest = shape.size_m
-            half = np.array(shape.size_m if shape.kind is ShapeKind.BOX else (radius, radius, *(rest or [radius])))
-            at = np.add(pose.position_m, rotate(pose.quaternion_wxyz, shape.pose.position_m))
-            mujoco.mju_quat2Mat(turn, np.array(multiply(pose.quaternion_wxyz, shape.pose.quaternion_wxyz)))
-            _add_geom(scene, mujoco.mjtGeom.mjGEOM_LINEBOX, half + OUTSIDE_M, at, turn, BELIEVED)
+    for outline in iter_outlines(believed):
+        turn = np.zeros(9)
+        mujoco.mju_quat2Mat(turn, np.array(outline.quaternion_wxyz))
+        _add_geom(scene, mujoco.mjtGeom.mjGEOM_LINEBOX, outline.half_m, outline.position_m, turn, BELIEVED)
 
 
 def _add_geom(

@@ -1,0 +1,54 @@
+"""`view`: the page of a workspace in the browser."""
+
+import os
+import socket
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from phyagentos.cli.arguments import choose_newest
+from phyagentos.cli.outcome import print_note, print_result
+from phyagentos.errors import DefinitionError
+
+NICE = 10  # a run on the same machine comes first
+_SPACE = typer.Argument(metavar="WORKSPACE", default_factory=choose_newest, show_default="the newest")
+_ACTIONS_HELP = "Let the page cancel, pause, stop, approve, amend, retract and submit; read-only without."
+
+
+def view(
+    workspace: Annotated[Path, _SPACE],
+    port: Annotated[int, typer.Option(help="0 for a free one.", min=0, max=65535)] = 0,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; other machines reach another one than this.")
+    ] = "127.0.0.1",
+    allow_actions: Annotated[bool, typer.Option("--allow-actions", help=_ACTIONS_HELP)] = False,
+    run: Annotated[list[Path] | None, typer.Option(help="Folder of a suite's run, to compare; repeatable.")] = None,
+    browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
+) -> None:
+    """Show a workspace in the browser, before, during or after a run, until Ctrl-C; a token is printed."""
+    try:
+        import uvicorn
+
+        from phyagentos.view.access import Access
+        from phyagentos.view.documents import Documents
+        from phyagentos.view.server import build_app
+    except ImportError as error:
+        hint = "Install it: pip install 'phyagentos[view]'"
+        raise DefinitionError.of("EXTRA_MISSING", "paos view", str(error), "the extra `view`", hint) from error
+    documents = Documents(workspace)
+    documents.refresh()
+    os.nice(NICE)
+    listening = socket.create_server((host, port))
+    number = listening.getsockname()[1]
+    names = {host, socket.gethostname()} if host not in {"127.0.0.1", "localhost"} else {"127.0.0.1", "localhost"}
+    access = Access(frozenset(f"{name}:{number}" for name in names))
+    address = f"http://{host}:{number}/?token={access.token}"
+    print_result(address)
+    print_note(f"{documents.workspace.root}, {'with actions' if allow_actions else 'read-only'}; Ctrl-C ends")
+    if browser:
+        webbrowser.open(address)
+    app = build_app(documents, access, allows_actions=allow_actions, runs={path.name: path for path in run or ()})
+    config = uvicorn.Config(app, log_level="warning", ws_max_size=64 << 20, timeout_graceful_shutdown=1)
+    uvicorn.Server(config).run(sockets=[listening])

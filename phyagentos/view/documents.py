@@ -1,0 +1,134 @@
+"""What a page reads of a workspace: the journal as it grows, heartbeats, bundles; nothing is asked of any process."""
+
+import os
+import threading
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+from phyagentos.protocol.sessions.evidence import TRACE, Bundle, Event, read_bundle
+from phyagentos.protocol.sessions.heartbeats import Heartbeat, read_heartbeats
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
+from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, SessionId, SessionStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus
+from phyagentos.protocol.sessions.trace import TraceEvent
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import Environment, read_environment
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import choose_partition
+from phyagentos.store.ledger import Ledger
+
+BUNDLES_KEPT = 64
+_WATCHED = ("signals", "signals/new", "proposals/new", "proposals/decisions", "logs", "ENVIRONMENT.md", "LESSONS.md")
+
+
+@dataclass(frozen=True, slots=True)
+class Version:
+    """When something that a page shows has changed.
+
+    Attributes:
+        journal: Its last record.
+        beats: Latest write of a heartbeat, or of the trace of a session that runs [ns].
+        files: Latest change of the other documents [ns].
+    """
+
+    journal: int = 0
+    beats: int = 0
+    files: int = 0
+
+
+class Documents:
+    """The documents of one workspace; may be used by several threads."""
+
+    def __init__(self, root: Path) -> None:
+        self.workspace = Workspace.open(root)
+        self.ledger = Ledger(forgets=False)
+        self.visited: dict[SessionId, list[str]] = defaultdict(list)
+        self.version = Version()
+        self._bundles: dict[tuple[str, str, int], Bundle] = {}
+        self._follower: Follower | None = None
+        self._lock = threading.Lock()
+
+    def refresh(self) -> Version:
+        """Read what is new; raises ExecutionError `JOURNAL_DAMAGED`."""
+        with self._lock:
+            folder = self.workspace.sessions / choose_partition(self.workspace.sessions)
+            if self._follower is None and folder.is_dir():
+                self._follower = Follower(folder)
+            for record in self._follower.read_new() if self._follower is not None else ():
+                self.ledger.apply(record)
+                if record.to is not None:
+                    self.visited[SessionId(record.id)].append(str(record.to))
+            running = [self.workspace.evidence_of(id) / TRACE for id in self.list_running()]
+            beats = [*self.workspace.heartbeats.glob("*.json"), *running]
+            files = [self.workspace.root / name for name in _WATCHED]
+            self.version = Version(self.ledger.seq, _find_latest(beats), _find_latest([*files, *_list_logs(self)]))
+            return self.version
+
+    def list_running(self) -> list[SessionId]:
+        """Sessions that a worker holds."""
+        return [status.contract.id for status in self.ledger.live_sessions() if status.claimed_by]
+
+    def find_goal(self, id: str = "") -> GoalStatus | None:
+        """A goal by its id, the latest one without."""
+        latest = next(reversed(self.ledger.goals), GoalId(""))
+        return self.ledger.goals.get(GoalId(id or latest))
+
+    def find_session(self, id: str = "", goal: str = "") -> SessionStatus | None:
+        """A session by its id; without one that which runs, else the latest, of a goal if it is named."""
+        if id:
+            return self.ledger.sessions.get(SessionId(id))
+        of_goal = [each for each in self.ledger.sessions.values() if not goal or each.contract.goal == goal]
+        live = [each for each in of_goal if each.state not in FINAL_STATES and each.claimed_by]
+        return next(iter([*live, *reversed(of_goal)]), None)
+
+    def read_beats(self) -> dict[str, Heartbeat]:
+        """The latest heartbeat of each target."""
+        return read_heartbeats(self.workspace.heartbeats)
+
+    def find_beat(self, status: SessionStatus) -> Heartbeat | None:
+        """The heartbeat of the worker that runs a session now."""
+        beat = self.read_beats().get(status.contract.target)
+        return beat if beat is not None and beat.session == status.contract.id else None
+
+    def read_bundle(self, status: SessionStatus) -> Bundle:
+        """The evidence of a session, as far as it is written; raises ExecutionError `EVIDENCE_UNREADABLE`."""
+        folder, execution = self.workspace.evidence_of(status.contract.id), status.execution
+        key = (status.contract.id, status.updated_at, _find_latest([folder / TRACE]))
+        if key not in self._bundles:
+            nothing = Execution(ended=Ended.COMPLETED, evidence=str(folder))  # only to read what there is so far
+            self._bundles[key] = read_bundle(folder, status.contract, execution or nothing)
+            for old in list(self._bundles)[:-BUNDLES_KEPT]:
+                self._bundles.pop(old, None)
+        return self._bundles[key]
+
+    def read_trace(self, status: SessionStatus) -> tuple[TraceEvent, ...]:
+        """What its tree has done so far."""
+        return self.read_bundle(status).trace
+
+    def read_interventions(self, status: SessionStatus) -> list[Event]:
+        """What the guards refused or changed."""
+        return [event for event in self.read_bundle(status).events if event.kind == "intervention"]
+
+    def read_world(self, status: SessionStatus | None) -> Environment | None:
+        """The world as believed after a session, or before one that runs; of none, ENVIRONMENT.md."""
+        if status is not None:
+            bundle = self.read_bundle(status)
+            return bundle.after or bundle.before
+        path = self.workspace.environment
+        return read_environment(path.read_text(), path.name) if path.is_file() else None
+
+
+def _list_logs(documents: Documents) -> list[Path]:
+    return list(documents.workspace.logs.glob("*.log"))
+
+
+def _find_latest(paths: list[Path]) -> int:
+    """Latest change of any of these files and folders [ns], 0 where there are none."""
+    stamps = []
+    for path in paths:
+        try:
+            stamps.append(os.stat(path).st_mtime_ns)  # noqa: PTH116 - four times a second
+        except OSError:
+            continue
+    return max(stamps, default=0)

@@ -1,0 +1,78 @@
+"""HTML of panels and pages: templates of this package, everything from documents escaped."""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import msgspec
+
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.view.documents import Documents
+from phyagentos.view.panels import Panel, Query
+
+_KEPT = 256  # rendered panels
+
+
+@cache
+def get_templates() -> Any:
+    """The environment of jinja2; raises DefinitionError `EXTRA_MISSING`."""
+    try:
+        from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+        from markupsafe import Markup
+    except ImportError as error:
+        hint = "Install it: pip install 'phyagentos[view]'"
+        raise DefinitionError.of("EXTRA_MISSING", "the page", str(error), "the extra `view`", hint) from error
+    made = Environment(
+        loader=PackageLoader("phyagentos.view"), autoescape=select_autoescape(default=True), undefined=StrictUndefined
+    )
+    made.filters |= {
+        "drawing": Markup,
+        "number": _format_number,
+        "yaml": _render_yaml,
+    }  # drawings and panels are escaped
+    return made
+
+
+def render(template: str, **values: Any) -> str:
+    """One template, by its name without suffix."""
+    return str(get_templates().get_template(f"{template}.html").render(values))
+
+
+class PanelRenderer:
+    """Renders panels, each once for all viewers with the same choice, until what it follows changes."""
+
+    def __init__(self, documents: Documents, extras: Callable[[], dict[str, Any]] = dict) -> None:
+        self.documents, self._extras = documents, extras
+        self._known: dict[tuple[Any, ...], str] = {}
+
+    def render(self, panel: Panel, query: Query) -> str:
+        """HTML of the inside of a panel; where its documents cannot be read, what is wrong with them."""
+        version = tuple(getattr(self.documents.version, name) for name in panel.follows)
+        key = (panel.name, query, version)
+        if key not in self._known:
+            self._known[key] = self._render(panel, query)
+            for old in list(self._known)[:-_KEPT]:
+                self._known.pop(old, None)
+        return self._known[key]
+
+    def _render(self, panel: Panel, query: Query) -> str:
+        status = self.documents.find_session(query.session, query.goal)
+        names = {
+            "w": self.documents.workspace.root,
+            "id": status.contract.id if status is not None else "SESSION",
+            "skill": status.contract.skill if status is not None else "TREE",
+        }
+        head = {"panel": panel, "file": panel.file.format(**names), "command": panel.command.format(**names)}
+        try:
+            inside = render(panel.name, query=query, **self._extras(), **panel.read(self.documents, query))
+        except (DefinitionError, ExecutionError, OSError) as error:
+            inside = render("unreadable", error=error)
+        return render("panel", inside=inside, **head)
+
+
+def _format_number(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _render_yaml(value: Any) -> str:
+    return msgspec.yaml.encode(value).decode().strip()

@@ -1,0 +1,252 @@
+"""The panels of the page: for each what it shows, the file that this stands in, and the command that prints it."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlencode
+
+from phyagentos.errors import DefinitionError
+from phyagentos.pictures.goals import draw_goal
+from phyagentos.pictures.statechart import draw_statechart
+from phyagentos.pictures.trees import Drawing, draw_tree
+from phyagentos.protocol.capabilities.trees import read_tree
+from phyagentos.protocol.documents.document import read_document
+from phyagentos.protocol.documents.regular_files import REQUEST_MAX, read_regular
+from phyagentos.protocol.sessions.estop import read_latch
+from phyagentos.protocol.sessions.evidence import INITIAL
+from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
+from phyagentos.protocol.sessions.lessons import LESSONS
+from phyagentos.protocol.sessions.looks import read_looks, read_stored_look
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.trace import TraceEvent
+from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
+from phyagentos.store.views.tasks import split_reason
+from phyagentos.view.documents import Documents
+
+SESSIONS_SHOWN, LINES_SHOWN, FRAMES_SHOWN = 60, 40, 12
+_RESET = "INVALID"  # status of a node that was reset
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Query:
+    """What a viewer has chosen; empty follows the latest goal, and the session that runs.
+
+    Attributes:
+        find: Words that shown steps and sessions hold.
+    """
+
+    goal: str = ""
+    session: str = ""
+    find: str = ""
+
+    def link(self, **changed: str) -> str:
+        """Address of the page with another choice."""
+        chosen = {"goal": self.goal, "session": self.session, "find": self.find} | changed
+        return "/?" + urlencode({name: value for name, value in chosen.items() if value})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Panel:
+    """One panel.
+
+    Attributes:
+        name: Also of its template.
+        file: What it is read from, relative to the workspace; `{id}` is the session.
+        command: What prints the same; `{id}` likewise, and `{w}` the workspace.
+        read: The values of its template.
+        follows: Parts of `Version` with which it changes.
+        is_right: On which side of a wide page it stands.
+    """
+
+    name: str
+    title: str
+    file: str
+    command: str
+    read: Callable[[Documents, Query], dict[str, Any]]
+    follows: tuple[str, ...] = ("journal",)
+    is_right: bool = False
+
+
+@dataclass(slots=True)
+class TickingNode:
+    """A node of a tree with what became of it.
+
+    Attributes:
+        status: As its last event says; `INVALID` when it was reset, empty before its first tick.
+        before: The last status before a reset.
+        event: Its last event with a status of its own.
+    """
+
+    drawing: Drawing
+    path: str
+    status: str = ""
+    before: str = ""
+    event: TraceEvent | None = None
+    children: list["TickingNode"] = field(default_factory=list)
+
+
+def _read_goal(documents: Documents, query: Query) -> dict[str, Any]:
+    goal = documents.find_goal(query.goal)
+    if goal is None:
+        return {"goal": None, "goals": []}
+    svg = draw_goal(goal, find=query.find, link=lambda step: query.link(session=step.session) if step.session else "")
+    replans = [(each, *split_reason(each, documents.ledger)) for node in goal.nodes.values() for each in node.replans]
+    return {"goal": goal, "goals": list(documents.ledger.goals)[-20:], "svg": svg, "replans": replans}
+
+
+def _read_sessions(documents: Documents, query: Query) -> dict[str, Any]:
+    goal, wanted = documents.find_goal(query.goal), query.find.casefold()
+    every = [each for each in documents.ledger.sessions.values() if goal is None or each.contract.goal == goal.id]
+    words = ((each, f"{each.contract.id} {each.state} {each.contract.skill}".casefold()) for each in reversed(every))
+    found = [each for each, text in words if wanted in text]
+    return {"sessions": found[:SESSIONS_SHOWN], "found": len(found), "all": len(every)}
+
+
+def _read_statechart(documents: Documents, query: Query) -> dict[str, Any]:
+    status = documents.find_session(query.session, query.goal)
+    visited = documents.visited[status.contract.id] if status is not None else []
+    return {"status": status, "visited": visited, "svg": draw_statechart(visited)}
+
+
+def _read_tree(documents: Documents, query: Query) -> dict[str, Any]:
+    status = documents.find_session(query.session, query.goal)
+    if status is None:
+        return {"root": None, "loose": []}
+    trace, beat = documents.read_trace(status), documents.find_beat(status)
+    root = next((event.path.partition("/")[0] for event in trace), status.contract.skill)
+    library = documents.workspace.library()
+    active = beat.leaf if beat is not None else ""
+    try:
+        drawing = draw_tree(read_tree(library.get_tree(root)), library)
+    except DefinitionError:  # a policy, or an agent that chooses its tools
+        return {"root": None, "loose": trace[-LINES_SHOWN:], "active": active}
+    return {"root": tick(drawing, trace), "loose": [], "active": active, "beat": beat}
+
+
+def tick(drawing: Drawing, trace: tuple[TraceEvent, ...]) -> TickingNode:
+    """A tree with the status of each node at the end of a trace."""
+    nodes: dict[str, TickingNode] = {}
+
+    def place(part: Drawing, above: str) -> TickingNode:
+        path = f"{above}/{part.id}".lstrip("/")
+        nodes[path] = node = TickingNode(part, path)
+        inner = part.children[0].children if part.kind == "subtree" else part.children  # a trace names it once
+        node.children = [place(child, path) for child in inner]
+        return node
+
+    root = place(drawing, "")
+    for event in trace:
+        node = nodes.get(event.path)
+        if node is None:
+            continue
+        if event.status == _RESET:
+            node.before = node.status if node.status != _RESET else node.before
+        else:
+            node.event = event
+        node.status = event.status
+    return root
+
+
+def _read_verdict(documents: Documents, query: Query) -> dict[str, Any]:
+    status = documents.find_session(query.session, query.goal)
+    if status is None:
+        return {"status": None}
+    parent = documents.ledger.sessions.get(status.contract.parent) if status.contract.parent else None
+    children = [each for each in documents.ledger.sessions.values() if each.contract.parent == status.contract.id]
+    return {"status": status, "parent": parent, "children": children, "folder": f"evidence/{status.contract.id}"}
+
+
+def _read_world(documents: Documents, query: Query) -> dict[str, Any]:
+    status = documents.find_session(query.session, query.goal)
+    world = documents.read_world(status) or documents.read_world(None)
+    return {"world": world, "entities": list(world.entities.values()) if world is not None else []}
+
+
+def _read_frames(documents: Documents, query: Query) -> dict[str, Any]:
+    status = documents.find_session(query.session, query.goal)
+    return {"status": status, "frames": list(islice(_iter_frames(documents, status), FRAMES_SHOWN)) if status else []}
+
+
+def _iter_frames(documents: Documents, status: SessionStatus) -> Iterator[tuple[str, str, float, str, str]]:
+    """Role, camera, time, file and member of each whole picture that perception has used."""
+    folder = documents.workspace.evidence_of(status.contract.id)
+    for entry in read_looks(folder):
+        look = read_stored_look(folder / entry.file)
+        for request, answer in look.captures:
+            for frame in () if request.crops else answer.frames:
+                yield entry.role, frame.camera, frame.time_s, entry.file, frame.rgb
+
+
+def _read_scene(documents: Documents, query: Query) -> dict[str, Any]:
+    status = documents.find_session(query.session, query.goal)
+    has_scene = status is not None and (documents.workspace.evidence_of(status.contract.id) / INITIAL).is_file()
+    return {"status": status if has_scene else None}
+
+
+def _read_guard(documents: Documents, query: Query) -> dict[str, Any]:
+    status = documents.find_session(query.session, query.goal)
+    return {"status": status, "events": documents.read_interventions(status) if status is not None else []}
+
+
+def _read_log(documents: Documents, _: Query) -> dict[str, Any]:
+    path = documents.workspace.log
+    events = [line for line in path.read_text().splitlines() if line.startswith("- ")] if path.is_file() else []
+    logs = {path.stem: _read_end(path) for path in sorted(documents.workspace.logs.glob("*.log"))}
+    return {"events": events[-LINES_SHOWN:], "logs": {name: lines for name, lines in logs.items() if lines}}
+
+
+def _read_end(path: Path) -> list[str]:
+    """The last lines of a log."""
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - 8192))
+        return file.read().decode(errors="replace").splitlines()[-LINES_SHOWN:]
+
+
+def _read_memory(documents: Documents, _: Query) -> dict[str, Any]:
+    place = documents.workspace
+    lessons = read_document(place.lessons.read_text(), LESSONS, place.lessons.name).blocks
+    facts = read_document(place.knowledge.read_text(), KNOWLEDGE, place.knowledge.name).blocks
+    return {"entries": [*lessons.values(), *facts.values()]}
+
+
+def _read_runtime(documents: Documents, _: Query) -> dict[str, Any]:
+    place = documents.workspace
+    is_running = is_held(place.root / WATCHDOG_LOCK)
+    beats = documents.read_beats().values() if is_running else ()
+    return {"is_running": is_running, "latch": read_latch(place.signals.parent), "beats": list(beats)}
+
+
+def _read_proposals(documents: Documents, _: Query) -> dict[str, Any]:
+    new, decisions = documents.workspace.proposals / "new", documents.workspace.proposals / "decisions"
+    waiting = [path for path in sorted(new.glob("*.yaml")) if not (decisions / path.name).exists()]
+    return {"proposals": {path.stem: read_regular(path, REQUEST_MAX).decode(errors="replace") for path in waiting}}
+
+
+_JOURNAL, _BEATS, _FILES = "journal", "beats", "files"
+PANELS = (
+    Panel(name="runtime", title="Now", file="heartbeats/", command="paos status -w {w}", read=_read_runtime,
+          follows=(_JOURNAL, _BEATS, _FILES)),
+    Panel(name="goal", title="Goal", file="TASK.md", command="paos graph -w {w}", read=_read_goal),
+    Panel(name="sessions", title="Sessions", file="SESSIONS.md", command="paos status -w {w}", read=_read_sessions),
+    Panel(name="verdict", title="Verdict", file="SESSIONS.md", command="paos why {id} -w {w}", read=_read_verdict),
+    Panel(name="guard", title="Guard", file="evidence/{id}/events.jsonl", command="paos why {id} -w {w}",
+          read=_read_guard),
+    Panel(name="proposals", title="Proposals", file="proposals/new/", command="paos approve -w {w}",
+          read=_read_proposals, follows=(_FILES,)),
+    Panel(name="memory", title="Memory", file="LESSONS.md", command="paos memory show -w {w}", read=_read_memory,
+          follows=(_FILES,)),
+    Panel(name="log", title="Log", file="LOG.md", command="paos logs -w {w}", read=_read_log,
+          follows=(_JOURNAL, _FILES)),
+    Panel(name="scene", title="Scene", file="evidence/{id}/motion.npz", command="paos render {id} -w {w}",
+          read=_read_scene, follows=(_JOURNAL, _BEATS), is_right=True),
+    Panel(name="tree", title="Behaviour tree", file="evidence/{id}/trace.jsonl", command="paos tree show {skill}",
+          read=_read_tree, follows=(_JOURNAL, _BEATS), is_right=True),
+    Panel(name="world", title="Things", file="evidence/{id}/environment_after.json",
+          command="paos context --for verify -w {w}", read=_read_world, follows=(_JOURNAL, _FILES), is_right=True),
+    Panel(name="frames", title="Camera frames", file="evidence/{id}/looks.json",
+          command="paos verify {id} -w {w} --from-frames", read=_read_frames, is_right=True),
+    Panel(name="statechart", title="Statechart", file="sessions/", command="paos lifecycle", read=_read_statechart,
+          is_right=True),
+)  # fmt: skip

@@ -1,0 +1,204 @@
+"""The 3D scene of a session, live and in replay: viser with mjviser, one scene a viewer, behind the page's token.
+
+A running session shows its robot as its heartbeat says, and things where they were believed to be before. One that has
+ended shows any moment of its evidence.
+"""
+
+import asyncio
+import contextlib
+import io
+import threading
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import websockets
+from fastapi import FastAPI, WebSocket, WebSocketDisconnect
+from fastapi.responses import FileResponse, PlainTextResponse, Response
+
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.pictures.outlines import iter_outlines
+from phyagentos.protocol.capabilities.registries import get_registered_target
+from phyagentos.protocol.sessions.evidence import INITIAL, SCENE_MODEL
+from phyagentos.protocol.sessions.session import SessionId
+from phyagentos.protocol.workspace.array_files import decode_arrays
+from phyagentos.protocol.world.environment import Environment, Status
+from phyagentos.view.access import Access
+from phyagentos.view.documents import Documents
+
+STEP_S = 0.1  # between two updates of a scene
+_MEASURED, _PLANNED, _BELIEVED, _DOUBTED = (26, 90, 217), (242, 140, 13), (190, 26, 217), (217, 26, 26)
+
+
+def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
+    """The pages `/scene/SESSION/`, and the sockets over which their scenes come."""
+
+    @app.get("/scene/{session}/")
+    def show_client(session: str) -> Response:
+        if SessionId(session) not in documents.ledger.sessions:
+            return PlainTextResponse(f"no session {session!r}\n", 404)
+        return FileResponse(_find_client())
+
+    @app.websocket("/scene/{session}")
+    async def connect(socket: WebSocket, session: str) -> None:
+        if not access.admits(socket.headers) or not access.is_own_origin(socket.headers):
+            await socket.close(1008)
+            return
+        wanted = [each.strip() for each in socket.headers.get("sec-websocket-protocol", "").split(",") if each.strip()]
+        try:
+            stage = await asyncio.to_thread(Stage, documents, SessionId(session))
+        except (DefinitionError, ExecutionError, KeyError, OSError, ValueError) as error:
+            await socket.accept(wanted[0] if wanted else None)
+            await socket.close(1011, str(error)[:100])
+            return
+        try:
+            await socket.accept(wanted[0] if wanted else None)
+            await _relay(socket, stage.port, wanted)
+        finally:
+            await asyncio.to_thread(stage.close)
+
+
+async def _relay(socket: WebSocket, port: int, protocols: list[Any]) -> None:
+    """Pass messages on between a viewer and its scene, until either hangs up."""
+    scene = websockets.connect(f"ws://127.0.0.1:{port}", subprotocols=protocols, max_size=None, compression=None)
+    async with scene as behind:
+
+        async def pass_in() -> None:
+            with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+                while True:
+                    await behind.send(await socket.receive_bytes())
+
+        async def pass_out() -> None:
+            async for message in behind:
+                await socket.send_bytes(message if isinstance(message, bytes) else message.encode())
+
+        tasks = {asyncio.create_task(pass_in()), asyncio.create_task(pass_out())}
+        _, others = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in others:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+class Stage:
+    """The scene of one session for one viewer, on a port of its own on loopback.
+
+    Raises:
+        DefinitionError, ExecutionError, OSError, ValueError: The evidence holds no scene, or a damaged one.
+    """
+
+    def __init__(self, documents: Documents, session: SessionId) -> None:
+        import mujoco
+        import viser
+        from mjviser import ViserMujocoScene
+
+        self._documents, self._session = documents, session
+        status = documents.ledger.sessions[session]
+        folder = documents.workspace.evidence_of(session)
+        self._model = mujoco.MjModel.from_binary_path(str(folder / SCENE_MODEL))
+        self._data = mujoco.MjData(self._model)
+        self._data.qpos[:] = decode_arrays((folder / INITIAL).read_bytes())["qpos"]
+        self._profile = get_registered_target(documents.workspace.target_registry, status.contract.target)
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+        self.port = int(self._server.get_port())
+        self._scene = ViserMujocoScene(self._server, self._model, num_envs=1)
+        self._scene.camera_tracking_enabled = False
+        self._server.initial_camera.position, self._server.initial_camera.look_at = (1.6, 0.0, 1.1), (0.4, 0.0, 0.1)
+        self._slider: Any = None
+        self._playback: Any = None
+        self._shown: tuple[Any, ...] = ()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"scene-{session}", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the scene."""
+        self._ended.set()
+        self._thread.join()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
+
+    def _run(self) -> None:
+        while not self._ended.wait(STEP_S):
+            status = self._documents.ledger.sessions[self._session]
+            if status.execution is None:
+                self._follow()
+            elif self._playback is None:
+                self._begin_replay()
+            else:
+                self._replay()
+
+    def _follow(self) -> None:
+        """Show what the heartbeat says."""
+        from phyagentos.pictures.playback import find_joints, set_opening
+
+        status = self._documents.ledger.sessions[self._session]
+        beat = self._documents.find_beat(status)
+        if beat is not None and beat.q_rad:
+            self._data.qpos[find_joints(self._model, self._profile)] = beat.q_rad
+            set_opening(self._model, self._data, self._profile, beat.gripper_width_m)
+        self._show(self._documents.read_bundle(status).before, beat.sim_time_s if beat is not None else 0.0)
+
+    def _begin_replay(self) -> None:
+        """A slider over the evidence, and the paths of the tool."""
+        from phyagentos.pictures.playback import read_playback
+
+        status = self._documents.ledger.sessions[self._session]
+        playback = self._playback = read_playback(self._documents.workspace, status)
+        last_s = float(playback.time_s[-1] - playback.time_s[0])
+        gui = self._server.gui
+        self._slider = gui.add_slider("time [s]", min=0.0, max=max(last_s, 0.1), step=0.02, initial_value=0.0)
+        self._plays = gui.add_checkbox("play", initial_value=True)
+        for name, places, color in (
+            ("measured", playback.measured_m, _MEASURED),
+            ("planned", playback.planned_m, _PLANNED),
+        ):
+            if len(places) > 1:
+                segments = np.stack((places[:-1], places[1:]), axis=1)
+                self._server.scene.add_line_segments(f"/paths/{name}", segments, np.array(color), thickness=0.004)
+
+    def _replay(self) -> None:
+        if self._plays.value:
+            now_s = self._slider.value + STEP_S
+            self._slider.value = 0.0 if now_s > self._slider.max else now_s
+        time_s = self._playback.time_s[0] + self._slider.value
+        self._playback.pose(time_s, self._data)
+        self._show(self._playback.believe(time_s), time_s)
+
+    def _show(self, believed: Environment | None, time_s: float) -> None:
+        import mujoco
+
+        mujoco.mj_forward(self._model, self._data)
+        key = (*self._data.qpos, believed and believed.revision, round(time_s))
+        if key != self._shown:
+            self._shown = key
+            self._scene.update_from_mjdata(self._data)
+            if believed is not None:
+                self._show_believed(believed, time_s)
+
+    def _show_believed(self, believed: Environment, time_s: float) -> None:
+        """Outlines of movable things, each with its age and doubt; doubted ones are red."""
+        scene = self._server.scene
+        for index, outline in enumerate(iter_outlines(believed)):
+            entity = outline.entity
+            doubted = entity.is_unsure or entity.status is Status.HIDDEN
+            scene.add_box(
+                f"/believed/{entity.name}/{index}",
+                color=_DOUBTED if doubted else _BELIEVED,
+                dimensions=2.0 * outline.half_m,
+                wireframe=True,
+                wxyz=outline.quaternion_wxyz,
+                position=outline.position_m,
+            )
+            age_s = max(0.0, time_s - entity.observed_at_s)
+            text = f"{entity.name}: {entity.status} {age_s:.0f} s ago, {100 * entity.confidence:.0f} %"
+            scene.add_label(f"/believed/{entity.name}/text", text, position=np.add(outline.position_m, (0, 0, 0.08)))
+
+
+@cache
+def _find_client() -> Path:
+    """The client of viser: one file that asks for nothing else."""
+    import viser
+
+    return Path(viser.__file__).with_name("client") / "build" / "index.html"

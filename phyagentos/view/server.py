@@ -1,0 +1,221 @@
+"""The server of the page: pages, panels as they change, files of the evidence, actions where they are allowed."""
+
+import asyncio
+import io
+import zipfile
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI, Request, Response
+from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, RedirectResponse, StreamingResponse
+from fastapi.staticfiles import StaticFiles
+
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.view import actions, comparison, scenes
+from phyagentos.view.access import COOKIE, Access
+from phyagentos.view.documents import Documents, Version
+from phyagentos.view.pages import PanelRenderer, render
+from phyagentos.view.panels import PANELS, Panel, Query
+
+LOOK_PERIOD_S = 0.4  # between two looks at the documents
+SILENCE_S = 10.0  # after so long a stream says that it lives
+_STATIC = Path(__file__).with_name("static")
+_POLICY = (
+    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; object-src 'none'; "
+    "frame-ancestors 'self'; form-action 'self'; base-uri 'none'"
+)
+_SCENE_POLICY = (
+    "default-src 'self' 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' data: blob:; frame-ancestors 'self'"
+)
+
+
+class Watcher:
+    """Looks at the documents, and wakes every stream when something has changed."""
+
+    def __init__(self, documents: Documents) -> None:
+        self.version = Version()
+        self._documents = documents
+        self._changed = asyncio.Condition()
+
+    async def run(self) -> None:
+        """Until it is cancelled."""
+        while True:
+            version = self.version
+            with suppress(ExecutionError, OSError):  # the page itself says what is wrong
+                version = await asyncio.to_thread(self._documents.refresh)
+            if version != self.version:
+                async with self._changed:
+                    self.version = version
+                    self._changed.notify_all()
+            await asyncio.sleep(LOOK_PERIOD_S)
+
+    async def wait(self, seen: Version) -> Version:
+        """The version once it is another one than `seen`; at the latest after some seconds."""
+        async with self._changed:
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._changed.wait_for(lambda: self.version != seen), SILENCE_S)
+            return self.version
+
+
+def build_app(
+    documents: Documents, access: Access, *, allows_actions: bool = False, runs: dict[str, Path] | None = None
+) -> FastAPI:
+    """The application of one workspace; `runs` are folders of suites that may be compared, by name."""
+    watcher = Watcher(documents)
+    renderer = PanelRenderer(documents, lambda: {"actions": allows_actions})
+
+    @asynccontextmanager
+    async def live(_: FastAPI) -> AsyncIterator[None]:
+        task = asyncio.create_task(watcher.run())
+        yield
+        task.cancel()
+
+    app = FastAPI(lifespan=live, docs_url=None, redoc_url=None, openapi_url=None)
+    app.middleware("http")(_guard(access))
+    app.mount("/static", StaticFiles(directory=_STATIC))
+    _add_pages(app, renderer, access, watcher, allows_actions=allows_actions)
+    _add_comparisons(app, documents, runs or {})
+    _add_files(app, documents)
+    scenes.add_scenes(app, documents, access)
+    if allows_actions:
+        _add_actions(app, documents, access)
+    return app
+
+
+def _guard(access: Access) -> Callable[[Request, Callable[[Request], Awaitable[Response]]], Awaitable[Response]]:
+    """No answer without the token; the address that `paos view` prints becomes a cookie."""
+
+    async def answer(request: Request, go_on: Callable[[Request], Awaitable[Response]]) -> Response:
+        given = request.query_params.get("token", "")
+        if given and access.is_token(given) and request.headers.get("host", "") in access.hosts:
+            entered = RedirectResponse(request.url.path, 303)
+            entered.set_cookie(COOKIE, access.token, httponly=True, samesite="strict")
+            return entered
+        if not access.admits(request.headers):
+            return PlainTextResponse("Open the address that `paos view` has printed: it carries the token.\n", 401)
+        response = await go_on(request)
+        is_scene = request.url.path.startswith("/scene/")
+        response.headers["content-security-policy"] = _SCENE_POLICY if is_scene else _POLICY
+        response.headers["x-content-type-options"] = "nosniff"
+        response.headers["referrer-policy"] = "no-referrer"
+        return response
+
+    return answer
+
+
+def _add_pages(
+    app: FastAPI, renderer: PanelRenderer, access: Access, watcher: Watcher, *, allows_actions: bool
+) -> None:
+    documents = renderer.documents
+
+    @app.get("/", response_class=HTMLResponse)
+    def show_page(goal: str = "", session: str = "", find: str = "") -> str:
+        documents.refresh()
+        query = Query(goal=goal, session=session, find=find)
+        status = documents.find_session(session, goal)
+        shown = [(panel, renderer.render(panel, query)) for panel in PANELS]
+        return render(
+            "page",
+            sides=[[each for each in shown if each[0].is_right == is_right] for is_right in (False, True)],
+            query=query,
+            stream=query.link().replace("/?", "/events?", 1),
+            status=status,
+            workspace=documents.workspace.root,
+            actions=allows_actions,
+            secret=access.form_secret if allows_actions else "",
+        )
+
+    @app.get("/panels/{name}", response_class=HTMLResponse)
+    def show_panel(name: str, goal: str = "", session: str = "", find: str = "") -> Response:
+        panel = next((each for each in PANELS if each.name == name), None)
+        if panel is None:
+            return PlainTextResponse(f"no panel {name!r}; there are {', '.join(each.name for each in PANELS)}\n", 404)
+        documents.refresh()
+        return HTMLResponse(renderer.render(panel, Query(goal=goal, session=session, find=find)))
+
+    @app.get("/events")
+    async def follow(request: Request, goal: str = "", session: str = "", find: str = "") -> StreamingResponse:
+        stream = _iter_changes(request, renderer, watcher, Query(goal=goal, session=session, find=find))
+        return StreamingResponse(stream, media_type="text/event-stream", headers={"cache-control": "no-store"})
+
+
+def _add_comparisons(app: FastAPI, documents: Documents, runs: dict[str, Path]) -> None:
+    def answer(template: str, read: Callable[[], dict[str, Any]]) -> Response:
+        try:
+            return HTMLResponse(render(template, **read()))
+        except (DefinitionError, ExecutionError, OSError) as error:
+            return HTMLResponse(render("page_problem", error=error), 404)
+
+    @app.get("/compare")
+    def show_sessions(first: str, second: str) -> Response:
+        documents.refresh()
+        return answer("compare", lambda: comparison.compare_sessions(documents, first, second))
+
+    @app.get("/compare/runs")
+    def show_runs(first: str = "", second: str = "") -> Response:
+        first, second = first or next(iter(runs), ""), second or next(reversed(runs), "")
+        return answer("runs", lambda: comparison.compare_runs(runs, first, second))
+
+
+async def _iter_changes(
+    request: Request, renderer: PanelRenderer, watcher: Watcher, query: Query
+) -> AsyncIterator[str]:
+    """Server-sent events: each panel when it changes, all of them at first."""
+    sent: dict[str, str] = {}
+    seen = Version()
+    while not await request.is_disconnected():
+        seen = await watcher.wait(seen)
+        yield ": alive\n\n"
+        for panel in PANELS:
+            html = await asyncio.to_thread(renderer.render, panel, query)
+            if sent.get(panel.name) != html:
+                sent[panel.name] = html
+                yield _encode_event(panel, html)
+
+
+def _encode_event(panel: Panel, html: str) -> str:
+    lines = "".join(f"data: {line}\n" for line in html.splitlines())
+    return f"event: {panel.name}\n{lines}\n"
+
+
+def _add_files(app: FastAPI, documents: Documents) -> None:
+    evidence = documents.workspace.evidence
+
+    @app.get("/evidence/{session}/{name}")
+    def show_file(session: str, name: str) -> Response:
+        path = _find_file(evidence, session, name)
+        if path is None:
+            return PlainTextResponse(f"no file {name!r} in the evidence of {session!r}\n", 404)
+        is_text = path.suffix in {".json", ".jsonl", ".yaml", ".md", ".xml"}
+        return FileResponse(path, media_type="text/plain; charset=utf-8" if is_text else None)
+
+    @app.get("/frames/{session}/{name}/{member}")
+    def show_frame(session: str, name: str, member: str) -> Response:
+        path = _find_file(evidence, session, name)
+        try:
+            with zipfile.ZipFile(path or io.BytesIO()) as file:
+                return Response(file.read(member), media_type="image/png")
+        except (KeyError, zipfile.BadZipFile, OSError):
+            return PlainTextResponse(f"no picture {member!r} in {name!r} of {session!r}\n", 404)
+
+
+def _find_file(evidence: Path, session: str, name: str) -> Path | None:
+    """A file of a bundle; None for whatever leads elsewhere."""
+    path = evidence / session / name
+    is_within = path.parent.parent == evidence and path.resolve().is_relative_to(evidence.resolve())
+    return path if is_within and {session, name}.isdisjoint({"..", "."}) and path.is_file() else None
+
+
+def _add_actions(app: FastAPI, documents: Documents, access: Access) -> None:
+    @app.post("/actions/{name}", response_class=HTMLResponse)
+    async def act(name: str, request: Request) -> Response:
+        if not access.permits_action(request.headers):
+            return PlainTextResponse("refused: not from a form of this page\n", 403)
+        form: dict[str, Any] = {key: str(value) for key, value in (await request.form()).items()}
+        try:
+            done = await asyncio.to_thread(actions.perform, documents.workspace, name, form)
+        except (DefinitionError, ExecutionError, OSError) as error:
+            return HTMLResponse(render("unreadable", error=error), 422)
+        return HTMLResponse(render("done", done=done))
