@@ -83,10 +83,10 @@ def run(
         memory=memory,
         trusts_python=trust_python,
     )
-    place, fold = run_goal(order, interrupts := Interrupts(), SystemClock())
+    fold = run_goal(order, interrupts := Interrupts(), SystemClock())
     if interrupts.count or fold.goal is None:
         raise KeyboardInterrupt
-    return open_workspace(place.root).goals[fold.goal.id]
+    return open_workspace(fold.workspace.root).goals[fold.goal.id]
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,8 +172,7 @@ class GoalView:
         return Figure(f"Graph of the goal {self.id}", draw_goal(self.status))
 
     def _repr_html_(self) -> str:
-        verdict = _show_verdict(self.id, self.verdict, self.status.reason, self.status.criteria)
-        return verdict + self.graph._repr_html_()
+        return _show_verdict(self.id, self.verdict, self.status.reason, self.status.criteria) + self.graph._repr_html_()
 
 
 @dataclass(frozen=True, slots=True)

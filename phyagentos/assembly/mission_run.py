@@ -123,9 +123,9 @@ def run_goal(
     interrupts: Interrupts,
     clock: Clock,
     announce: Callable[[str], object] = lambda _: None,
-    show: Callable[[Workspace, RunFold], object] = lambda *_: None,
-) -> tuple[Workspace, RunFold]:
-    """Run a goal graph to its verdict; the workspace, and what stands in its journal about the goal.
+    show: Callable[[RunFold], object] = lambda _: None,
+) -> RunFold:
+    """Run a goal graph to its verdict; what stands in the journal then about the goal.
 
     `announce` is told what is trusted, then where the run takes place; from then on `interrupts` are counted: the first
     cancels the goal, a second one ends the planes at once. `show` is called before they start, then with each look.
@@ -137,7 +137,7 @@ def run_goal(
     graph = get_file(order.graph, "goal_graphs")
     faults = get_file(order.faults, "faults") if order.faults is not None else None
     compiled = check_order(graph, faults, parse_overrides(order.overrides), order.workspace)
-    root = order.workspace or choose_workspace(graph.stem, order.seed)
+    root = order.workspace or choose_folder(Path("workspaces"), f"{graph.stem}-{order.seed}")
     admit_python(root, graph, is_trusted=order.trusts_python, announce=announce)
     workspace = Workspace.create(root, open_library(graph))
     with serve_alone(workspace, clock), interrupts.counted():
@@ -151,11 +151,11 @@ def run_goal(
             for record in journal.read_new():
                 ledger.apply(record)
             goal = choose_goal(f"{compiled.name}-{order.seed}", ledger, journal)
-            fold = RunFold(workspace.heartbeats, goal, ledger)
-            show(workspace, fold)
+            fold = RunFold(workspace, goal, ledger)
+            show(fold)
             planes = start_planes(order, goal, graph, faults, workspace)
             try:
-                follow_run(fold, journal, workspace, planes, interrupts, clock, show)
+                follow_run(fold, journal, planes, interrupts, clock, show)
             finally:
                 for plane in reversed(planes):  # the agent first: what it still cancels needs the runtime
                     plane.stop(clock, is_urgent=lambda: interrupts.count > 1)
@@ -163,7 +163,7 @@ def run_goal(
                 if fold.goal is not None and fold.goal.is_cancelled:
                     with contextlib.suppress(ExecutionError):  # a full disk: the next runtime ends them
                         cancel_unheld(goal, fold.ledger, journal)
-    return workspace, fold
+    return fold
 
 
 def check_order(
@@ -177,7 +177,12 @@ def check_order(
         DefinitionError: With every problem.
     """
     library = open_library(graph)
-    problems = _find_problems(read_faults, faults) if faults is not None else []
+    problems: list[Problem] = []
+    try:
+        if faults is not None:
+            read_faults(faults)
+    except DefinitionError as error:
+        problems += error.problems
     try:
         compiled = read_goal_graph(graph, catalogue := Catalogue.read(library), overrides)
     except DefinitionError as error:
@@ -194,24 +199,14 @@ def check_order(
             problems += iter_misses(faults, bodies, joints, cameras)
     except DefinitionError as error:
         problems += error.problems
-    files = [library.get_skill(skill) for skill in sorted({choice.skill for choice in compiled.choices.values()})]
-    of_skills = [each for file in files for each in _find_problems(check_skill, file, open_library(file))]
-    if of_skills or problems:
-        raise DefinitionError([*of_skills, *problems])
+    for skill in sorted({choice.skill for choice in compiled.choices.values()}):
+        try:
+            check_skill(file := library.get_skill(skill), open_library(file))
+        except DefinitionError as error:
+            problems += error.problems
+    if problems:
+        raise DefinitionError(problems)
     return compiled
-
-
-def _find_problems(check: Callable[..., object], *arguments: object) -> list[Problem]:
-    try:
-        check(*arguments)
-    except DefinitionError as error:
-        return list(error.problems)
-    return []
-
-
-def choose_workspace(name: str, seed: int) -> Path:
-    """`workspaces/<graph>-<seed>-<n>` under the working directory, the first that does not exist."""
-    return choose_folder(Path("workspaces"), f"{name}-{seed}")
 
 
 def start_planes(order: RunOrder, goal: GoalId, graph: Path, faults: Path | None, workspace: Workspace) -> list[Plane]:
@@ -227,22 +222,19 @@ def start_planes(order: RunOrder, goal: GoalId, graph: Path, faults: Path | None
 def follow_run(
     fold: RunFold,
     journal: Journal,
-    workspace: Workspace,
     planes: list[Plane],
     interrupts: Interrupts,
     clock: Clock,
-    show: Callable[[Workspace, RunFold], object],
+    show: Callable[[RunFold], object],
 ) -> None:
     """Follow the run until it is over: verdict, cancelled, or a plane that failed."""
     asked_at_s: float | None = None
-    with Watch([journal.folder, workspace.heartbeats]) as watch:
+    with Watch([journal.folder, fold.workspace.heartbeats]) as watch:
         while True:
             watch.wait(FOLLOW_PERIOD_S)
-            ended = [
-                plane for plane in planes if plane.find_exit_code() is not None
-            ]  # before reading: nothing is missed
+            ended = [each for each in planes if each.find_exit_code() is not None]  # before reading: nothing is missed
             fold.apply(journal.read_new())
-            show(workspace, fold)
+            show(fold)
             if interrupts.count and asked_at_s is None:
                 asked_at_s = clock.now_s()
                 ask_for_end(fold, journal)

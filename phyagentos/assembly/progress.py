@@ -3,13 +3,13 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import chain
-from pathlib import Path
 
 from phyagentos.clock import compute_seconds
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, read_heartbeats
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
 from phyagentos.protocol.sessions.session import GoalId, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
+from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
 
@@ -67,10 +67,9 @@ class Row:
 class RunFold:
     """One goal so far, whatever else runs beside it; `apply` records as they come, then read its rows."""
 
-    def __init__(self, heartbeats: Path, goal: GoalId, ledger: Ledger) -> None:
-        self.ledger, self._goal = ledger, goal
+    def __init__(self, workspace: Workspace, goal: GoalId, ledger: Ledger) -> None:
+        self.workspace, self.ledger, self._goal = workspace, ledger, goal
         ledger.keep_goal(goal)
-        self._heartbeats = heartbeats
         self._first_at: dict[str, str] = {}
         self._last_at: dict[str, str] = {}
 
@@ -96,7 +95,7 @@ class RunFold:
             return []
         after = {name: (*node.after, *chain(*node.on_failure)) for name, node in goal.nodes.items()}
         depths = {name: compute_depth(name, after) for name in after}
-        beats = {beat.session: beat for beat in read_heartbeats(self._heartbeats).values()}
+        beats = {beat.session: beat for beat in read_heartbeats(self.workspace.heartbeats).values()}
         names = sorted(depths, key=lambda name: depths[name])
         return [row for name in names for row in self._rows_of(goal, name, depths[name], beats)]
 

@@ -21,19 +21,14 @@ Subject = Annotated[str, typer.Argument(metavar="SESSION|NODE|GOAL", help=f"The 
 
 def why(workspace: Space, subject: Subject = "", as_json: AsJson = False) -> None:
     """Explain a verdict: the layer, the leaf and the number that decided it; of a goal or node, the first cause."""
-    found, lines = explain(workspace, subject)
+    from phyagentos.assembly.explanation import explain_subject
+    from phyagentos.cli.history import read_ledger
+
+    found, lines = explain_subject(Workspace.open(workspace), read_ledger(workspace, subject), subject)
     if as_json:
         print_json({"found": found, "explanation": lines.splitlines()})
     else:
         print_result(lines)
-
-
-def explain(workspace: Path, subject: str) -> tuple[object, str]:
-    """The goal, node or session that is called so, the latest goal without a name; and why it stands as it does."""
-    from phyagentos.assembly.explanation import explain_subject
-    from phyagentos.cli.history import read_ledger
-
-    return explain_subject(Workspace.open(workspace), read_ledger(workspace, subject), subject)
 
 
 def show_graph(

@@ -34,25 +34,23 @@ def run_mission(order: RunOrder, clock: Clock | None = None, *, as_json: bool = 
     with RunConsole(f"{graph.stem}, seed {order.seed}", quiet=quiet) as console:
         show = partial(show_run, console, interrupts, clock, started_s + WARM_UP_S)
         try:
-            workspace, fold = run_goal(order, interrupts, clock, print_note, show)
+            fold = run_goal(order, interrupts, clock, print_note, show)
         except PlaneEnded as error:
             if error.exit_code in {ExitCode.INVALID_INPUT, ExitCode.REJECTED}:
                 raise Exit(ExitCode(error.exit_code), "\n".join(error.printed)) from error
             raise Exit(ExitCode.INTERNAL_ERROR, str(error).removeprefix(f"{error.code}: ")) from error
     code = ExitCode.INTERRUPTED if interrupts.count else compute_exit_code(fold)
-    report = build_report(fold, workspace=workspace.root, wall_s=clock.now_s() - started_s, exit_code=code)
+    report = build_report(fold, workspace=fold.workspace.root, wall_s=clock.now_s() - started_s, exit_code=code)
     if as_json:
         print_json(report)
     print_report(report, fold, CleanConsole(stderr=as_json, highlight=False))
     return int(code)
 
 
-def show_run(
-    console: RunConsole, interrupts: Interrupts, clock: Clock, warm_by_s: float, workspace: Workspace, fold: RunFold
-) -> None:
+def show_run(console: RunConsole, interrupts: Interrupts, clock: Clock, warm_by_s: float, fold: RunFold) -> None:
     """Bring the view up to date."""
     console.show(fold)
-    print_stop(workspace, console)
+    print_stop(fold.workspace, console)
     has_moved = any(row.sim_time_s or (row.beat is not None and row.beat.tick) for row in fold.rows())
     if clock.now_s() > warm_by_s and not has_moved:
         console.print_once("warming up: a first run compiles its kernels; `paos doctor --warm` does so ahead")

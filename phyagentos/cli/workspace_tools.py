@@ -20,9 +20,9 @@ from phyagentos.agent.mission.report import build_report, report_session
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.agent.tools.registry import Answer, Level, Tool
 from phyagentos.assembly.approved_goals import as_file, shorten
+from phyagentos.assembly.explanation import explain_subject
 from phyagentos.assembly.project import admit_python, open_library, parse_overrides
 from phyagentos.cli.authoring import describe_nodes
-from phyagentos.cli.explaining import explain
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.lint import lint_file
 from phyagentos.cli.memory import recall
@@ -158,7 +158,7 @@ class WorkspaceTools:
     @_tool()
     def why(self, subject: _Word = "") -> Answer:
         """Explain the verdict on a goal, node or session from the evidence; the latest goal without a name."""
-        found, lines = explain(self.root, subject)
+        found, lines = explain_subject(Workspace.open(self.root), read_ledger(self.root, subject), subject)
         return Answer({"found": found, "explanation": lines.splitlines()})
 
     @_tool()

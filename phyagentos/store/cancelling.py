@@ -7,15 +7,13 @@ from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
 
-TRIES = 5  # at records that a plane makes out of date
-
 
 def cancel_unheld(goal: GoalId, ledger: Ledger, journal: Journal) -> None:
     """Cancel the sessions of a cancelled goal that no process holds: those that wait for a target, or for a verdict.
 
     Nothing else would end them where neither agent nor runtime is left.
     """
-    for _ in range(TRIES):
+    for _ in range(5):  # a plane may make records out of date
         for record in journal.read_new():
             ledger.apply(record)
         live = [each for each in ledger.live_sessions() if each.contract.goal == goal]

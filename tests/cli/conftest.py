@@ -32,7 +32,7 @@ class Run:
             side: Journal(self.workspace.root, side=side, by=side.value, clock=self.clock, durable=False)
             for side in Side
         }
-        self.fold = RunFold(self.workspace.heartbeats, GOAL, Ledger(forgets=False))
+        self.fold = RunFold(self.workspace, GOAL, Ledger(forgets=False))
 
     def write(self, side: Side, id: str, ev: str, epoch: int | None = None, /, **body: object) -> None:
         self.clock.advance(1.0)

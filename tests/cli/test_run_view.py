@@ -21,11 +21,11 @@ from phyagentos.assembly.mission_run import (
     PlaneEnded,
     RunOrder,
     ask_for_end,
-    choose_workspace,
     follow_run,
     mute_if_gone,
     run_goal,
 )
+from phyagentos.assembly.paths import choose_folder
 from phyagentos.assembly.progress import RunFold, compute_depth
 from phyagentos.cli import console as console_module
 from phyagentos.cli import mission_run
@@ -200,7 +200,7 @@ def test_a_goal_that_preflight_rejected_has_its_own_code(run):
 
 def test_a_run_follows_its_own_goal_whatever_is_submitted_beside_it(run):
     run.begin()
-    fold = RunFold(run.workspace.heartbeats, "tidy-8", run.fold.ledger)
+    fold = RunFold(run.workspace, "tidy-8", run.fold.ledger)
     run.write(Side.AGENT, "goal:tidy-9", "goal_submitted", graph="tidy", seed=9)
     assert fold.goal is None
     run.write(Side.AGENT, "goal:tidy-8", "goal_submitted", graph="tidy", seed=8)
@@ -220,7 +220,7 @@ def test_the_first_interrupt_cancels_the_goal_and_leaves_its_sessions_to_the_age
 
 
 def test_an_interrupt_before_there_is_a_goal_ends_nothing_of_others(run):
-    ask_for_end(RunFold(run.workspace.heartbeats, "tidy-8", run.fold.ledger), run.pens[Side.OPERATOR])
+    ask_for_end(RunFold(run.workspace, "tidy-8", run.fold.ledger), run.pens[Side.OPERATOR])
     assert take_signals(run.workspace.signals) == []
     assert run.pens[Side.OPERATOR].read_new() == []
 
@@ -301,9 +301,9 @@ def follow(run, monkeypatch, tmp_path):
     stream = io.StringIO()
     monkeypatch.setattr(console_module.sys, "stderr", stream)
     with RunConsole("tidy") as console:
-        place, pen, interrupts = run.workspace, run.pens[Side.OPERATOR], Interrupts()
+        pen, interrupts = run.pens[Side.OPERATOR], Interrupts()
         show = partial(mission_run.show_run, console, interrupts, run.clock, run.clock.now_s() + mission_run.WARM_UP_S)
-        follow_run(run.fold, pen, place, [EndedPlane(tmp_path)], interrupts, run.clock, show)
+        follow_run(run.fold, pen, [EndedPlane(tmp_path)], interrupts, run.clock, show)
     return stream.getvalue()
 
 
@@ -311,7 +311,7 @@ def test_a_session_that_an_earlier_goal_has_left_is_not_waited_for(run, monkeypa
     run.begin()
     run.write(Side.RUNTIME, run.submit("red"), "claim")
     run.write(Side.OPERATOR, f"goal:{GOAL}", "goal_cancelled", reason="twice")
-    run.fold = RunFold(run.workspace.heartbeats, "tidy-8", run.fold.ledger)
+    run.fold = RunFold(run.workspace, "tidy-8", run.fold.ledger)
     run.write(Side.AGENT, "goal:tidy-8", "goal_submitted", graph="tidy", seed=8)
     run.write(Side.AGENT, "goal:tidy-8", "goal_verdict", verdict="success", criteria=[], reason="because")
 
@@ -347,10 +347,10 @@ def test_a_plane_that_ended_without_a_word_on_a_full_disk_says_so(tmp_path, monk
 
 def test_a_new_workspace_is_chosen_every_time(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    first = choose_workspace("tidy", 7)
+    first = choose_folder(Path("workspaces"), "tidy-7")
     assert first.as_posix() == "workspaces/tidy-7-1"
     first.mkdir(parents=True)
-    assert choose_workspace("tidy", 7).as_posix() == "workspaces/tidy-7-2"
+    assert choose_folder(Path("workspaces"), "tidy-7").as_posix() == "workspaces/tidy-7-2"
 
 
 def test_whoever_has_read_of_the_workspace_can_interrupt_at_once(tmp_path, monkeypatch):
