@@ -14,7 +14,7 @@ import typer
 
 from phyagentos.assembly.project import admit_python, get_file, open_library, parse_overrides
 from phyagentos.cli.arguments import Overrides, TrustPython
-from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
+from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_result
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import GoalId, Session
@@ -108,7 +108,7 @@ def _find_session(subject: str, root: Path | None) -> Order | None:
     known = read_ledger(root, subject).sessions
     try:
         id = get_session(subject, known)
-    except Exit:
+    except DefinitionError:
         with suppress(DefinitionError):
             get_file(Path(subject), "goal_graphs")
             return None
