@@ -64,7 +64,7 @@ def build_app(
 ) -> FastAPI:
     """The application of one workspace; `runs` are folders of suites that may be compared, by name."""
     watcher = Watcher(documents)
-    renderer = PanelRenderer(documents, lambda: {"actions": allows_actions})
+    renderer = PanelRenderer(documents, lambda: {"actions": allows_actions, "live": True})
 
     @asynccontextmanager
     async def live(_: FastAPI) -> AsyncIterator[None]:

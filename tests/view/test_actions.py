@@ -1,0 +1,61 @@
+"""Actions of the page: each leaves what the command of the CLI would leave."""
+
+import msgspec
+import pytest
+
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.sessions import estop
+from phyagentos.protocol.sessions.stop_signals import take_signals
+from phyagentos.store.edits.inbox import plan_request
+from phyagentos.view.actions import ACTIONS, perform
+
+
+def test_one_press_latches_the_emergency_stop_and_a_reset_asks_for_a_reason(documents):
+    signals = documents.workspace.signals.parent
+    perform(documents.workspace, "estop", {})
+    assert estop.read_latch(signals).reason == "pressed on the page"
+    with pytest.raises(DefinitionError, match="MISSING_PARAMETER"):
+        perform(documents.workspace, "reset", {"reason": " "})
+    assert estop.is_latched(signals)
+    perform(documents.workspace, "reset", {"reason": "the table is free"})
+    assert not estop.is_latched(signals)
+
+
+def test_a_cancel_is_the_request_that_the_command_makes(documents, desk):
+    third = desk.submit("b")
+    done = perform(documents.workspace, "cancel", {"session": third, "reason": "supper"})
+    assert done.is_met, done.output
+    (signal,) = take_signals(documents.workspace.signals)
+    assert (signal.kind, signal.session, signal.reason, signal.by) == ("cancel", third, "supper", "paos cancel")
+    assert done.command.startswith(f"paos cancel {third} --reason=supper")
+
+
+def test_an_amendment_is_a_request_that_the_inbox_takes(documents, desk):
+    third = desk.submit("b")
+    documents.refresh()
+    perform(documents.workspace, "amend", {"session": third, "timeout_s": "12.5", "priority": "3"})
+    (asked,) = (documents.workspace.inbox / "new").glob("*.yaml")
+    entry = plan_request(asked, documents.ledger.sessions)
+    assert (entry.id, entry.ev) == (third, "amend")
+    assert msgspec.to_builtins(entry.body) == {"limits": {"timeout_s": 12.5}, "priority": 3}
+
+
+def test_a_graph_that_is_unsound_is_linted_and_not_submitted(documents):
+    done = perform(documents.workspace, "submit", {"graph": "goal: tidy\nsesions: {}\n"})
+    assert not done.is_met
+    assert "UNKNOWN_KEY" in done.output
+    assert not list(documents.workspace.logs.glob("view-submit.log"))
+
+
+@pytest.mark.parametrize("name", ACTIONS)
+def test_an_empty_field_or_an_option_in_a_field_is_refused(told, name):
+    needed = ACTIONS[name].needs
+    with pytest.raises(DefinitionError, match="MISSING_PARAMETER"):
+        perform(told.workspace, name, {})
+    with pytest.raises(DefinitionError, match="INVALID_PARAMETER"):
+        perform(told.workspace, name, dict.fromkeys(needed, "--reset"))
+
+
+def test_an_unknown_action_names_those_that_there_are(told):
+    with pytest.raises(DefinitionError, match="cancel"):
+        perform(told.workspace, "launch", {})

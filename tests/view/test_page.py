@@ -1,0 +1,188 @@
+"""The page: what its panels show, for whom, and that documents stay data."""
+
+import html
+import re
+
+import pytest
+
+from phyagentos.protocol.sessions.estop import is_latched
+from phyagentos.view.access import COOKIE, FORM_HEADER, Access
+from phyagentos.view.archive import build_archive
+from phyagentos.view.comparison import compare_sessions
+from phyagentos.view.pages import PanelRenderer
+from phyagentos.view.panels import PANELS, Query
+from tests.view.conftest import HOSTILE
+
+pytest.importorskip("fastapi", reason="the extra `dev` brings it: make setup")
+from fastapi.testclient import TestClient
+
+from phyagentos.view.server import build_app
+
+HOST = "127.0.0.1:8000"
+OWN = f"http://{HOST}"
+
+
+@pytest.fixture
+def access():
+    return Access(frozenset({HOST}))
+
+
+@pytest.fixture
+def open_page(told, access):
+    clients = []
+
+    def start(**options):
+        client = TestClient(build_app(told, access, **options), base_url=OWN, cookies={COOKIE: access.token})
+        clients.append(client.__enter__())
+        return client
+
+    yield start
+    for client in clients:
+        client.__exit__(None, None, None)
+
+
+def read(documents, panel, **query):
+    renderer = PanelRenderer(documents, lambda: {"actions": False, "live": True})
+    return renderer.render(next(each for each in PANELS if each.name == panel), Query(**query))
+
+
+def see(text):
+    """What a person reads of HTML."""
+    return " ".join(html.unescape(re.sub(r"<(style|title)[^>]*>.*?</\1>|<[^>]+>", " ", text, flags=re.DOTALL)).split())
+
+
+@pytest.mark.parametrize("panel", PANELS, ids=lambda panel: panel.name)
+def test_every_panel_names_its_file_and_the_command_that_prints_the_same(told, panel):
+    shown = see(read(told, panel.name, session="tidy-7.a"))
+    assert panel.title in shown
+    assert panel.file.format(id="tidy-7.a") in shown
+    names = {"w": told.workspace.root, "id": "tidy-7.a", "skill": "pick_and_place"}
+    assert panel.command.format(**names) in shown
+
+
+def test_panels_say_what_the_told_say(told):
+    assert "Tidy." in see(read(told, "goal"))
+    assert "tidy-7.a → tidy-7.a.r1" in see(read(told, "goal"))
+    assert "2 of 2 found" in see(read(told, "sessions"))
+    chart = see(read(told, "statechart", session="tidy-7.a"))
+    assert "pending → claimed → preflight → running → halting → awaiting verification → verifying → replanned" in chart
+    assert "JOINT_ACCELERATION too fast" in see(read(told, "guard", session="tidy-7.a"))
+    verdict = see(read(told, "verdict", session="tidy-7.a"))
+    assert "replan GRASP_LOST" in verdict
+    assert "Continued by tidy-7.a.r1" in verdict
+    world = see(read(told, "world", session="tidy-7.a"))
+    assert "red_cube 0.300 0.000 0.020 seen 2.5 s 50 %" in world
+
+
+def test_a_tree_shows_each_nodes_status_its_ports_and_the_last_one_before_a_reset(told):
+    tree = read(told, "tree", session="tidy-7.a")
+    rows = [see(row) for row in tree.split("<li")]
+    failed = next(row for row in rows if "▣ pick " in row and "GRASP_LOST" in row)
+    assert "✗" in failed
+    reset = next(row for row in rows if "close_gripper" in row and "↺" in row)
+    assert "was SUCCESS" in reset
+    assert any("object = $object" in row for row in rows)
+
+
+def test_without_a_choice_the_page_follows_the_session_that_runs(documents, desk):
+    third = desk.submit("b")
+    documents.refresh()
+    assert documents.find_session().contract.id == third
+    assert "pending" in see(read(documents, "verdict"))
+
+
+def test_texts_of_told_are_shown_and_never_run(told):
+    for panel in PANELS:
+        assert "<script" not in read(told, panel.name, session="tidy-7.a")
+    assert HOSTILE in see(read(told, "goal"))
+    assert "<script" not in build_archive(told, told.find_goal())
+
+
+def test_damaged_evidence_is_named_in_its_panel_and_the_others_stand(documents):
+    (documents.workspace.evidence_of("tidy-7.a") / "trace.jsonl").write_text("{")
+    assert "trace" in see(read(documents, "tree", session="tidy-7.a"))
+    assert 'role="alert"' in read(documents, "tree", session="tidy-7.a")
+    assert "Tidy." in see(read(documents, "goal", session="tidy-7.a"))
+
+
+def test_a_comparison_shows_what_differs_and_nothing_else(told):
+    found = compare_sessions(told, "tidy-7.a", "tidy-7.a.r1")
+    assert [row[0] for row in found["parameters"]] == ["seed"]
+    assert [[each.truth for each in row[1:]] for row in found["criteria"]] == [["false", "true"]]
+    assert found["moved"] == [["red_cube moved 0.200 m, seen"], ["red_cube moved 0.320 m, seen"]]
+    assert len(found["charts"]) == 8
+
+
+def test_an_archive_needs_no_server(told):
+    page = build_archive(told, told.find_goal())
+    assert not re.search(r"(src|href)=\"(?!data:|#)", page)
+    assert page.count('<section id="session-') == 2
+
+
+def test_a_thousand_nodes_are_collapsed_by_state_and_found_by_name(desk):
+    from phyagentos.view.documents import Documents
+
+    nodes = {f"n{n}": {"objective": f"Do {n}.", "after": [f"n{n - 7}"] if n >= 7 else []} for n in range(1000)}
+    desk.record("goal:big-1", "goal_submitted", graph="big", seed=1, objective="Much.")
+    desk.record("goal:big-1", "goal_compiled", nodes=nodes, accept=[], constraints=[])
+    documents = Documents(desk.workspace.root)
+    documents.refresh()
+    boxes = re.findall(r"(\d+) waiting", see(read(documents, "goal")))
+    assert sum(map(int, boxes)) == 1000
+    assert len(boxes) < 20
+    assert "n777" in see(read(documents, "goal", find="n777"))
+
+
+def test_nothing_is_answered_without_the_token_or_under_another_name(open_page, access):
+    client = open_page()
+    assert client.get("/").status_code == 200
+    assert client.get("/", headers={"host": "elsewhere.example:8000"}).status_code == 401
+    client.cookies.clear()
+    for path in ("/", "/events", "/panels/goal", "/static/page.css", "/evidence/tidy-7.a/trace.jsonl"):
+        assert client.get(path).status_code == 401
+    assert client.get("/", params={"token": "guessed"}).status_code == 401
+    entered = client.get("/", params={"token": access.token}, follow_redirects=False)
+    assert (entered.status_code, entered.headers["location"]) == (303, "/")
+    assert "HttpOnly" in entered.headers["set-cookie"]
+    assert access.token not in client.get("/", headers={"authorization": f"Bearer {access.token}"}).text
+
+
+@pytest.mark.parametrize(
+    "path", ["/evidence/..%2F/TASK.md", "/evidence/tidy-7.a/..%2F..%2FTASK.md", "/evidence/./TASK.md", "/evidence/x/y"]
+)
+def test_evidence_leads_to_nothing_else(open_page, path):
+    assert open_page().get(path).status_code == 404
+
+
+def test_the_stream_sends_each_panel_at_first(open_page):
+    client = open_page()
+    got = []
+    with client.stream("GET", "/events") as stream:
+        for line in stream.iter_lines():
+            got += [line.removeprefix("event: ")] if line.startswith("event: ") else []
+            if len(got) == len(PANELS):
+                break
+    assert got == [panel.name for panel in PANELS]
+
+
+def test_a_read_only_page_has_no_actions(open_page):
+    client = open_page()
+    assert "EMERGENCY" not in client.get("/").text
+    assert client.post("/actions/estop", headers={"origin": OWN}).status_code == 404
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {},
+        {"origin": OWN},
+        {"origin": "http://elsewhere.example", FORM_HEADER: "secret"},
+        {FORM_HEADER: "secret"},
+        {"origin": OWN, FORM_HEADER: "guessed"},
+    ],
+)
+def test_an_action_that_is_not_from_our_own_page_is_refused(open_page, access, told, headers):
+    sent = {name: access.form_secret if value == "secret" else value for name, value in headers.items()}
+    refused = open_page(allows_actions=True).post("/actions/estop", headers=sent)
+    assert refused.status_code == 403
+    assert not is_latched(told.workspace.signals.parent)
