@@ -21,3 +21,6 @@ if not TYPE_CHECKING:  # a type checker sees the names above, and no others
         from phyagentos import api
 
         return getattr(api, name)
+
+    def __dir__() -> list[str]:
+        return [*globals(), *__all__]

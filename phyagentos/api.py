@@ -47,7 +47,7 @@ def open_workspace(path: str | Path) -> "WorkspaceView":
         sessions[id] = SessionView(id, own.node, status.state, verdict, criteria, own.strategy, *kin, evidence, status)
     goals = {}
     for goal in ledger.goals.values():
-        of_goal = tuple(sessions[id] for node in goal.nodes.values() for id in node.sessions)
+        of_goal = tuple(sessions[id] for node in goal.nodes.values() for id in node.sessions if id in sessions)
         goals[goal.id] = GoalView(goal.id, goal.verdict, of_goal, place.root, goal)
     return WorkspaceView(place.root, goals, sessions, ledger)
 

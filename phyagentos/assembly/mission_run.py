@@ -46,6 +46,7 @@ from phyagentos.store.watch import Watch
 FULL_BYTES = 1 << 20  # with less room than that no plane can keep its records
 FOLLOW_PERIOD_S = 0.1  # ten pictures a second are enough for people
 CANCEL_PATIENCE_S = 20.0  # then the planes are ended without waiting for their records
+Show = Callable[[RunFold], object]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +124,7 @@ def run_goal(
     interrupts: Interrupts,
     clock: Clock,
     announce: Callable[[str], object] = lambda _: None,
-    show: Callable[[RunFold], object] = lambda _: None,
+    show: Show = lambda _: None,
 ) -> RunFold:
     """Run a goal graph to its verdict; what stands in the journal then about the goal.
 
@@ -220,12 +221,7 @@ def start_planes(order: RunOrder, goal: GoalId, graph: Path, faults: Path | None
 
 
 def follow_run(
-    fold: RunFold,
-    journal: Journal,
-    planes: list[Plane],
-    interrupts: Interrupts,
-    clock: Clock,
-    show: Callable[[RunFold], object],
+    fold: RunFold, journal: Journal, planes: list[Plane], interrupts: Interrupts, clock: Clock, show: Show
 ) -> None:
     """Follow the run until it is over: verdict, cancelled, or a plane that failed."""
     asked_at_s: float | None = None

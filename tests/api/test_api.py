@@ -118,6 +118,13 @@ def test_why_is_what_the_command_prints(demo, paos, subject):
     assert demo.why(subject) + "\n" == paos("why", *([subject] if subject else []), "-w", demo.root).out
 
 
+def test_the_names_of_the_library_are_offered_before_it_is_loaded(tmp_path):
+    code = "import phyagentos, sys; print(*dir(phyagentos)); assert 'phyagentos.api' not in sys.modules"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert set(library.__all__) < set(done.stdout.split())
+    assert [name for name in library.__all__ if not hasattr(library, name)] == []
+
+
 def test_a_name_that_is_not_there_is_refused_with_what_there_is(demo, tmp_path):
     assert find_codes(demo.__getitem__, "rad") == find_codes(demo.why, "rad") == {"UNKNOWN_SESSION"}
     assert find_codes(library.open_workspace, tmp_path) == {"NOT_A_WORKSPACE"}
