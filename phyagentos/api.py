@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.sessions.evidence import TRAJECTORY
+from phyagentos.protocol.sessions.evidence import TRAJECTORY, read_bundle
 from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
 from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.tasks import GoalStatus
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from phyagentos.pictures.playback import Playback
+    from phyagentos.pictures.trees import Drawing
 
 
 def open_workspace(path: str | Path) -> "WorkspaceView":
@@ -91,14 +92,15 @@ def run(
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A picture that notebooks show as an image, in which nothing runs; its `svg` stands alone."""
+    """A drawing; `svg` stands alone, notebooks show it as an image, in which nothing runs, or else the `html`."""
 
     title: str
     svg: str = field(repr=False)
+    html: str = field(default="", repr=False)
 
     def _repr_html_(self) -> str:
         data = b64encode(self.svg.encode()).decode()
-        return f'<img alt="{escape(self.title)}" src="data:image/svg+xml;base64,{data}">'
+        return self.html or f'<img alt="{escape(self.title)}" src="data:image/svg+xml;base64,{data}">'
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,14 +141,17 @@ class SessionView:
 
     @property
     def tree(self) -> Figure:
-        """The behaviour tree of its skill; raises DefinitionError `UNKNOWN_TREE` where it has none."""
+        """The behaviour tree of its skill, as HTML with how each node ended; raises `UNKNOWN_TREE` without one."""
         from phyagentos.pictures.trees import draw_tree, render_svg
-        from phyagentos.protocol.capabilities.registries import read_skill_registry
+        from phyagentos.protocol.capabilities.skill_runtimes import read_skill
         from phyagentos.protocol.capabilities.trees import read_tree
 
-        place = Workspace(self.evidence.parents[1])
-        name, library = read_skill_registry(place.skill_registry)[self.status.contract.skill].tree, place.library()
-        return Figure(f"Behaviour tree {name}", render_svg(draw_tree(read_tree(library.get_tree(name)), library)))
+        library = Workspace(self.evidence.parents[1]).library()
+        name = read_skill(library.get_skill(self.status.contract.skill))[0].tree
+        drawing, ran = draw_tree(read_tree(library.get_tree(name)), library), self.status.execution
+        trace = read_bundle(self.evidence, self.status.contract, ran).trace if ran is not None else ()
+        ended = {event.path: event.status for event in trace if event.status != "INVALID"}  # reset, as it ended before
+        return Figure(f"Behaviour tree {name}", render_svg(drawing), f"<ul>{_list_nodes(drawing, ended)}</ul>")
 
     def _repr_html_(self) -> str:
         decided = self.status.decision
@@ -211,3 +216,10 @@ def _show_verdict(title: str, verdict: str, reason: str, criteria: tuple[Criteri
         for each in criteria
     )
     return f"<p><b>{escape(title)}</b>: {escape(verdict)} {escape(reason)}</p><table>{rows}</table>"
+
+
+def _list_nodes(part: "Drawing", ended: Mapping[str, str], above: str = "") -> str:
+    path = f"{above}/{part.id}".lstrip("/")
+    inner = part.children[0].children if part.kind == "subtree" else part.children  # a trace names it once
+    below = "".join(_list_nodes(each, ended, path) for each in inner)
+    return f"<li>{escape(part.label)} <b>{escape(ended.get(path, ''))}</b><ul>{below}</ul>"

@@ -39,8 +39,7 @@ from phyagentos.protocol.world.faults import read_faults
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.models.sources import require_models
 from phyagentos.store.admission import GOAL_PREFIX, GoalEvent
-from phyagentos.store.cancelling import cancel_unheld
-from phyagentos.store.journal import Entry, IllegalEvent, Journal
+from phyagentos.store.journal import Entry, IllegalEvent, Journal, cancel_unheld
 from phyagentos.store.watch import Watch
 
 FULL_BYTES = 1 << 20  # with less room than that no plane can keep its records

@@ -61,8 +61,7 @@ def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
     pairs = [text.partition("=") for text in texts or ()]
     wrong = [key for key, _, value in pairs if "." in key.removeprefix(PREFIX) or not key or not value]
     if wrong:
-        expected = f"PARAMETER=VALUE or {PREFIX}ROLE=NAME"
-        raise DefinitionError.of("INVALID_OVERRIDE", f"--set {wrong[0]}", "no such override", expected)
+        raise DefinitionError.of("INVALID_OVERRIDE", "--set", wrong[0], f"PARAMETER=VALUE or {PREFIX}ROLE=NAME")
     return {key if key.startswith(PREFIX) else f"parameters.{key}.default": value for key, _, value in pairs}
 
 

@@ -22,8 +22,7 @@ from phyagentos.protocol.sessions.stop_signals import EVERY_SESSION, Signal, dro
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.admission import GOAL_PREFIX, Entry, GoalEvent
-from phyagentos.store.cancelling import cancel_unheld
-from phyagentos.store.journal import Journal
+from phyagentos.store.journal import Journal, cancel_unheld
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.subjects import get_session
 

@@ -2,6 +2,7 @@
 
 import base64
 import json
+import shutil
 import subprocess
 import sys
 import threading
@@ -24,6 +25,19 @@ from phyagentos.protocol.world.truth import Truth
 from tests.api.conftest import GOAL
 
 ROOT = Path(__file__).resolve().parents[2]
+POLICY = """---
+skill: echo
+description: Answers with what it is shown.
+kind: policy
+action_space: {representation: joint_position, joints: [a, b, c], rate_hz: 50, chunk_length: 2}
+policy:
+  policy: echo/1
+  endpoint: openpi://127.0.0.1:0
+  observations: {joint_state: {modality: proprioception, shape: [n_joints], rate_hz: 50, key: observation/state}}
+  inference_s: 0.1
+---
+# Echo
+"""
 EVIL = '<script>alert("x")</script>&"\'<img src=x onerror=y>'
 
 
@@ -142,14 +156,38 @@ def read_picture(figure):
     return image.get("alt"), ElementTree.fromstring(base64.b64decode(data))
 
 
-def test_notebooks_show_graph_and_tree_as_images(demo):
+def test_notebooks_show_a_graph_as_an_image(demo):
     title, graph = read_picture(demo.goals[GOAL].graph)
     assert title == f"Graph of the goal {GOAL}"
     words = set(graph.itertext())
     assert {"red", "red.r1", "green", "blue"} <= words
-    title, tree = read_picture(demo["red"].tree)
-    assert title == "Behaviour tree pick_and_place"
-    assert any("plan_grasp" in text for text in tree.itertext())
+
+
+def test_notebooks_show_a_tree_with_how_each_node_ended(demo):
+    lost, other = demo["red"].tree, demo["green"].tree
+    assert lost.title == "Behaviour tree pick_and_place"
+    assert any("plan_grasp" in text for text in ElementTree.fromstring(lost.svg).itertext())
+    assert "pick_and_place <b>FAILURE</b>" in lost._repr_html_()
+    assert "pick_and_place <b>SUCCESS</b>" in other._repr_html_()
+    trace = [json.loads(line) for line in (demo["green"].evidence / TRACE).read_text().splitlines()]
+    assert other.html.count("<b>SUCCESS</b>") == len({each["path"] for each in trace if each["status"] == "SUCCESS"})
+    assert "<b></b>" in lost.html  # nodes that were not reached
+    waiting = replace(demo["red"], status=msgspec.structs.replace(demo["red"].status, execution=None))
+    assert "SUCCESS" not in waiting.tree.html
+
+
+@pytest.mark.parametrize(("skill", "code"), [("pick", ""), ("echo", "UNKNOWN_TREE"), ("gone", "UNKNOWN_SKILL")])
+def test_a_skill_without_a_tree_is_refused(stored, tmp_path, skill, code):
+    root = shutil.copytree(stored, tmp_path / "w", ignore=shutil.ignore_patterns("evidence"))
+    (root / "library" / "skills" / "echo").mkdir()
+    (root / "library" / "skills" / "echo" / "SKILL.md").write_text(POLICY)
+    session = library.open_workspace(root)["red"]
+    contract = msgspec.structs.replace(session.status.contract, skill=skill)
+    other = replace(session, status=msgspec.structs.replace(session.status, contract=contract))
+    if code:
+        assert find_codes(lambda: other.tree) == {code}
+    else:
+        assert "plan_grasp <b></b>" in other.tree.html
 
 
 def test_notebooks_show_verdicts_with_the_numbers_that_decided(demo):

@@ -20,7 +20,8 @@ def test_the_quickstart_runs_from_top_to_bottom(beside_demo):
     shown = execute(NOTEBOOK)
     whole = "\n".join(shown)
     assert "GRASP_LOST" in whole
-    assert whole.count("data:image/svg+xml") == 2
+    assert whole.count("data:image/svg+xml") == 1
+    assert "<b>FAILURE</b>" in whole
     assert all(shown[2:]), "each cell behind the first two shows something"
 
 

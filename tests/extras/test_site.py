@@ -64,5 +64,6 @@ def test_the_quickstart_runs_in_a_jupyter_kernel_with_its_robot(tmp_path):
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
     shown = "".join(str(each.get("data", each.get("text"))) for each in outputs)
     assert "GRASP_LOST" in shown
-    assert shown.count("data:image/svg+xml") == 2
+    assert shown.count("data:image/svg+xml") == 1
+    assert "<b>FAILURE</b>" in shown
     assert (tmp_path / "workspaces" / "demo" / "TASK.md").is_file()
