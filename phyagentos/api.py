@@ -221,5 +221,5 @@ def _show_verdict(title: str, verdict: str, reason: str, criteria: tuple[Criteri
 def _list_nodes(part: "Drawing", ended: Mapping[str, str], above: str = "") -> str:
     path = f"{above}/{part.id}".lstrip("/")
     inner = part.children[0].children if part.kind == "subtree" else part.children  # a trace names it once
-    below = "".join(_list_nodes(each, ended, path) for each in inner)
+    below = "".join(_list_nodes(each, ended, path) for each in inner) if path in ended or not ended else ""
     return f"<li>{escape(part.label)} <b>{escape(ended.get(path, ''))}</b><ul>{below}</ul>"

@@ -171,7 +171,9 @@ def test_notebooks_show_a_tree_with_how_each_node_ended(demo):
     assert "pick_and_place <b>SUCCESS</b>" in other._repr_html_()
     trace = [json.loads(line) for line in (demo["green"].evidence / TRACE).read_text().splitlines()]
     assert other.html.count("<b>SUCCESS</b>") == len({each["path"] for each in trace if each["status"] == "SUCCESS"})
-    assert "<b></b>" in lost.html  # nodes that were not reached
+    assert "detach <b>SUCCESS</b>" in other.html
+    assert "detach <b></b>" in lost.html  # the cube was gone by then
+    assert "set_aside <b>" not in lost.html  # inside of what was not reached
     waiting = replace(demo["red"], status=msgspec.structs.replace(demo["red"].status, execution=None))
     assert "SUCCESS" not in waiting.tree.html
 
