@@ -60,8 +60,6 @@ class RunConsole:
         self._notes: set[str] = set()
 
     def __enter__(self) -> "RunConsole":
-        if self._live is not None:
-            self._live.start()
         return self
 
     def __exit__(
@@ -76,6 +74,7 @@ class RunConsole:
         for row in rows:
             self._print_change(row)
         if self._live is not None:
+            self._live.start()  # with the first picture: until then notes go to the terminal as they are
             self._live.update(build_progress_table(self._title, rows), refresh=True)
 
     def print_line(self, text: str, style: str = "") -> None:
