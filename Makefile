@@ -18,7 +18,7 @@ OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"
 DRIVERS := build/drivers
 
 .DEFAULT_GOAL := help
-.PHONY: help setup pictures demo test test-extras check static format schemas wheel clean
+.PHONY: help setup pictures demo test test-extras check static format schemas site wheel clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 13
@@ -59,12 +59,12 @@ test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed  ## test
 	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS),--$(each)-python=build/$(each)/bin/python)
 	@$(DRIVERS)/bin/pytest -q -m device
 	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py tests/examples/test_trained_policy.py
-	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py
+	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_site.py
 
 $(DRIVERS)/.installed: pyproject.toml
 	@test -x $(DRIVERS)/bin/python || $(PYTHON) -m venv $(DRIVERS)
-	@echo "test-extras: installing phyagentos, the drivers of real robots, ONNX, Ray and MCP into $(DRIVERS) (a few minutes)"
-	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101,piper,go2,onnx,ray,mcp]' onnx
+	@echo "test-extras: installing phyagentos, the drivers of real robots, ONNX, Ray, MCP and the site into $(DRIVERS) (a few minutes)"
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101,piper,go2,onnx,ray,mcp,site]' onnx
 	@touch $@
 
 build/%/.installed: pyproject.toml | $(STAMP)
@@ -92,6 +92,10 @@ format: $(STAMP)  ## let ruff rewrite what it can
 
 schemas: $(STAMP)  ## write JSON Schemas, pristine documents and the generated pages of docs again
 	@$(BIN)/python tools/write_reference.py
+
+site: $(STAMP) build/site/.installed  ## build the site from docs/ into build/html, every link checked
+	@NO_MKDOCS_2_WARNING=1 build/site/bin/mkdocs build --strict --quiet
+	@echo "site: build/html/index.html"
 
 wheel: $(STAMP)  ## build dist/*.whl
 	@$(BIN)/python -m build --wheel --no-isolation --outdir dist . > /dev/null

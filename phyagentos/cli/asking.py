@@ -16,8 +16,7 @@ import yaml
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.planning.domain import read_wanted
-from phyagentos.agent.planning.graph_file import render_mermaid, write_graph
-from phyagentos.agent.planning.planned import PlannedGoal, Unsolvable, plan_goal
+from phyagentos.agent.planning.planned import PlannedGoal, Unsolvable, plan_goal, render_mermaid, write_graph
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers, write_answers
 from phyagentos.agent.understanding.understanding import (
@@ -29,9 +28,10 @@ from phyagentos.agent.understanding.understanding import (
     Understood,
 )
 from phyagentos.agent.understanding.vocabulary import Vocabulary, find_robot
+from phyagentos.assembly.project import open_library
 from phyagentos.assembly.scene_start import draw_start
 from phyagentos.cli import mission_run
-from phyagentos.cli.arguments import AsJson, TrustPython, open_library
+from phyagentos.cli.arguments import AsJson, TrustPython
 from phyagentos.cli.lint import lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
 from phyagentos.cli.planning import print_missing, print_plan

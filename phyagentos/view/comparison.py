@@ -132,10 +132,9 @@ def compare_runs(folders: Mapping[str, Path], first: str, second: str) -> dict[s
     Raises:
         DefinitionError: `UNKNOWN_NAME` for a run that the page was not opened with; `RUN_DAMAGED`, `NOT_PAIRED`.
     """
-    from phyagentos.bench.comparison import compare
     from phyagentos.bench.records import read_records
     from phyagentos.bench.suite_file import read_suite
-    from phyagentos.bench.summary import summarise
+    from phyagentos.bench.summary import compare, summarise
     from phyagentos.bench.sweep import SUITE, read_manifest
 
     if unknown := next((each for each in (first, second) if each not in folders), ""):

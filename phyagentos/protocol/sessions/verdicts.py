@@ -57,6 +57,12 @@ class Criterion(msgspec.Struct, frozen=True, kw_only=True):
     alternatives: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
     shown: str | msgspec.UnsetType = msgspec.UNSET
 
+    @property
+    def sentence(self) -> str:
+        """Why it has this value: in words, else the numbers."""
+        shown = (f"{each:.4g}" if isinstance(each, float) else str(each) for each in self.measured.values())
+        return self.because or ", ".join(map(" ".join, zip(self.measured, shown, strict=True)))
+
 
 class EvidenceReference(msgspec.Struct, frozen=True, kw_only=True):
     """One file that a judgement read.
