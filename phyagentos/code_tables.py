@@ -93,6 +93,7 @@ WRONG_OPENING        The fingers of a model do not open as wide as its profile s
 WRONG_TYPE           A mapping, list or text stands where another kind belongs.
 WRONG_SCALE          A movable body of a scene is so large that its sizes are probably no metres.
 WRONG_UNIT           A limit is given in another unit than its check uses.
+XML_SYNTAX           The text is not XML, or declares a document type.
 YAML_SYNTAX          The text is not YAML, holds a value that does not fit its form or tag, or stands for too many.
 """
 
@@ -104,7 +105,7 @@ GOAL_DIFFERS      A goal of this name was begun with another graph.
 INVALID_RATE      A rate is not the control rate divided by a whole number.
 MIXED_TARGETS     Sessions of different targets would be exported into one data set.
 MODULE_MISSING    A suite needs a Python module that is not installed.
-NOTHING_TO_EXPORT No session was verified as a success, or the choice leaves none.
+NOTHING_TO_EXPORT No session was verified as a success, the choice leaves none, or the session never ran.
 NOT_A_RUN         The folder is no run of a suite.
 NOT_A_WORKSPACE   The folder is no workspace.
 NOT_BY_HAND       An edit by hand may not change this field.

@@ -5,7 +5,8 @@
 """
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
@@ -90,6 +91,16 @@ class ExecutionError(PhyAgentOSError):
     def __init__(self, code: str, message: str) -> None:
         self.code = code
         super().__init__(f"{code}: {message}")
+
+
+@contextmanager
+def needs_extra(extra: str, command: str) -> Iterator[None]:
+    """Around imports of packages that an extra brings: raises DefinitionError `EXTRA_MISSING` without them."""
+    try:
+        yield
+    except ImportError as error:
+        hint = f"Install it: pip install 'phyagentos[{extra}]'"
+        raise DefinitionError.of("EXTRA_MISSING", command, str(error), f"the extra `{extra}`", hint) from error
 
 
 def find_nearest(name: str, possible: Iterable[str]) -> str | None:

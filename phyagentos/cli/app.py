@@ -36,6 +36,7 @@ COMMANDS = {  # name -> module and function; the first line of its docstring is 
     "lint": "authoring:lint",
     "compile": "authoring:compile_graph",
     "plan": "planning:plan",
+    "import": "tree_exchange:import_tree",
     "init": "authoring:init",
     "describe": "describing:describe",
     "list": "showing:list_names",
@@ -62,10 +63,11 @@ COMMANDS = {  # name -> module and function; the first line of its docstring is 
     "forecasts": "forecasts:show_forecasts",
     "verify": "verification:verify",
 }
+EXPORTS = ("bt_xml", "html", "lerobot", "mcap", "mermaid", "rrd", "video")
 GROUPS = {  # name -> help, module and functions
     "tree": ("Behaviour trees.", "tree_drawing", ("show",)),
     "evidence": ("Evidence bundles.", "evidence", ("verify", "prune")),
-    "export": ("Verified sessions as data sets of others.", "exporting", ("lerobot",)),
+    "export": ("Trees, goals and sessions as files for the tools of others.", "exporting", EXPORTS),
     "store": ("The journal of a workspace.", "store", ("check", "repair", "compact", "stats")),
     "robot": ("Profiles of robots.", "robots", ("list_", "show", "check", "render", "new")),
     "policy": ("Policies that carry out skills.", "policies", ("serve", "replay")),
@@ -108,7 +110,9 @@ def read_summary(name: str) -> str:
 def load_command(name: str) -> Any:
     """A command, or a group of them, with its module loaded."""
     about, module, functions = GROUPS.get(name, ("", "", ()))
-    places = {function.rstrip("_"): f"{module}:{function}" for function in functions} or {name: COMMANDS[name]}
+    places = {function.rstrip("_").replace("_", "-"): f"{module}:{function}" for function in functions} or {
+        name: COMMANDS[name]
+    }
     made = typer.Typer(help=about or None, add_completion=False, **PLAIN)
     for each, place in places.items():
         made.command(each)(with_json(pkgutil.resolve_name(f"phyagentos.cli.{place}")))

@@ -19,7 +19,7 @@ from phyagentos.agent.tools.registry import Answer, Level, Tool, ToolCall, ToolR
 from phyagentos.cli.explaining import Space
 from phyagentos.cli.outcome import print_note
 from phyagentos.clock import SystemClock
-from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.errors import DefinitionError, ExecutionError, Problem, needs_extra
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -47,12 +47,9 @@ def serve(
     http: Annotated[int | None, typer.Option(help=_HTTP_HELP, min=0, max=65535)] = None,
 ) -> None:
     """Serve the tools of a workspace to an agent, over stdio or HTTP, until it hangs up or Ctrl-C."""
-    try:
+    with needs_extra("mcp", "paos mcp"):
         import anyio
         import mcp.server.lowlevel  # noqa: F401
-    except ImportError as error:
-        hint = "Install it: pip install 'phyagentos[mcp]'"
-        raise DefinitionError.of("EXTRA_MISSING", "paos mcp", str(error), "the extra `mcp`", hint) from error
     root = Workspace.open(workspace).root
     server = build_server(root, level)
     print_note(f"tools of {root} up to level {level}")

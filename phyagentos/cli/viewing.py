@@ -10,7 +10,7 @@ import typer
 
 from phyagentos.cli.arguments import choose_newest
 from phyagentos.cli.outcome import print_note, print_result
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import needs_extra
 
 NICE = 10  # a run on the same machine comes first
 _SPACE = typer.Argument(metavar="WORKSPACE", default_factory=choose_newest, show_default="the newest")
@@ -28,15 +28,12 @@ def view(
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
 ) -> None:
     """Show a workspace in the browser, before, during or after a run, until Ctrl-C; a token is printed."""
-    try:
+    with needs_extra("view", "paos view"):
         import uvicorn
 
         from phyagentos.view.access import Access
         from phyagentos.view.documents import Documents
         from phyagentos.view.server import build_app
-    except ImportError as error:
-        hint = "Install it: pip install 'phyagentos[view]'"
-        raise DefinitionError.of("EXTRA_MISSING", "paos view", str(error), "the extra `view`", hint) from error
     documents = Documents(workspace)
     documents.refresh()
     os.nice(NICE)

@@ -5,15 +5,16 @@ Beside what LeRobot asks for, the metadata of each episode names its session, it
 """
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import needs_extra
 from phyagentos.export.demonstrations import POSE, Choice, Demonstration, Demonstrations
+from phyagentos.export.video import write_mp4
 from phyagentos.protocol.documents.durable_files import require_empty
 from phyagentos.protocol.sessions.evidence import write_json
 
@@ -63,12 +64,9 @@ def write_dataset(data: Demonstrations, choice: Choice, folder: Path, version: s
 
 
 def _check(folder: Path) -> None:
-    try:
+    with needs_extra("export", "paos export lerobot"):
         import av  # noqa: F401
         import pyarrow.parquet  # noqa: F401
-    except ImportError as error:
-        hint = "Install it: pip install 'phyagentos[export]'"
-        raise DefinitionError.of("EXTRA_MISSING", "paos export", str(error), "the extra `export`", hint) from error
     require_empty(folder)
 
 
@@ -159,26 +157,22 @@ def _describe_form(data: Demonstrations, choice: Choice, n_tasks: int, table: Ta
 
 def _write_films(films: Mapping[str, Path], episodes: Sequence[Demonstration], fps: int) -> list[Table]:
     """One film of all episodes for each camera; returns sampled pixels (n, 3), from 0 to 1, of each episode."""
-    import av
-
     sampled: list[Table] = [{} for _ in episodes]
     for key, path in films.items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        with av.open(path, "w") as container:
-            stream = container.add_stream("libx264", rate=fps, options=VIDEO)
-            stream.pix_fmt = "yuv420p"
-            for each, kept in zip(episodes, sampled, strict=True):
-                pixels: list[NDArray[Any]] = []
-                every = -(-len(each.state) // _SAMPLED_PICTURES)
-                for number, rgb in enumerate(each.iter_pictures(key.removeprefix(IMAGES))):
-                    if not stream.codec_context.is_open:
-                        stream.height, stream.width = rgb.shape[:2]
-                    container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
-                    if number % every == 0:
-                        pixels.append(rgb[::_SAMPLED_PIXELS, ::_SAMPLED_PIXELS].reshape(-1, 3))
-                kept[key] = np.concatenate(pixels) / 255.0
-            container.mux(stream.encode())
+        write_mp4(_iter_and_sample(key, episodes, sampled), path, fps, VIDEO)
     return sampled
+
+
+def _iter_and_sample(key: str, episodes: Sequence[Demonstration], sampled: Sequence[Table]) -> Iterator[NDArray[Any]]:
+    for each, kept in zip(episodes, sampled, strict=True):
+        pixels: list[NDArray[Any]] = []
+        every = -(-len(each.state) // _SAMPLED_PICTURES)
+        for number, rgb in enumerate(each.iter_pictures(key.removeprefix(IMAGES))):
+            yield rgb
+            if number % every == 0:
+                pixels.append(rgb[::_SAMPLED_PIXELS, ::_SAMPLED_PIXELS].reshape(-1, 3))
+        kept[key] = np.concatenate(pixels) / 255.0
 
 
 def _write_parquet(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, str] | None = None) -> None:

@@ -4,6 +4,7 @@ Where a bundle holds `motion.npz` (simulated targets) every body is where it was
 measured, and things stand where they stood at the start, until the end.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
+from phyagentos.geometry import multiply
 from phyagentos.protocol.capabilities.registries import get_registered_target
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions import evidence
@@ -69,9 +71,7 @@ def read_playback(workspace: Workspace, status: SessionStatus) -> Playback:
     """
     folder = workspace.evidence_of(status.contract.id)
     if status.execution is None or not (folder / evidence.SCENE_MODEL).is_file():
-        message = (
-            f"{folder}: no {evidence.SCENE_MODEL}; expected the evidence of a session that moved a simulated robot"
-        )
+        message = f"{folder}: no {evidence.SCENE_MODEL}; expected evidence of a session that moved a simulated robot"
         raise ExecutionError("EVIDENCE_UNREADABLE", message)
     profile = get_registered_target(workspace.target_registry, status.contract.target)
     try:
@@ -84,27 +84,31 @@ def read_playback(workspace: Workspace, status: SessionStatus) -> Playback:
         moved = decode_arrays(path.read_bytes()) if path.is_file() else {}
     except (OSError, ValueError, mujoco.FatalError) as error:
         raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder}: {error}") from error
-    address = find_joints(model, profile)
     if not moved:
         qpos = np.tile(first["qpos"], (len(course["time_s"]), 1))
-        qpos[:, address] = course["q_measured"]
+        for row, q in zip(qpos, course["q_measured"], strict=True):
+            set_posture(model, row, profile, q)
         moved = {"time_s": course["time_s"], "qpos": qpos}
     data = mujoco.MjData(model)
     data.qpos[:] = first["qpos"]
-    tool = find_tool(model, profile)
     return Playback(
         model=model,
         time_s=np.concatenate(([float(first["time"])], moved["time_s"], [float(last["time"])])),
         qpos=np.vstack((first["qpos"], moved["qpos"], last["qpos"])),
-        measured_m=_trace_tool(model, data, tool, address, course["q_measured"]),
-        planned_m=_trace_tool(model, data, tool, address, course["q_commanded"]),
+        measured_m=_trace_tool(model, data, profile, course["q_measured"]),
+        planned_m=_trace_tool(model, data, profile, course["q_commanded"]),
         bundle=read_bundle(folder, status.contract, status.execution),
     )
 
 
-def find_joints(model: mujoco.MjModel, profile: TargetProfile) -> list[int]:
-    """Addresses in qpos of the joints of an arm, in the order of its profile."""
-    return [int(model.joint(_find_prefix(model, profile) + name).qposadr[0]) for name in profile.arm.joints]
+def set_posture(model: mujoco.MjModel, qpos: Array, profile: TargetProfile, q_rad: Sequence[float]) -> None:
+    """Put what an arm measures into positions (nq,) of all joints; a base that drives or walks stands upright."""
+    prefix, servoed = _find_prefix(model, profile), profile.servoed
+    if profile.base is not None:  # its free joint stands for `base_x`, `base_y`, `base_yaw`
+        at, half = int(model.joint(f"{prefix}base").qposadr[0]), (q_rad[2] - profile.arm.home_rad[2]) / 2
+        qpos[at : at + 2] = q_rad[:2]
+        qpos[at + 3 : at + 7] = multiply((np.cos(half), 0.0, 0.0, np.sin(half)), tuple(model.qpos0[at + 3 : at + 7]))
+    qpos[[int(model.joint(prefix + name).qposadr[0]) for name in profile.arm.joints[servoed]]] = q_rad[servoed]
 
 
 def set_opening(model: mujoco.MjModel, data: mujoco.MjData, profile: TargetProfile, width_m: float) -> None:
@@ -126,10 +130,10 @@ def _find_prefix(model: mujoco.MjModel, profile: TargetProfile) -> str:
     return several if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, several + profile.tcp) >= 0 else ""
 
 
-def _trace_tool(model: mujoco.MjModel, data: mujoco.MjData, tool: int, address: list[int], q: Array) -> Array:
-    places = np.empty((len(q), 3))
+def _trace_tool(model: mujoco.MjModel, data: mujoco.MjData, profile: TargetProfile, q: Array) -> Array:
+    places, tool = np.empty((len(q), 3)), find_tool(model, profile)
     for row, posture in enumerate(q):
-        data.qpos[address] = posture
+        set_posture(model, data.qpos, profile, posture)
         mujoco.mj_kinematics(model, data)
         places[row] = data.site_xpos[tool]
     return places

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
 from phyagentos.view.documents import Documents
 from phyagentos.view.panels import Panel, Query
 
@@ -16,12 +16,9 @@ _KEPT = 256  # rendered panels
 @cache
 def get_templates() -> Any:
     """The environment of jinja2; raises DefinitionError `EXTRA_MISSING`."""
-    try:
+    with needs_extra("view", "the page"):
         from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
         from markupsafe import Markup
-    except ImportError as error:
-        hint = "Install it: pip install 'phyagentos[view]'"
-        raise DefinitionError.of("EXTRA_MISSING", "the page", str(error), "the extra `view`", hint) from error
     made = Environment(
         loader=PackageLoader("phyagentos.view"), autoescape=select_autoescape(default=True), undefined=StrictUndefined
     )

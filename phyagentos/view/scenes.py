@@ -131,12 +131,12 @@ class Stage:
 
     def _follow(self) -> None:
         """Show what the heartbeat says."""
-        from phyagentos.pictures.playback import find_joints, set_opening
+        from phyagentos.pictures.playback import set_opening, set_posture
 
         status = self._documents.ledger.sessions[self._session]
         beat = self._documents.find_beat(status)
         if beat is not None and beat.q_rad:
-            self._data.qpos[find_joints(self._model, self._profile)] = beat.q_rad
+            set_posture(self._model, self._data.qpos, self._profile, beat.q_rad)
             set_opening(self._model, self._data, self._profile, beat.gripper_width_m)
         self._show(self._documents.read_bundle(status).before, beat.sim_time_s if beat is not None else 0.0)
 

@@ -31,11 +31,12 @@ OTHER_NAMES = {
     "PHYAGENTOS_MODEL_URL",
     "PYTHONPATH",
     "RAY_ADDRESS",
+    "RGBA",
     "ROLE",
     "VISUAL",
 }  # the system's, and attributes of classes
 OF_SQLITE = {"COMMIT", "DEFERRED", "IMMEDIATE", "ROLLBACK"}
-METAVARS = {"AREA", "BODY", "MATERIAL", "MODEL", "ROBOT", "SESSION"}  # of patterns and help texts
+METAVARS = {"AREA", "BODY", "FILE", "MATERIAL", "MODEL", "ROBOT", "SESSION"}  # of patterns and help texts
 OF_HTTP = {"POST"}
 TRACE = {"SUCCESS", "FAILURE"}  # py_trees' own words
 

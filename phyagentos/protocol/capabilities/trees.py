@@ -180,7 +180,7 @@ class Node:
 
     kind: NodeKind
     name: str
-    address: Address
+    address: Address = field(compare=False)
     children: tuple["Node", ...] = ()
     type: str = ""
     wiring: Mapping[str, Any] = field(default_factory=dict)
@@ -217,12 +217,16 @@ def load_tree(path: Path) -> tuple[Tree | None, tuple[Problem, ...]]:
 
 @lru_cache(maxsize=256)
 def _load_tree(path: Path, _changed_ns: int, _size: int) -> tuple[Tree | None, tuple[Problem, ...]]:
-    located = read_yaml(path)
+    return parse_tree(read_yaml(path), path)
+
+
+def parse_tree(located: Located, path: Path | None = None) -> tuple[Tree | None, tuple[Problem, ...]]:
+    """As `load_tree`, of data in memory; its name is compared with that of a file where it has one."""
     header, problems = salvage(TreeHeader, located)
     if header is None:
         return None, tuple(problems)
     parts = header.tree.split("/")
-    if path.as_posix().removesuffix(".yaml").split("/")[-len(parts) :] != parts:
+    if path is not None and path.as_posix().removesuffix(".yaml").split("/")[-len(parts) :] != parts:
         problems.append(
             located.problem("NAME_MISMATCH", ("tree",), repr(header.tree), f"the file's name {path.stem!r}")
         )

@@ -1,0 +1,196 @@
+"""XML of BehaviorTree.CPP, version 4, as trees of this project: what `bt_xml` wrote, or a person drew in Groot2.
+
+Upstream: a file. Downstream: `capabilities.trees.parse_tree` and the checks of every tree, whose problems then name the
+line and column of the XML.
+"""
+
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn
+from xml.parsers import expat
+
+from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.export.bt_xml import APART, FORMS, UNWIRED, VERSION, decode
+from phyagentos.protocol.capabilities.trees import NodeKind, Reference
+from phyagentos.protocol.documents.schema import Address, Located, read_text
+from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP
+
+_KINDS = {form.tag: kind for kind, form in FORMS.items()} | {kind.value: kind for kind in FORMS}
+_EXPLICIT = frozenset({"Action", "Condition", "Control", "Decorator"})  # <Action ID="move_to"/> is <move_to/>
+_SILENT = frozenset({"name", "_description", "_uid", "_fullpath"})  # attributes that are no ports
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """One element of an XML file, and where it begins: line and column, counted from 1."""
+
+    tag: str
+    id: str = ""
+    attributes: dict[str, str] = field(default_factory=dict)
+    mark: tuple[int, int] = (1, 1)
+    children: list["Element"] = field(default_factory=list)
+    texts: list[str] = field(default_factory=list)
+
+
+def read_trees(path: Path) -> tuple[tuple[Located, ...], tuple[Problem, ...]]:
+    """Data of the trees of a file, each value at its place in the XML; and what the tree format cannot say.
+
+    Problems are `INVALID_VALUE`; raises DefinitionError `XML_SYNTAX`.
+    """
+    reader = _Reader(str(path))
+    trees = reader.read(_parse(read_text(path), str(path)))
+    return trees, tuple(reader.problems)
+
+
+def _parse(text: str, source: str) -> Element:
+    parser = expat.ParserCreate()
+    opened = [Element("")]
+
+    def get_mark() -> tuple[int, int]:
+        return parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
+
+    def refuse(found: str) -> NoReturn:
+        line, column = get_mark()
+        raise DefinitionError.of("XML_SYNTAX", f"{source}:{line}:{column}", found, "well-formed XML without DOCTYPE")
+
+    def begin(tag: str, attributes: dict[str, str]) -> None:
+        if len(opened) > DEPTH_MAX:
+            refuse(TOO_DEEP)
+        id = attributes.pop("ID", "")
+        id = id if tag in _EXPLICIT else id.removesuffix(APART).replace("-", "/")  # of a tree
+        opened.append(Element(tag, id, attributes, get_mark()))
+        opened[-2].children.append(opened[-1])
+
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = lambda _: opened.pop()
+    parser.CharacterDataHandler = lambda text: opened[-1].texts.append(text)  # noqa: PLW0108 - of the one open then
+    parser.StartDoctypeDeclHandler = lambda *_: refuse("a DOCTYPE")
+    try:
+        parser.Parse(text.encode(), True)
+    except expat.ExpatError as error:
+        refuse(expat.ErrorString(error.code))
+    return opened[0].children[0]
+
+
+@dataclass(slots=True)
+class _Reader:
+    """Makes data of elements, and collects what has no place in it."""
+
+    source: str
+    problems: list[Problem] = field(default_factory=list)
+    subtrees: dict[str, Element] = field(default_factory=dict)
+    marks: dict[Address, tuple[int, int]] = field(default_factory=dict)
+
+    def read(self, root: Element) -> tuple[Located, ...]:
+        if root.tag != "root" or root.attributes.get("BTCPP_format") != VERSION:
+            found = f"<{root.tag}> of format {root.attributes.get('BTCPP_format', '3 or none')}"
+            self._refuse(root, found, f'<root BTCPP_format="{VERSION}">', "Groot2 saves it so.")
+        trees: dict[str, Element] = {}
+        for each in root.children:
+            if each.tag == "TreeNodesModel":
+                self.subtrees |= {model.id: model for model in each.children if model.tag == "SubTree"}
+            elif each.tag != "BehaviorTree" or each.id in trees:
+                self._refuse(each, f"<{each.tag} ID={each.id!r}>", "each <BehaviorTree> once, and <TreeNodesModel>")
+            else:
+                trees[each.id] = each
+        if not trees:
+            self._refuse(root, "no tree", "<BehaviorTree>")
+        return tuple(map(self._read_tree, trees.values()))
+
+    def _read_tree(self, element: Element) -> Located:
+        model = self.subtrees.get(element.id, Element("SubTree"))
+        metadata = [fact for each in model.children if each.tag == "MetadataFields" for fact in each.children]
+        facts = element.attributes | {key: value for fact in metadata for key, value in fact.attributes.items()}
+        description = facts.get("description", facts.get("_description", f"Imported from {Path(self.source).name}."))
+        name = _fit_name(element.id)
+        if name != element.id:
+            self._refuse(element, f"the tree {element.id!r}", "small letters, digits and _", f"Call it {name!r}.")
+        data: dict[str, Any] = {"tree": name, "description": description}
+        self.marks = {(): element.mark}
+        for port in model.children:
+            if group := {"input_port": "inputs", "output_port": "outputs"}.get(port.tag):
+                own = port.attributes.get("name", "")
+                body = {
+                    "type": port.attributes.get("type"),
+                    "description": text if (text := "".join(port.texts)).strip() else None,
+                    "optional": own in facts.get("optional", "").split() or None,
+                    "default": decode(port.attributes["default"]) if "default" in port.attributes else None,
+                }
+                data.setdefault(group, {})[own] = {key: value for key, value in body.items() if value is not None}
+                self.marks[group, own] = port.mark
+            elif port.tag != "MetadataFields":
+                self._refuse(port, f"<{port.tag}>", "<input_port> or <output_port>")
+        if len(element.children) == 1:
+            data["root"] = self._read_node(element.children[0], ("root",), name.rsplit("/", 1)[-1])
+        else:
+            self._refuse(element, f"{len(element.children)} nodes in a tree", "one root")
+        return Located(data=data, source=self.source, marks=self.marks)
+
+    def _read_node(self, element: Element, address: Address, default: str) -> Any:
+        """Data of a node; `default` is the name that it has where none is written."""
+        kind, tag = _classify(element)
+        key = tag if kind is NodeKind.LEAF else kind.value
+        self.marks[address] = self.marks[*address, key] = element.mark
+        body: dict[str, Any] = self._read_values(element, kind)
+        name = element.attributes.get("name", default)
+        if kind is NodeKind.CONDITION:
+            if name != default or body.keys() != {"predicate"}:
+                self._refuse(element, f"a condition with {element.attributes}", "a predicate, and no name of its own")
+            return {key: body.get("predicate")}
+        if kind is NodeKind.SUBTREE:
+            body = {"tree": tag} | ({"with": body} if body else {})
+        body |= {"name": name} if name != default else {}
+        body |= self._read_children(element, kind, (*address, key))
+        return {key: body} if body or kind is not NodeKind.LEAF else key
+
+    def _read_children(self, element: Element, kind: NodeKind, place: Address) -> dict[str, Any]:
+        holds = FORMS[kind].holds if kind in FORMS else ""
+        if holds != "children" and len(element.children) != bool(holds):
+            expected = (
+                "one"
+                if holds
+                else f"none; they are held by {format_names(form.tag for form in FORMS.values() if form.holds)}"
+            )
+            self._refuse(element, f"<{element.tag}> with {len(element.children)} nodes in it", expected)
+        names, children = Counter[str](), list[Any]()
+        for index, child in enumerate(element.children):
+            default = _classify(child)[1].rsplit("/", 1)[-1]
+            numbered = f"{default}.{names[default] + 1}" if names[default] else default  # as siblings are told apart
+            name = child.attributes.get("name", numbered)
+            names[default if name == numbered else name] += 1
+            step = (holds, index) if holds == "children" else (holds,)
+            children.append(self._read_node(child, (*place, *step), numbered))
+        return {holds: children} if holds == "children" else {holds: children[0]} if holds and children else {}
+
+    def _read_values(self, element: Element, kind: NodeKind) -> dict[str, Any]:
+        """Values of the attributes that are ports, as the tree format writes them."""
+        own, key = FORMS[kind].number if kind in FORMS else ("", "")
+        values: dict[str, Any] = {}
+        for name, text in element.attributes.items():
+            if name in _SILENT or text.startswith(f"{{{UNWIRED}") or (name, text) == ("_autoremap", "false"):
+                continue
+            value = Reference(name) if text == "{=}" else decode(text)
+            if name.startswith("_") or (text.startswith("{") and not isinstance(value, Reference)):
+                self._refuse(element, f"{name}={text!r}", "ports, whose keys are small letters, digits and _ in braces")
+                continue
+            values[key if name == own else name] = f"${value.key}" if isinstance(value, Reference) else value
+        return values
+
+    def _refuse(self, element: Element, found: str, expected: str, hint: str = "") -> None:
+        place = f"{self.source}:{element.mark[0]}:{element.mark[1]}"
+        self.problems.append(Problem("INVALID_VALUE", place, found, expected, hint))
+
+
+def _fit_name(name: str) -> str:
+    """`MainTree` as `main_tree`; what is a name of a tree as it stands."""
+    apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+    return re.sub(r"^[^a-z]+", "", re.sub(r"[^a-z0-9_/]+", "_", apart)) or "tree"
+
+
+def _classify(element: Element) -> tuple[NodeKind, str]:
+    """Kind of a node, and the name of the leaf or tree that it stands for; of others the name of the kind."""
+    tag = element.id if element.tag in _EXPLICIT and element.id else element.tag
+    kind = _KINDS.get(tag, NodeKind.LEAF)
+    return kind, tag if kind is NodeKind.LEAF else element.id if kind is NodeKind.SUBTREE else kind.value
