@@ -7,13 +7,12 @@ Scripts and notebooks use the names of `phyagentos.api`, which is loaded with th
 
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from phyagentos.api import Figure, GoalView, SessionView, WorkspaceView, open_workspace, run
-
 __version__ = "0.1.0"
 __all__ = ["Figure", "GoalView", "SessionView", "WorkspaceView", "open_workspace", "run"]
 
-if not TYPE_CHECKING:  # a type checker sees the names above, and no others
+if TYPE_CHECKING:  # a type checker sees these names, and no others
+    from phyagentos.api import Figure, GoalView, SessionView, WorkspaceView, open_workspace, run
+else:
 
     def __getattr__(name: str) -> object:
         if name not in __all__:

@@ -26,10 +26,7 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.subjects import get_session
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from phyagentos.pictures.playback import Playback
+    from phyagentos.pictures.playback import Array, Playback
     from phyagentos.pictures.trees import TickingNode
 
 
@@ -122,7 +119,7 @@ class SessionView:
     status: SessionStatus = field(repr=False)
 
     @property
-    def trajectory(self) -> "dict[str, NDArray[np.float64]]":
+    def trajectory(self) -> "dict[str, Array]":
         """What was commanded and measured in n control periods of an arm with j joints, by name.
 
         `time_s` (n,) end of each period [s]; `q_commanded`, `q_measured` (n, j) positions [rad; m of a sliding joint];

@@ -84,24 +84,21 @@ class Interrupts:
     def __init__(self) -> None:
         self.count = 0
 
+    def _note(self, number: int, _: object) -> None:
+        if number != signal.SIGHUP:
+            self.count += 1
+            return
+        self.count = max(self.count, 1)  # both the kernel and the shell report it
+        for descriptor in (1, 2):
+            mute_if_gone(descriptor)
+
     @contextmanager
     def counted(self) -> Iterator["Interrupts"]:
         """Take over SIGINT, SIGTERM and, unless it is ignored (`nohup`), SIGHUP; outside the main thread none."""
-
-        def note(*_: object) -> None:
-            self.count += 1
-
-        def ask(*_: object) -> None:
-            self.count = max(self.count, 1)  # both the kernel and the shell report it
-            for descriptor in (1, 2):
-                mute_if_gone(descriptor)
-
-        handlers = {signal.SIGINT: note, signal.SIGTERM: note, signal.SIGHUP: ask}
-        if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
-            del handlers[signal.SIGHUP]
-        if threading.current_thread() is not threading.main_thread():
-            handlers = {}
-        before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+        is_ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        numbers = (signal.SIGINT, signal.SIGTERM, *(() if is_ignored else (signal.SIGHUP,)))
+        is_main = threading.current_thread() is threading.main_thread()
+        before = {number: signal.signal(number, self._note) for number in numbers if is_main}
         try:
             yield self
         finally:
@@ -143,8 +140,7 @@ def run_goal(
             declare_world_mode(workspace.runtime_contract, order.world_mode)
         declare_sensing(workspace.perception, order.sense, order.prior)
         announce(f"workspace {root}\nmemory {choose_memory(workspace, graph, order.memory)}")
-        journal = Journal(workspace.root, side=Side.OPERATOR, by="paos run", clock=clock)
-        with contextlib.closing(journal):
+        with contextlib.closing(Journal(workspace.root, side=Side.OPERATOR, by="paos run", clock=clock)) as journal:
             ledger = journal.open_ledger()
             for record in journal.read_new():
                 ledger.apply(record)

@@ -33,10 +33,9 @@ def get_file(argument: Path, folder: str) -> Path:
     if argument.is_file():
         return argument
     roots = open_library().roots
-    for root in roots:
-        for candidate in (root / argument, root / folder / argument, root / folder / f"{argument}.yaml"):
-            if candidate.is_file():
-                return candidate
+    names = (argument, Path(folder) / argument, Path(folder) / f"{argument}.yaml")
+    if (found := next((root / name for root in roots for name in names if (root / name).is_file()), None)) is not None:
+        return found
     known = sorted({path.stem for root in roots for path in (root / folder).glob("*.yaml")})
     expected = f"a path, or one of: {format_names(known)}"
     raise DefinitionError.of("UNKNOWN_FILE", str(argument), "no such file", expected, format_hint(argument.stem, known))
@@ -49,10 +48,7 @@ def get_settings(name: str, library: Library, workspace: Path | None) -> Path | 
 
 
 def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
-    """`["cube=red", "targets.arm=ur5e"]` as `{"parameters.cube.default": "red", "targets.arm": "ur5e"}`.
-
-    Raises DefinitionError `INVALID_OVERRIDE`.
-    """
+    """`cube=red` as `{"parameters.cube.default": "red"}`, `targets.arm=ur5e` as it is; raises `INVALID_OVERRIDE`."""
     pairs = [text.partition("=") for text in texts or ()]
     wrong = [key for key, _, value in pairs if "." in key.removeprefix(PREFIX) or not key or not value]
     if wrong:

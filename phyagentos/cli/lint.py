@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from phyagentos.assembly.project import FOLDERS, open_library
+from phyagentos.assembly.skill_checks import check_skill
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
@@ -168,8 +169,6 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
 
             read_wanted(path, Catalogue.read(library))
         case FileKind.SKILL:
-            from phyagentos.assembly.skill_checks import check_skill
-
             problems = check_skill(path, library)
         case FileKind.TREE:
             from phyagentos.runtime.execution.leaf_registry import build_registry, read_registry

@@ -47,8 +47,9 @@ def _loads_nothing(node):
     if isinstance(node, ast.Assign):
         return ast.unparse(node.targets[0]) in {"__version__", "__all__"}
     if isinstance(node, ast.If):
-        sees = {"TYPE_CHECKING": ast.ImportFrom, "not TYPE_CHECKING": ast.FunctionDef}.get(ast.unparse(node.test))
-        return sees is not None and all(isinstance(each, sees) for each in node.body) and not node.orelse
+        seen = all(isinstance(each, ast.ImportFrom) for each in node.body)
+        read = all(isinstance(each, ast.FunctionDef) for each in node.orelse)
+        return ast.unparse(node.test) == "TYPE_CHECKING" and seen and read
     return ast.unparse(node) == "from typing import TYPE_CHECKING"
 
 

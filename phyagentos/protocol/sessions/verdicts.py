@@ -4,6 +4,7 @@ from enum import StrEnum
 
 import msgspec
 
+from phyagentos.protocol.documents.markdown import format_value
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.world.idealisations import Idealisation
 from phyagentos.protocol.world.truth import Truth
@@ -60,8 +61,7 @@ class Criterion(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def sentence(self) -> str:
         """Why it has this value: in words, else the numbers."""
-        shown = (f"{each:.4g}" if isinstance(each, float) else str(each) for each in self.measured.values())
-        return self.because or ", ".join(map(" ".join, zip(self.measured, shown, strict=True)))
+        return self.because or ", ".join(f"{name} {format_value(value)}" for name, value in self.measured.items())
 
 
 class EvidenceReference(msgspec.Struct, frozen=True, kw_only=True):
