@@ -11,6 +11,7 @@ import msgspec
 from phyagentos.agent.judging.diagnosis import diagnose
 from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
 from phyagentos.assembly.planted_faults import find_unstruck
+from phyagentos.protocol.documents.markdown import format_value
 from phyagentos.protocol.sessions.evidence import Bundle, read_bundle
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
 from phyagentos.protocol.sessions.session import Execution, GoalId, SessionId, SessionStatus
@@ -139,10 +140,8 @@ def _show(values: Mapping[str, Any]) -> str:
 
 
 def _show_value(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}"
     if isinstance(value, Mapping):
         return f"({_show(value)})"
     if isinstance(value, list | tuple):
         return f"[{', '.join(_show_value(item) for item in value)}]"
-    return str(value)
+    return format_value(value)
