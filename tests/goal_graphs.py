@@ -4,9 +4,8 @@ from functools import cache
 from pathlib import Path
 
 from phyagentos.agent.goals.catalogue import Catalogue
-from phyagentos.agent.goals.dag import GoalDag
 from phyagentos.agent.goals.graph import read_goal_graph
-from phyagentos.agent.mission.worklist import Worklist
+from phyagentos.agent.mission.worklist import GoalDag, Worklist
 from phyagentos.cli.history import read_ledger
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation, iter_edges, iter_steps

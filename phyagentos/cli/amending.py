@@ -98,7 +98,6 @@ def _print_difference(difference: Mapping[str, Any], status: GoalStatus) -> None
     for name in difference["removed"]:
         print_result(f"- {name}")
     for key, before in (("accept", status.accept), ("constraints", status.constraints)):
-        for sign, texts, others in (("-", before, difference[key]), ("+", difference[key], before)):
-            for text in texts:
-                if text not in others:
-                    print_result(f"{sign} {key} {text}")
+        gone = [f"- {key} {text}" for text in before if text not in difference[key]]
+        for line in (*gone, *(f"+ {key} {text}" for text in difference[key] if text not in before)):
+            print_result(line)

@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from phyagentos.agent.goals.catalogue import Catalogue
-from phyagentos.agent.goals.dag import GoalDag
 from phyagentos.agent.goals.graph import check_goal_graph, read_goal_graph, render_mermaid
+from phyagentos.agent.mission.worklist import GoalDag
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, SkillRuntime

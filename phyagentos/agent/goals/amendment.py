@@ -87,17 +87,13 @@ def compute_difference(new: GoalGraph, nodes: Mapping[str, NodeStatus]) -> dict[
 def find_fitting(node: Node, roles: Mapping[str, str], view: View) -> dict[str, list[str]]:
     """For each variable of a fan-out over what is seen the things of the inventory that fit, sorted by name."""
     seen = sorted(name for name, each in view.now.entities.items() if each.visible and each.kind != UNNAMED)
-    return {
-        key: [name for name in seen if _fits(text, {key: name}, roles, view)]
-        for key, text in node.spec.foreach.items()
-        if isinstance(text, str)
-    }
-
-
-def _fits(text: str, values: Mapping[str, str], roles: Mapping[str, str], view: View) -> bool:
-    if any(name in values.values() for name in iter_entities(parse_predicate(text, template=True))):
-        return False  # a tray is not among the things in it
-    return parse_predicate(substitute(text, values)).rename_targets(roles).evaluate(view).truth is Truth.TRUE
+    found: dict[str, list[str]] = {}
+    for key, text in ((key, text) for key, text in node.spec.foreach.items() if isinstance(text, str)):
+        named = {*iter_entities(parse_predicate(text, template=True))}  # a tray is not among the things in it
+        filled = {name: parse_predicate(substitute(text, {key: name})) for name in seen if name not in named}
+        renamed = {name: each.rename_targets(roles) for name, each in filled.items()}
+        found[key] = [name for name, each in renamed.items() if each.evaluate(view).truth is Truth.TRUE]
+    return found
 
 
 def set_values(authored: Any, node: Node, values: Mapping[str, list[str]]) -> Any:

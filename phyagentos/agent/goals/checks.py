@@ -8,7 +8,7 @@ import networkx as nx
 from msgspec.structs import replace
 
 from phyagentos.agent.goals.catalogue import Catalogue
-from phyagentos.agent.goals.expansion import DataEdge, Node, Path
+from phyagentos.agent.goals.expansion import Node, Path
 from phyagentos.agent.goals.selector import ANY, Choice, select
 from phyagentos.agent.goals.spec import NAME_MAX, REFERENCE, GoalSpec, Promise
 from phyagentos.errors import DefinitionError, Problem, format_names
@@ -230,7 +230,9 @@ class Checks:
                 continue
             source = self.catalogue.skills[choices[edge.node].skill]
             output = source.outputs.get(edge.output)
-            wanted = _find_wanted_type(edge, node, runtime)
+            key = edge.path[3] if len(edge.path) == 4 and edge.path[2] == "with" else None  # filled as a whole, or not
+            is_whole = key in runtime.parameters and REFERENCE.fullmatch(str(node.spec.arguments[str(key)]).strip())
+            wanted = runtime.parameters[str(key)].type if is_whole else None
             if output is None:
                 found = f"{edge.output!r} of node {edge.node!r} (skill {source.skill})"
                 yield self.located.unknown("UNKNOWN_OUTPUT", edge.path, edge.output, source.outputs, found)
@@ -254,11 +256,3 @@ def iter_mismatches(
                 expected = f"of kind {' or '.join(parameter.kinds)}: {format_names(fitting)}"
                 found = f"{name!r}, of kind {kind}"
                 yield located.problem("INVALID_PARAMETER", path, found, expected, parameter.description)
-
-
-def _find_wanted_type(edge: DataEdge, node: Node, runtime: SkillRuntime) -> str | None:
-    """Type of the parameter that an edge fills as a whole, else None."""
-    key = edge.path[3] if len(edge.path) == 4 and edge.path[2] == "with" else None
-    text = node.spec.arguments.get(str(key))
-    whole = isinstance(text, str) and REFERENCE.fullmatch(text.strip())
-    return runtime.parameters[str(key)].type if whole and key in runtime.parameters else None

@@ -8,6 +8,7 @@ neither parameters nor includes. Each value keeps the place in its own file. Nod
 import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -209,10 +210,8 @@ class Composer:
 def _iter_parameters(located: Located) -> Iterator[tuple[str, GraphParameter]]:
     """Parameters of a sound form; the others are reported with the form of the whole."""
     for name, item in as_dict(as_dict(located.data).get("parameters")).items():
-        try:
+        with suppress(pydantic.ValidationError):
             yield str(name), GraphParameter.model_validate(item)
-        except pydantic.ValidationError:
-            continue
 
 
 def _fill(node: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:

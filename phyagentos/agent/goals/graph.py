@@ -1,5 +1,6 @@
 """The goal graph: a checked DAG of nodes, each bound to a skill and a target. Paper sections 3.3 and 4.1."""
 
+import copy
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -187,16 +188,14 @@ def override_yaml(located: Located, overrides: Mapping[str, str]) -> Located:
     """The same data with single values replaced; `targets.arm` names a place by its keys."""
     if not overrides or not isinstance(located.data, dict):
         return located
-    data, origins = dict(located.data), dict(located.origins)
+    data, origins = copy.deepcopy(located.data), dict(located.origins)
     for dotted, text in overrides.items():
         *parents, key = dotted.split(".")
         place: dict[str, Any] = data
         for parent in parents:
-            inner = place.get(parent)
-            if inner is not None and not isinstance(inner, dict):
+            place[parent] = {} if place.get(parent) is None else place[parent]
+            if not isinstance(place := place[parent], dict):
                 raise DefinitionError.of("INVALID_OVERRIDE", dotted, f"{parent!r} is no mapping")
-            place[parent] = dict(inner or {})
-            place = place[parent]
         if parents == ["targets"] and key not in place:  # a role that no node names binds nothing
             raise DefinitionError.unknown("INVALID_OVERRIDE", dotted, key, map(str, place))
         shown = dotted

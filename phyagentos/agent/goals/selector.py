@@ -190,7 +190,7 @@ def _find_unfit(runtime: SkillRuntime, parameters: Mapping[str, Any], mechanisms
     return ""
 
 
-def _find_calls(texts: Iterable[str]) -> set[str]:
+def find_predicates(texts: Iterable[str]) -> set[str]:
     """Names of the predicates in some texts."""
     return {call.name for text in texts for call in syntax.iter_calls(parse_predicate(text, template=True).formula)}
 
@@ -223,8 +223,8 @@ def _describe_nothing(
     if isinstance(skill, str):
         reasons = "; ".join(f"{name}: {why}" for name, why in rejected.items())
         return Problem("NO_CANDIDATE", address, f"skill {skill!r} on target {target!r}", hint=f"Rejected: {reasons}.")
-    wanted = _find_calls([skill.guarantees])
-    strangers = {name for name, each in catalogue.skills.items() if not wanted & _find_calls(each.guarantees)}
+    wanted = find_predicates([skill.guarantees])
+    strangers = {name for name, each in catalogue.skills.items() if not wanted & find_predicates(each.guarantees)}
     found = f"a skill that guarantees {skill.guarantees!r} on target {target!r}"
     if near := [f"{name}: {why}" for name, why in rejected.items() if name not in strangers]:
         return Problem("NO_CANDIDATE", address, found, hint=f"Rejected: {'; '.join(near)}.")

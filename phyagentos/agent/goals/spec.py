@@ -78,11 +78,6 @@ class Budget(Authored):
     sessions: int | None = pydantic.Field(default=None, ge=1)
     sim_time_s: float | None = pydantic.Field(default=None, gt=0)
 
-    @property
-    def is_endless(self) -> bool:
-        """Whether it bounds nothing."""
-        return self.sessions is None and self.sim_time_s is None
-
 
 class After(Authored):
     """An edge from the node that comes first; a bare name is one that waits for its success.
@@ -235,11 +230,6 @@ class WantedGoal(Authored):
     """A goal as predicates; it has the keys of a goal graph that say what is wanted, and no sessions.
 
     Attributes:
-        goal: Name, as of a goal graph.
-        objective: In words.
-        scene: Name of the scene.
-        targets: Role -> name in TARGETS.md, or `any`.
-        constraints: Invariants, sampled all through every session.
         steps: What must come true before what follows it, in this order; each a list of predicates that hold together.
         accept: What must be true at the end.
     """

@@ -82,10 +82,9 @@ class Changes:
     def decide(
         self, name: str, look_for: Callable[[Sequence[Criterion], Environment], list[Entry]], *, is_quiet: bool
     ) -> list[Entry] | None:
-        """What follows for a ready node whose condition is decided on what is seen.
+        """What follows for a ready node whose condition is decided on what is seen; None where it becomes a session.
 
-        None where it may become a session; empty while its condition cannot be told, and sessions live (not `is_quiet`)
-        beside which none may look.
+        Empty while its condition cannot be told, and sessions live (not `is_quiet`) beside which none may look.
         """
         seen = self._find_seen(name)
         criteria = self._judge(name, seen)

@@ -31,10 +31,7 @@ class Drafter:
     advisor: Advisor
 
     def draft(self, node: str, revision: Revision | None = None, fresh: Outputs = _NONE) -> Session | str:
-        """The next session of a node, a child with a revision, or why it cannot be compiled.
-
-        `fresh` has outputs of nodes that are not yet in the records.
-        """
+        """The next session of a node, or why there is none; `fresh` are outputs that are not yet in the records."""
         outputs = dict(fresh)
         for source in {edge.node for edge in self.facts.graph.nodes[node].data} - fresh.keys():
             done = self.facts.find_own(source) if self.facts.get_state(source) is NodeState.DONE else None
@@ -108,10 +105,7 @@ class Drafter:
     def note_next(
         self, node: str, event: GoalEvent, reason: str, relation: Relation = Relation.AGAIN, after: Sequence[str] = ()
     ) -> Entry:
-        """A record about a node that will have another session, which comes `after` nodes that are done again first.
-
-        `relation` is that of the next session to the latest one.
-        """
+        """A record about a node whose next session, in that relation to the latest, waits for nodes done again."""
         ids = self.facts.get_ids(node)
         child = compute_session_id(self.facts.goal, node, len(ids))
         body = {"reason": reason, "child": child, "parent": ids[-1], "relation": relation}

@@ -15,6 +15,7 @@ import msgspec
 from phyagentos.agent.context.of_workspace import find_lessons
 from phyagentos.agent.goals.amendment import describe_node
 from phyagentos.agent.goals.compiler import Revision, SessionCompiler
+from phyagentos.agent.goals.spec import Budget
 from phyagentos.agent.judging.goal_judgement import Evidence, carry_conditions, judge_goal
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.agent.memory.advisor import Advisor
@@ -134,12 +135,9 @@ class GoalController:
         return entries if self.status.is_cancelled else [*entries, self._facts.note(GoalEvent.GOAL_CANCELLED, body)]
 
     def _judge_ended(self) -> list[Entry]:
-        """Verdicts and consequences: of the sessions that succeeded up to the first that did not, or of that one.
-
-        Those whose judgement was interrupted come first, then the others in the order of their end.
-        """
+        """Verdicts and consequences: of the sessions that succeeded up to the first that did not, or of that one."""
         waiting = [self._ledger.sessions[id] for id in self.worklist.iter_unjudged()]
-        waiting.sort(key=lambda status: status.state != SessionState.VERIFYING)
+        waiting.sort(key=lambda status: status.state != SessionState.VERIFYING)  # interrupted judgements come first
         entries: list[Entry] = []
         fresh: dict[str, Mapping[str, Any]] = {}
         for status in waiting[:BATCH]:
@@ -159,10 +157,7 @@ class GoalController:
         return entries
 
     def _judge(self, status: SessionStatus) -> tuple[Bundle, Attempt]:
-        """The judgement of a session, and the evidence that it rests on.
-
-        A session that only looked is judged by the criteria of its subject, on the snapshot of the look.
-        """
+        """The judgement of a session, or of the subject of a look on the snapshot of that, and its evidence."""
         facts, node = self._facts, status.contract.node
         judges_another = is_look(status.contract) and not self._recovery.prepares(status)
         subject = facts.find_subject(status.contract) if judges_another else status
@@ -291,10 +286,10 @@ class GoalController:
     def _keep_to_budget(self, entries: list[Entry]) -> list[Entry]:
         """The records without the sessions beyond the goal's budget; these block their nodes, or wait.
 
-        Each session may take what is left of the simulated time. A first attempt that would have less than its own
-        limit, because others still run, waits for their end; what else would begin beside them shares the rest.
+        Each may take what is left of the simulated time. A first attempt that would have less than its own limit,
+        because others still run, waits for their end; what else would begin beside them shares the rest.
         """
-        if self.graph.spec.budget.is_endless or not any(entry.ev == "submit" for entry in entries):
+        if self.graph.spec.budget == Budget() or not any(entry.ev == "submit" for entry in entries):
             return entries
         left = self._facts.compute_left()
         granted_s = sum(status.contract.execution_s for status in self.iter_live() if status.execution is None)
@@ -304,8 +299,7 @@ class GoalController:
             if entry.ev != "submit":
                 kept.append(entry)
                 continue
-            session = msgspec.convert(entry.body, Session)
-            rest_s = left.sim_time_s - granted_s
+            session, rest_s = msgspec.convert(entry.body, Session), left.sim_time_s - granted_s
             node, id = session.node, f"node:{self.goal}/{session.node}"
             why = left.find_end() or ("" if rest_s > 0.0 else replace(left, sim_time_s=0.0).find_end())
             if not is_alone and session.parent is None and rest_s < session.limits.timeout_s:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
-from phyagentos.agent.goals.dag import GoalDag
 from phyagentos.agent.goals.graph import GoalGraph
+from phyagentos.agent.mission.worklist import GoalDag
 from phyagentos.agent.repair import looking
 from phyagentos.agent.repair.case import Left, compute_left
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState

@@ -52,10 +52,7 @@ class Recovery:
     restores: bool
 
     def follow(self, status: SessionStatus, bundle: Bundle, attempt: Attempt) -> tuple[Attempt, list[Entry]]:
-        """The judgement as it is to be recorded, and the records about its node.
-
-        `attempt` is no success, or that of a session that prepares.
-        """
+        """The judgement, no success or of a session that prepares, as it is recorded, and what follows for the node."""
         node = status.contract.node
         if self.prepares(status):
             return self._follow_preparation(status, bundle, attempt)
@@ -175,9 +172,9 @@ class Recovery:
         return self._submit(node, revision, miss, decision.reasons, restores=restores)
 
     def _plan_anew(self, node: str, miss: Miss, reason: str, *, only_unmet: bool = False) -> list[Entry]:
-        """The end of a node, after the rest of the goal was planned anew at the price of a replan; empty without one.
+        """A plan for the rest of the goal at the price of a replan, and the end of the node; empty without a plan.
 
-        `only_unmet` asks for a plan where the session lacks something of the world.
+        `only_unmet` asks for one where the session lacks something of the world.
         """
         if not self.restores or miss.cause not in _OF_WORLD or miss.world is None or not self.facts.has_replans(node):
             return []

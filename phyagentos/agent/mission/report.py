@@ -1,7 +1,5 @@
 """The report of one goal, as `paos run --json` prints it; all of it can be computed again from the records."""
 
-from collections.abc import Sequence
-
 import msgspec
 
 from phyagentos.agent.mission.goal_facts import is_forecast_refusal
@@ -85,6 +83,9 @@ def build_report(goal: GoalStatus, ledger: Ledger, wall_s: float) -> MissionRepo
     for status in sessions:
         if not is_forecast_refusal(status):  # which moved nothing and was revised
             firsts.setdefault(status.contract.node, status)
+    succeeded = {name for name, status in firsts.items() if status.state == SessionState.SUCCEEDED}
+    refused = ({each.code for each in s.problems} for s in firsts.values() if s.state == SessionState.REJECTED)
+    has_begun = any(status.execution is not None for status in sessions)
     return MissionReport(
         goal=goal.id,
         graph=goal.graph,
@@ -94,21 +95,11 @@ def build_report(goal: GoalStatus, ledger: Ledger, wall_s: float) -> MissionRepo
         criteria=goal.criteria,
         nodes={name: node.state.value for name, node in goal.nodes.items()},
         sessions=tuple(report_session(status) for status in sessions),
-        first_attempt_success={
-            name: name in firsts and firsts[name].state == SessionState.SUCCEEDED for name in goal.nodes
-        },
+        first_attempt_success={name: name in succeeded for name in goal.nodes},
         replans=goal.replans,
-        was_rejected=any(_was_refused(status, sessions) for status in firsts.values()),
+        was_rejected=any(not (has_begun and codes and codes <= _FOUND) for codes in refused),
         wall_s=wall_s,
     )
-
-
-def _was_refused(status: SessionStatus, sessions: Sequence[SessionStatus]) -> bool:
-    if status.state != SessionState.REJECTED:
-        return False
-    codes = {problem.code for problem in status.problems}
-    has_begun = any(other.execution is not None for other in sessions)
-    return not (has_begun and codes and codes <= _FOUND)
 
 
 def report_session(status: SessionStatus) -> SessionReport:

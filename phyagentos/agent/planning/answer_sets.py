@@ -13,7 +13,6 @@ from typing_extensions import override
 
 from phyagentos.agent.planning.problem import (
     Fact,
-    NotFound,
     Operator,
     Plan,
     Planner,
@@ -31,7 +30,7 @@ class AnswerSetPlanner(Planner):
     """Fewest rounds first, then least cost."""
 
     @override
-    def solve(self, problem: PlanningProblem) -> Plan | ProvenUnsolvable | NotFound:
+    def solve(self, problem: PlanningProblem) -> Plan | ProvenUnsolvable | None:
         operators, unreachable = _reach(problem)
         if unreachable:
             return ProvenUnsolvable(unreachable)
@@ -40,12 +39,12 @@ class AnswerSetPlanner(Planner):
         for rounds in range(ROUNDS_MAX + 1):
             found = paths.find(rounds, CONFLICTS_MAX)
             if found is None:
-                return NotFound(rounds)
+                return None
             if found:
                 return _read_plan(found, operators, problem, rounds)
             if rounds <= ROUNDS_PROOF and proof.find(rounds, CONFLICTS_PROOF) == []:
                 return ProvenUnsolvable()
-        return NotFound(ROUNDS_MAX + 1)
+        return None
 
 
 class _Search:

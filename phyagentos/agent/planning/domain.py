@@ -30,13 +30,7 @@ Tried = tuple[str, str, Mapping[str, Any]]  # skill, target and parameters of a 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Domain:
-    """A planning problem, and what it was made of.
-
-    Attributes:
-        roles: Role -> target.
-        operators: All that were considered.
-        state: Every fact, and whether it is true at the start.
-    """
+    """A planning problem, the target of each role, all operators that were considered, and the state of all facts."""
 
     problem: PlanningProblem
     roles: Mapping[str, str]
@@ -94,14 +88,9 @@ def build_domain(
     everywhere: bool = False,
     without: Collection[Tried] = (),
 ) -> Domain:
-    """The problem of a goal in a world.
+    """The problem of a goal in a world, `without` sessions that no plan may have.
 
-    Args:
-        wanted: The goal.
-        catalogue: Skills and targets.
-        world: The present snapshot.
-        without: Sessions that no plan may have.
-        everywhere: Whether things may go to every place of the world, rather than to those of the goal and free spots.
+    Things may go `everywhere`, or only to places of the goal and free spots.
 
     Raises:
         DefinitionError: A predicate that cannot be planned for, or `UNKNOWN_TARGET`.
@@ -109,7 +98,7 @@ def build_domain(
     roles = _resolve_targets(wanted, catalogue)
     targets = {name: catalogue.targets[name] for name in dict.fromkeys(roles.values())}
     things = list_carried(world)
-    stages, invariants = _read_goal(wanted, things, roles)
+    stages, invariants = _read_goal(wanted, things, roles, lambda path: ".".join(map(str, path)))
     texts = (*chain(*wanted.steps), *wanted.accept, *wanted.constraints)
     calls = [call for text in texts for call in iter_calls(parse_predicate(text).rename_targets(roles).formula)]
     relations = (relation for each in world.entities.values() for relation in find_places(each, world))
@@ -164,12 +153,8 @@ def _resolve_targets(wanted: WantedGoal, catalogue: Catalogue) -> dict[str, str]
     return {role: best if name == ANY else name for role, name in roles.items()}
 
 
-def _join(path: Address) -> str:
-    return ".".join(map(str, path))
-
-
 def _read_goal(
-    wanted: WantedGoal, things: Sequence[str], roles: Mapping[str, str], locate: Callable[[Address], str] = _join
+    wanted: WantedGoal, things: Sequence[str], roles: Mapping[str, str], locate: Callable[[Address], str]
 ) -> tuple[list[tuple[Condition, ...]], tuple[Condition, ...]]:
     """Conditions of each step and of the end, and invariants that a plan keeps; numbers are sampled when it runs."""
     parts: list[tuple[Address, Sequence[str]]] = [(("steps", index), step) for index, step in enumerate(wanted.steps)]

@@ -48,12 +48,9 @@ _SUPPORT = "support"  # the parameter that says what a thing stands on afterward
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scope:
-    """What arguments may be.
+    """What arguments may be: things that can be carried, places and spots where they may go, targets of the goal.
 
     Attributes:
-        things: Those that can be carried.
-        places: Those where things may go, regions too.
-        spots: Points where things may go.
         wanted: Calls of the goal and its constraints; numbers and postures come from them.
         present: Calls that say where things are now.
         lids: Place -> what has to be open before it is reached.
@@ -88,14 +85,10 @@ def list_operators(skills: Mapping[str, SkillRuntime], scope: Scope) -> list[Ope
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Draft:
-    """A skill with its arguments, as it is declared; its methods say what follows from the world beside that.
+    """A skill with its arguments, as it is declared; methods say what follows from calls `known` of a thing or target.
 
-    Methods take the calls that name a thing or target.
-
-    Attributes:
-        moved: The thing that it takes or puts somewhere; empty without one.
-        place: Where that goes; empty where it stays in a hand.
-        rank: Of skills that are equal otherwise the first by name.
+    It takes or puts the thing that is `moved`, if any, to a `place`, or keeps it in a hand. Of skills that are equal
+    otherwise the one of least `rank` is preferred.
     """
 
     scope: Scope
@@ -224,12 +217,13 @@ def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> I
         relations = {call.name for call, value in literals if value}
         for values in product(*choices.values()):
             spot = next((value for value in values if isinstance(value, Spot)), None)
-            given = {k: v.value if isinstance(v, Spot) else v for k, v in zip(choices, values, strict=True)}
+            written = ([round(x, 4) for x in v.point_m] if isinstance(v, Spot) else v for v in values)
+            given = dict(zip(choices, written, strict=True))
             given |= {k: c for k, p in skill.parameters.items() for c in p.choices if chosen and c in relations}
-            given |= _find_support(skill, str(given.get(moved, "")), spot, given, scope)
+            thing = str(given.get(moved, ""))
+            given |= _find_support(skill, thing, spot, given, scope)
             effects = tuple(_iter_bound(literals, given, target, scope))
             if effects and _is_whole(skill, given, scope.world) and len(dict(effects)) == len(set(effects)):
-                thing = str(given.get(moved, ""))
                 yield _Draft(
                     scope=scope,
                     skill=skill,

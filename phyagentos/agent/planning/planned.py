@@ -4,7 +4,7 @@ Upstream: an author, or an understander of requests. Downstream: the file that a
 """
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import chain
@@ -14,7 +14,7 @@ import yaml
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import draw_flowchart
-from phyagentos.agent.goals.selector import find_lacks
+from phyagentos.agent.goals.selector import find_lacks, find_predicates
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.planning.answer_sets import AnswerSetPlanner
 from phyagentos.agent.planning.domain import Domain, Tried, build_domain
@@ -29,8 +29,6 @@ from phyagentos.agent.planning.problem import (
     order_steps,
 )
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
-from phyagentos.protocol.world.predicates.syntax import iter_calls
 
 
 class Lack(StrEnum):
@@ -56,12 +54,7 @@ class Lack(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """One thing that a goal lacks.
-
-    Attributes:
-        subject: The predicate that cannot come true; empty where it is the goal as a whole.
-        names: Skills, capabilities, predicates or places that matter, by `lack`.
-    """
+    """One thing that a goal lacks, or one predicate of it; `names` are skills, predicates or places, by `lack`."""
 
     lack: Lack
     subject: Fact = ""
@@ -94,13 +87,7 @@ class Unsolvable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One session of a plan.
-
-    Attributes:
-        after: Steps that come before it, directly.
-        accept: Predicates of the goal that it brings about, as authored.
-        reasons: Why it is there, and what it needs.
-    """
+    """One session of a plan, `after` those directly before it; it accepts what it brings about of the goal."""
 
     name: str
     skill: str
@@ -127,14 +114,7 @@ def plan_goal(
     planner: Planner | None = None,
     without: Collection[Tried] = (),
 ) -> PlannedGoal | Unsolvable:
-    """Plan a goal from a world as it is.
-
-    Args:
-        wanted: What must come true.
-        catalogue: Skills and targets.
-        world: The present snapshot, or the start of a scene.
-        planner: Without one, the one that ships.
-        without: Sessions that were tried in vain.
+    """Plan a goal from a snapshot, or the start of a scene, `without` sessions that were tried in vain.
 
     Raises:
         DefinitionError: A predicate cannot be parsed or planned for, or a target is unknown.
@@ -152,11 +132,7 @@ def plan_goal(
 
 
 def write_graph(planned: PlannedGoal) -> str:
-    """The goal graph as an author would have written it, with the reasons above each node.
-
-    Raises:
-        ValueError: The plan has no steps.
-    """
+    """The goal graph as an author would have written it, with the reasons above each node; there must be steps."""
     if not planned.steps:
         raise ValueError("a goal that is met already needs no goal graph")
     wanted = planned.wanted
@@ -253,8 +229,8 @@ def _explain_fact(fact: Fact, domain: Domain, catalogue: Catalogue) -> Missing:
         needs = dict.fromkeys(literal for each in makers for literal in each.requires.items())
         unreachable = tuple(_render(*literal) for literal in needs if literal not in made)
         return Missing(Lack.PRECONDITION, _render(fact, value), unreachable)
-    wanted = _find_predicates([fact])
-    skills = [skill for skill in catalogue.skills.values() if wanted <= _find_predicates(skill.guarantees)]
+    wanted = find_predicates([fact])
+    skills = [skill for skill in catalogue.skills.values() if wanted <= find_predicates(skill.guarantees)]
     if not skills:
         return Missing(Lack.PREDICATE, fact)
     profiles = [catalogue.targets[name] for name in domain.roles.values()]
@@ -263,10 +239,6 @@ def _explain_fact(fact: Fact, domain: Domain, catalogue: Catalogue) -> Missing:
     if least:
         return Missing(Lack.CAPABILITY, fact, tuple(f"{target} lacks {lack} for {skill}" for lack in least))
     return Missing(Lack.ARGUMENT, fact, tuple(sorted(skill.skill for skill in skills)))
-
-
-def _find_predicates(texts: Iterable[str]) -> set[str]:
-    return {call.name for text in texts for call in iter_calls(parse_predicate(text, template=True).formula)}
 
 
 def _iter_overfull(plan: Plan, problem: PlanningProblem) -> Iterator[str]:

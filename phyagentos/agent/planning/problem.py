@@ -21,13 +21,9 @@ Literal = tuple[Fact, bool]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Operator:
-    """One skill with its arguments, as it changes facts.
+    """One skill with its arguments: which facts must be true or false before, and which are afterwards; others stay.
 
-    Attributes:
-        requires: Fact -> whether it must be true, or false, before.
-        changes: Fact -> whether it is true afterwards; all others stay.
-        cost: Plans with the least sum are preferred; at least 1.
-        reason: What its skill promises, for people.
+    Plans with the least sum of costs are preferred; each is at least 1.
     """
 
     name: str
@@ -98,18 +94,11 @@ class ProvenUnsolvable:
     unreachable: tuple[Fact, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class NotFound:
-    """The limits of the engine were met first; no plan has fewer rounds (`steps`) of independent operators."""
-
-    steps: int
-
-
 class Planner(Protocol):
     """Solves problems; the same problem has the same answer."""
 
-    def solve(self, problem: PlanningProblem) -> Plan | ProvenUnsolvable | NotFound:
-        """A plan, a proof that there is none, or neither within the engine's limits."""
+    def solve(self, problem: PlanningProblem) -> Plan | ProvenUnsolvable | None:
+        """A plan, a proof that there is none, or None: neither within the engine's limits."""
         ...
 
 
@@ -161,10 +150,7 @@ def find_causal_links(problem: PlanningProblem, plan: Plan) -> tuple[CausalLink,
 
 
 def order_steps(problem: PlanningProblem, plan: Plan) -> "nx.DiGraph[int]":
-    """The steps of a plan by their index; every order that the graph allows reaches the goal.
-
-    The stages of a goal stay apart: all that comes before one is reached is done before all that comes after.
-    """
+    """The steps of a plan by their index; every order that the graph allows reaches the goal, stage by stage."""
     dag: nx.DiGraph[int] = nx.DiGraph()
     count = len(plan.operators)
     dag.add_nodes_from(range(count))

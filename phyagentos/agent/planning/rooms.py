@@ -33,16 +33,10 @@ class Spot:
     support: str
     blockers: tuple[str, ...] = ()
 
-    @property
-    def value(self) -> list[float]:
-        """As an argument of a skill."""
-        return [round(value, 4) for value in self.point_m]
-
 
 def list_carried(world: Environment) -> list[str]:
     """Things that a hand can take somewhere: they move freely, and are no part of another."""
-    names = world.list_movable()
-    known = {name: world.entities.get(name) for name in names}
+    known = {name: world.entities.get(name) for name in world.list_movable()}
     return [name for name, each in known.items() if each is None or (each.mechanism is None and not each.part_of)]
 
 
