@@ -20,7 +20,7 @@ VIEW    := build/view
 AXE     := axe-core-4.14.1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup pictures demo test test-extras check static format schemas wheel clean
+.PHONY: help setup pictures demo test test-extras check static format schemas site wheel clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 13
@@ -61,7 +61,7 @@ test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed $(VIEW)/
 	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS),--$(each)-python=build/$(each)/bin/python)
 	@$(DRIVERS)/bin/pytest -q -m device
 	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py tests/examples/test_trained_policy.py
-	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_bt_cpp.py tests/extras/test_rerun.py
+	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_bt_cpp.py tests/extras/test_rerun.py tests/extras/test_site.py
 	@$(VIEW)/bin/pytest -q -m extras --peers-python=build/peers/bin/python --axe $(VIEW)/$(AXE).tgz $(wildcard tests/extras/test_view*.py)
 
 $(VIEW)/.installed: pyproject.toml
@@ -73,8 +73,8 @@ $(VIEW)/.installed: pyproject.toml
 
 $(DRIVERS)/.installed: pyproject.toml
 	@test -x $(DRIVERS)/bin/python || $(PYTHON) -m venv $(DRIVERS)
-	@echo "test-extras: installing phyagentos, the drivers of real robots, ONNX, Ray, MCP, Rerun and BehaviorTree.CPP into $(DRIVERS) (a few minutes)"
-	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101,piper,go2,onnx,ray,mcp,rerun]' onnx behaviortreepy
+	@echo "test-extras: installing phyagentos, the drivers of real robots, ONNX, Ray, MCP, Rerun, BehaviorTree.CPP and the site into $(DRIVERS) (a few minutes)"
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101,piper,go2,onnx,ray,mcp,rerun,site]' onnx behaviortreepy
 	@touch $@
 
 build/%/.installed: pyproject.toml | $(STAMP)
@@ -102,6 +102,10 @@ format: $(STAMP)  ## let ruff rewrite what it can
 
 schemas: $(STAMP)  ## write JSON Schemas, pristine documents and the generated pages of docs again
 	@$(BIN)/python tools/write_reference.py
+
+site: $(STAMP) build/site/.installed  ## build the site from docs/ into build/html, every link checked
+	@NO_MKDOCS_2_WARNING=1 build/site/bin/mkdocs build --strict --quiet
+	@echo "site: build/html/index.html"
 
 wheel: $(STAMP)  ## build dist/*.whl
 	@$(BIN)/python -m build --wheel --no-isolation --outdir dist . > /dev/null

@@ -29,8 +29,8 @@ from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, Understanding, Understood
 from phyagentos.agent.understanding.vocabulary import Vocabulary
+from phyagentos.assembly.project import open_library
 from phyagentos.bench.report import Ask
-from phyagentos.cli.arguments import open_library
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 
 REQUESTS = Path(__file__).parent.parent / "tests" / "requests"

@@ -131,6 +131,7 @@ UNKNOWN_FOLDER    No folder of this name.
 UNKNOWN_GOAL      The workspace knows no goal of this name.
 UNKNOWN_REQUEST   No request of this kind can be dropped into the inbox.
 UNKNOWN_SCHEMA    No schema of this name.
+UNKNOWN_SESSION   The workspace knows no session of this name, or several.
 UNTRUSTED_PYTHON  A workspace holds Python that is not known from here.
 WATCHED_ALREADY   Another watchdog supervises the workspace.
 WOULD_OVERWRITE   A file stands where one was to be written.
@@ -386,6 +387,7 @@ NO_GRAPHICS             This machine cannot draw; sensors.yaml may have `backend
 NO_STATE                Frames came before any state of the target.
 NO_SCENE                The target was asked before an episode began.
 OUT_OF_SEQUENCE         A command's number does not follow the one before.
+PLANE_ENDED             The agent or the runtime ended before the verdict.
 PLANNER_LOST            The planner process died or broke its protocol.
 PROTOCOL_BROKEN         The target answered something that was not asked.
 RUNNER_LOST             The worker died.

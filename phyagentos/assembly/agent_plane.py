@@ -18,8 +18,9 @@ from phyagentos.agent.mission.mission import Mission
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.assembly.memory_choice import ChosenMemory, choose_memory
-from phyagentos.assembly.paths import find_project, open_project
+from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.process_tuning import collect_rarely
+from phyagentos.assembly.project import find_project
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side

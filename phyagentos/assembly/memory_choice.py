@@ -5,7 +5,7 @@ from pathlib import Path
 
 import yaml
 
-from phyagentos.assembly.paths import find_project
+from phyagentos.assembly.project import find_project
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.settings.runtime_contract import read_runtime_contract

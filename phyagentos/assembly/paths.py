@@ -15,7 +15,6 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.process_lock import RUNTIME_LOCK, WATCHDOG_LOCK, become_sole, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
 
-FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol")  # any makes a project
 FAULTS = Path(".world") / "faults.yaml"  # read by the world process only
 OUTCOMES = Path(".world") / "outcomes.jsonl"  # what environments say of success, for who measures; no agent reads it
 TOKENS = Path(".world") / "tokens"  # one file a remote target, which only its owner may read
@@ -42,13 +41,6 @@ def serve_alone(workspace: Workspace, clock: Clock) -> Iterator[None]:
         yield
     finally:
         os.close(lock)
-
-
-def find_project(path: Path) -> Path:
-    """The project folder of a file; its own folder when none is recognised."""
-    resolved = path.resolve()
-    own = resolved if resolved.is_dir() else resolved.parent
-    return next((parent.parent for parent in resolved.parents if parent.name in FOLDERS), own)
 
 
 def choose_folder(parent: Path, name: str) -> Path:

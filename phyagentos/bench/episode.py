@@ -25,9 +25,10 @@ import yaml
 
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.assembly import agent_plane
-from phyagentos.assembly.paths import choose_folder, find_project, open_project
+from phyagentos.assembly.paths import choose_folder, open_project
 from phyagentos.assembly.planes import STOP_S
 from phyagentos.assembly.process_tuning import end_with
+from phyagentos.assembly.project import find_project
 from phyagentos.bench.plug_ins import FAULTS, draw, load_repair
 from phyagentos.bench.records import Axes, EpisodeRecord, Order, SessionRecord
 from phyagentos.bench.scoring import Taxon, record_sessions, score

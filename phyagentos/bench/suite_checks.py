@@ -9,7 +9,7 @@ from typing import Any
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
-from phyagentos.assembly.paths import find_project
+from phyagentos.assembly.project import find_project
 from phyagentos.bench.episode import change, make_overrides
 from phyagentos.bench.plug_ins import draw, load_repair, load_scorer
 from phyagentos.bench.records import BY_NAME, Order

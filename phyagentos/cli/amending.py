@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from phyagentos.cli.arguments import AsJson, Overrides, choose_newest, get_file, parse_overrides
+from phyagentos.assembly.project import get_file, parse_overrides
+from phyagentos.cli.arguments import AsJson, Overrides, choose_newest
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError

@@ -14,7 +14,8 @@ import typer
 
 from phyagentos.agent.tools.proposals import ApprovalPolicy, Proposals, Proposed, iter_objections, restrict
 from phyagentos.assembly.approved_goals import carry_out, compile_proposed
-from phyagentos.cli.arguments import TrustPython, admit_python
+from phyagentos.assembly.project import admit_python
+from phyagentos.cli.arguments import TrustPython
 from phyagentos.cli.explaining import Space
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 from phyagentos.clock import SystemClock
@@ -44,7 +45,7 @@ def approve(
     if not name and policy is None:
         print_result("\n".join(_list(proposals)) or "no proposal waits")
         return ExitCode.GOAL_MET
-    admit_python(workspace, is_trusted=trust_python)
+    admit_python(workspace, is_trusted=trust_python, announce=print_note)
     if policy is not None:
         return _approve_by_policy(place, proposals, policy, once_idle=once_idle)
     proposed = proposals.read(name)

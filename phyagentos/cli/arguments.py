@@ -1,23 +1,15 @@
-"""What arguments mean: files and names in the library that a command uses, workspaces, parameters and roles of `--set`.
+"""Options that several commands share, and the workspaces that they mean; for names of files see `assembly.project`."""
 
-A project is a folder with any of goal_graphs/, trees/, skills/, scenes/, robots/, faults/. The folder of the given file
-comes first, then the working directory, then installed libraries and what ships.
-"""
-
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from phyagentos.assembly.paths import find_project
-from phyagentos.cli.outcome import Exit, ExitCode, print_note
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
-from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.workspace.foreign_python import find_foreign_python
+from phyagentos.cli.outcome import print_note
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
-from phyagentos.protocol.workspace.workspace import MARKER, Workspace
+from phyagentos.protocol.workspace.workspace import MARKER
 
 _SET_HELP = "A parameter, NAME=VALUE, or a role, targets.ROLE=NAME. Repeatable."
 _RUN_HELP = "Execute the behaviours.py of skills, which is not done unasked."
@@ -26,56 +18,6 @@ Overrides = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE
 AsJson = Annotated[bool, typer.Option("--json", help="As JSON on stdout.")]
 RunPython = Annotated[bool, typer.Option("--run-python", help=_RUN_HELP)]
 TrustPython = Annotated[bool, typer.Option("--trust-python", help=_TRUST_HELP)]
-PREFIX = "targets."
-
-
-def open_library(*paths: Path) -> Library:
-    """The library as seen from the projects of these files, and from here."""
-    return Library.open(*(find_project(path) for path in paths), Path.cwd())
-
-
-def get_file(argument: Path, folder: str) -> Path:
-    """The file that an argument means: a path, or a name or path inside the libraries' `folder` (`tidy_table`)."""
-    if argument.is_file():
-        return argument
-    roots = open_library().roots
-    for root in roots:
-        for candidate in (root / argument, root / folder / argument, root / folder / f"{argument}.yaml"):
-            if candidate.is_file():
-                return candidate
-    known = sorted({path.stem for root in roots for path in (root / folder).glob("*.yaml")})
-    expected = f"a path, or one of: {format_names(known)}"
-    raise DefinitionError.of("UNKNOWN_FILE", str(argument), "no such file", expected, format_hint(argument.stem, known))
-
-
-def get_settings(name: str, library: Library, workspace: Path | None) -> Path | None:
-    """A settings file of a workspace that is there already, else the one that a new workspace gets."""
-    folders = (*([workspace] if workspace is not None else []), *(root / "protocol" for root in library.roots))
-    return next((folder / name for folder in folders if (folder / name).is_file()), None)
-
-
-def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
-    """`["cube=red", "targets.arm=ur5e"]` as `{"parameters.cube.default": "red", "targets.arm": "ur5e"}`, or Exit."""
-    pairs = [text.partition("=") for text in texts or ()]
-    wrong = [key for key, _, value in pairs if "." in key.removeprefix(PREFIX) or not key or not value]
-    if wrong:
-        raise Exit(ExitCode.INVALID_INPUT, f"--set {wrong[0]}: expected PARAMETER=VALUE or {PREFIX}ROLE=NAME")
-    return {key if key.startswith(PREFIX) else f"parameters.{key}.default": value for key, _, value in pairs}
-
-
-def admit_python(root: Path, *sources: Path, is_trusted: bool) -> None:
-    """Name the Python of an existing workspace that neither the projects of `sources` nor the working folder hold.
-
-    Raises DefinitionError `UNTRUSTED_PYTHON` unless it `is_trusted`; `LEADS_OUT`.
-    """
-    found = find_foreign_python(Workspace.open(root), open_library(*sources)) if (root / MARKER).is_file() else ()
-    if found and not is_trusted:
-        expected = "a skill as in this project, in an installed package or as shipped"
-        hint = "Read it; --trust-python lets it run."
-        asked = [Problem("UNTRUSTED_PYTHON", str(path), "other Python", expected, hint) for path in found]
-        raise DefinitionError(asked)
-    for path in found:
-        print_note(f"trusted Python: {path}")
 
 
 def find_workspaces() -> list[Path]:

@@ -28,9 +28,10 @@ from phyagentos.agent.understanding.understanding import (
     Understood,
 )
 from phyagentos.agent.understanding.vocabulary import Vocabulary, find_robot
+from phyagentos.assembly.project import open_library
 from phyagentos.assembly.scene_start import draw_start
 from phyagentos.cli import mission_run
-from phyagentos.cli.arguments import AsJson, TrustPython, open_library
+from phyagentos.cli.arguments import AsJson, TrustPython
 from phyagentos.cli.lint import lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
 from phyagentos.cli.planning import print_missing, print_plan

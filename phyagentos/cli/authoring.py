@@ -9,7 +9,8 @@ import typer
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph, render_mermaid
-from phyagentos.cli.arguments import AsJson, Overrides, RunPython, get_file, open_library, parse_overrides
+from phyagentos.assembly.project import get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import AsJson, Overrides, RunPython
 from phyagentos.cli.lint import find_warnings, lint_paths
 from phyagentos.cli.outcome import ExitCode, print_found, print_json, print_note, print_problems, print_result
 from phyagentos.protocol.documents.durable_files import require_empty

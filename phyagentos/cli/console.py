@@ -5,10 +5,7 @@ been decided; elsewhere plain lines, one per change.
 """
 
 import sys
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from itertools import chain
-from pathlib import Path
+from collections.abc import Iterable
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.live import Live
@@ -17,16 +14,11 @@ from rich.table import Table
 from rich.text import Text
 from typing_extensions import override
 
-from phyagentos.clock import compute_seconds
+from phyagentos.assembly.progress import Row, RunFold
 from phyagentos.protocol.documents.plain_text import clean
-from phyagentos.protocol.sessions.heartbeats import Heartbeat, read_heartbeats
-from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
-from phyagentos.protocol.sessions.session import Ended, GoalId, SessionStatus
-from phyagentos.protocol.sessions.tasks import GoalStatus
+from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.store.ledger import Ledger
-from phyagentos.store.records import Record
 
 _STYLES = {  # of states and verdicts
     "green": ("succeeded", "done", "success"),
@@ -36,114 +28,7 @@ _STYLES = {  # of states and verdicts
     "bold cyan": ("running",),
     "dim": ("waiting",),
 }
-MARKS = {Truth.TRUE: ("✓", "green"), Truth.FALSE: ("✗", "red"), Truth.UNKNOWN: ("?", "yellow")}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
-    """One session, or one node that has none yet.
-
-    Attributes:
-        depth: How many nodes come before it on the longest way from the start.
-        reason: Why it has no session, when it is over.
-        beat: The heartbeat of the worker that runs it now.
-        wall_s: From its claim to its latest record, by the wall clock [s]; the wait for the target is not in it.
-    """
-
-    node: str
-    depth: int
-    after: tuple[str, ...] = ()
-    node_state: str
-    reason: str = ""
-    session: SessionStatus | None = None
-    beat: Heartbeat | None = None
-    wall_s: float = 0.0
-
-    @property
-    def name(self) -> str:
-        """The session's id without the goal, else the node's name."""
-        return self.session.contract.id.split(".", 1)[-1] if self.session is not None else self.node
-
-    @property
-    def state(self) -> str:
-        """State of the session, else of the node."""
-        return self.session.state if self.session is not None else self.node_state
-
-    @property
-    def is_final(self) -> bool:
-        """Whether its session has come to its end."""
-        return self.session is not None and self.session.state in FINAL_STATES
-
-    @property
-    def verdict(self) -> str:
-        """The judgement that decided, empty before."""
-        decision = self.session.decision if self.session is not None else None
-        return decision.verdict.value if decision is not None else ""
-
-    @property
-    def sim_time_s(self) -> float:
-        """Simulated time of the execution [s], 0 before its end."""
-        execution = self.session.execution if self.session is not None else None
-        return execution.sim_time_s if execution is not None else 0.0
-
-
-class RunFold:
-    """One goal so far, whatever else runs beside it; `apply` records as they come, then read its rows."""
-
-    def __init__(self, heartbeats: Path, goal: GoalId, ledger: Ledger) -> None:
-        self.ledger, self._goal = ledger, goal
-        ledger.keep_goal(goal)
-        self._heartbeats = heartbeats
-        self._first_at: dict[str, str] = {}
-        self._last_at: dict[str, str] = {}
-
-    def apply(self, records: Iterable[Record]) -> bool:
-        """Take in new records; whether there were any."""
-        before = self.ledger.seq
-        for record in records:
-            self.ledger.apply(record)
-            if record.ev == "claim" or record.id not in self._first_at:
-                self._first_at[record.id] = record.at
-            self._last_at[record.id] = record.at
-        return self.ledger.seq > before
-
-    @property
-    def goal(self) -> GoalStatus | None:
-        """The goal; None until it is submitted."""
-        return self.ledger.goals.get(self._goal)
-
-    def rows(self) -> list[Row]:
-        """Every node of the goal in topological order, each with its sessions, parents before children."""
-        goal = self.goal
-        if goal is None:
-            return []
-        after = {name: (*node.after, *chain(*node.on_failure)) for name, node in goal.nodes.items()}
-        depths = {name: compute_depth(name, after) for name in after}
-        beats = {beat.session: beat for beat in read_heartbeats(self._heartbeats).values()}
-        names = sorted(depths, key=lambda name: depths[name])
-        return [row for name in names for row in self._rows_of(goal, name, depths[name], beats)]
-
-    def _rows_of(self, goal: GoalStatus, name: str, depth: int, beats: Mapping[str, Heartbeat]) -> list[Row]:
-        node = goal.nodes[name]
-        if not node.sessions:
-            return [Row(node=name, depth=depth, after=node.after, node_state=node.state.value, reason=node.reason)]
-        return [
-            Row(
-                node=name,
-                depth=depth,
-                after=node.after,
-                node_state=node.state.value,
-                session=self.ledger.sessions[id],
-                beat=beats.get(id) if self.ledger.sessions[id].state not in FINAL_STATES else None,
-                wall_s=compute_seconds(self._first_at[id], self._last_at[id]) if id in self._first_at else 0.0,
-            )
-            for id in node.sessions
-        ]
-
-
-def compute_depth(node: str, after: Mapping[str, tuple[str, ...]]) -> int:
-    """Length of the longest way from a node without predecessors; the compiler has refused cycles."""
-    return max((1 + compute_depth(before, after) for before in after.get(node, ())), default=0)
+COLOURS = {Truth.TRUE: "green", Truth.FALSE: "red", Truth.UNKNOWN: "yellow"}
 
 
 class CleanConsole(Console):
@@ -168,8 +53,6 @@ class RunConsole:
         self._notes: set[str] = set()
 
     def __enter__(self) -> "RunConsole":
-        if self._live is not None:
-            self._live.start()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -182,6 +65,7 @@ class RunConsole:
         for row in rows:
             self._print_change(row)
         if self._live is not None:
+            self._live.start()  # with the first picture: until then notes go to the terminal as they are
             self._live.update(build_progress_table(self._title, rows), refresh=True)
 
     def print_line(self, text: str, style: str = "") -> None:
@@ -273,10 +157,5 @@ def describe(row: Row) -> str:
 
 def build_criterion_line(criterion: Criterion) -> Text:
     """One judged criterion with the numbers that decided it."""
-    mark, style = MARKS[criterion.truth]
-    numbers = ", ".join(
-        f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}"
-        for name, value in criterion.measured.items()
-    )
-    because = criterion.because or numbers
-    return Text.assemble("    ", (mark, style), f" {criterion.text}", (f"  {because}" if because else "", "dim"))
+    mark = (criterion.truth.mark, COLOURS[criterion.truth])
+    return Text.assemble("    ", mark, f" {criterion.text}", (f"  {criterion.sentence}".rstrip(), "dim"))

@@ -10,7 +10,8 @@ from typing import Annotated, Any
 import msgspec
 import typer
 
-from phyagentos.cli.arguments import AsJson, open_library
+from phyagentos.assembly.project import open_library
+from phyagentos.cli.arguments import AsJson
 from phyagentos.cli.outcome import print_found
 from phyagentos.cli.schemas import build_schema, iter_structures, list_fields
 from phyagentos.errors import DefinitionError

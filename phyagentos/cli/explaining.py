@@ -1,19 +1,18 @@
 """Commands about sessions and goals that ran: `why`, `graph`, `context`, `rerun`."""
 
-from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from msgspec.structs import asdict
 
-from phyagentos.cli.arguments import AsJson, TrustPython, admit_python, choose_newest
+from phyagentos.assembly.project import admit_python
+from phyagentos.cli.arguments import AsJson, TrustPython, choose_newest
 from phyagentos.cli.history import read_ledger
-from phyagentos.cli.outcome import Exit, ExitCode, print_found, print_note, print_result
-from phyagentos.errors import DefinitionError, format_hint, format_names
-from phyagentos.protocol.sessions.session import GoalId, SessionId
-from phyagentos.protocol.sessions.tasks import GoalStatus, Relation, iter_edges, iter_steps
+from phyagentos.cli.outcome import ExitCode, print_found, print_note, print_result
+from phyagentos.protocol.sessions.tasks import Relation, iter_edges, iter_steps
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.subjects import get_goal, get_session
 
 _SHORT = "The part after the goal is enough."
 Id = Annotated[str, typer.Argument(metavar="SESSION", help=f"A session id. {_SHORT}")]
@@ -24,33 +23,10 @@ Subject = Annotated[str, typer.Argument(metavar="SESSION|NODE|GOAL", help=f"The 
 
 def why(workspace: Space, subject: Subject = "", as_json: AsJson = False) -> None:
     """Explain a verdict: the layer, the leaf and the number that decided it; of a goal or node, the first cause."""
-    found, lines = explain(workspace, subject)
+    from phyagentos.assembly.explanation import explain_subject
+
+    found, lines = explain_subject(Workspace.open(workspace), read_ledger(workspace, subject), subject)
     print_found({"found": found, "explanation": lines.splitlines()}, lines, as_json=as_json)
-
-
-def explain(workspace: Path, subject: str) -> tuple[object, str]:
-    """The goal, node or session that is called so, the latest goal without a name; and why it stands as it does."""
-    from phyagentos.cli.why import explain_goal, explain_node, explain_session
-
-    ledger, place = read_ledger(workspace, subject), Workspace.open(workspace)
-    latest = dict(list(ledger.goals.items())[-1:])
-    goal = ledger.goals.get(GoalId(subject)) if subject else _get_goal("", workspace, latest)
-    holder, name = find_node(subject, ledger.goals)
-    if goal is not None:
-        return goal, explain_goal(place, ledger, goal)
-    if holder is not None and not holder.nodes[name].sessions:
-        return holder.nodes[name], explain_node(place, ledger, holder, name)
-    id = get_session(subject, ledger.sessions)
-    return ledger.sessions[id], explain_session(place, ledger, id)
-
-
-def find_node(text: str, goals: Mapping[GoalId, GoalStatus]) -> tuple[GoalStatus | None, str]:
-    """The latest goal with a node that is called so, `blue` or `tidy-7.blue`, and its name there."""
-    for goal in reversed(list(goals.values())):
-        name = text.removeprefix(f"{goal.id}.")
-        if name in goal.nodes:
-            return goal, name
-    return None, text
 
 
 def show_graph(
@@ -62,7 +38,7 @@ def show_graph(
     """Show a goal's graph as it stands: every attempt at a node, and what comes before it."""
     from phyagentos.store.views.tasks import render_graph
 
-    status = _get_goal(goal, workspace, read_ledger(workspace).goals)
+    status = get_goal(goal, str(workspace), read_ledger(workspace).goals)
     steps, edges = list(iter_steps(status)), list(iter_edges(status))
     if mermaid:
         print_result(render_graph(status))
@@ -78,17 +54,6 @@ def show_graph(
     print_found(facts, "\n".join(lines), as_json=as_json)
 
 
-def _get_goal(text: str, workspace: Path, known: Mapping[GoalId, GoalStatus]) -> GoalStatus:
-    """The goal that is called so, or the only one."""
-    if (goal := known.get(GoalId(text)) if text else None) is not None:
-        return goal
-    if not text and len(known) == 1:
-        return next(iter(known.values()))
-    found = repr(text) if text else f"{len(known)} goals"
-    expected = format_names(known) if known else "a goal that was submitted there"
-    raise DefinitionError.of("UNKNOWN_GOAL", str(workspace), found, expected, format_hint(text, known))
-
-
 def show_context(
     workspace: Space,
     goal: Annotated[str, typer.Argument(metavar="GOAL", help="Its id; the latest one without.")] = "",
@@ -102,7 +67,7 @@ def show_context(
 
     ledger, place = read_ledger(workspace), Workspace.open(workspace)
     latest = dict(list(ledger.goals.items())[-1:])
-    status = _get_goal(goal, workspace, ledger.goals if goal else latest) if goal or latest else None
+    status = get_goal(goal, str(workspace), ledger.goals if goal else latest) if goal or latest else None
     context = build_context(for_, iter_sections(place, ledger, status), budget)
     facts = asdict(context) | {"tokens": context.tokens, "sha256": context.sha256}
     print_found(facts, context.text, as_json=as_json)
@@ -115,7 +80,7 @@ def rerun(session: Id, workspace: Space, trust_python: TrustPython = False) -> i
     from phyagentos.assembly.rerun import rerun_session
 
     id = get_session(session, read_ledger(workspace, session).sessions)
-    admit_python(workspace, is_trusted=trust_python)
+    admit_python(workspace, is_trusted=trust_python, announce=print_note)
     repetition = rerun_session(workspace, id)
     if repetition.differences:
         print_result("\n".join([f"{id} came out differently:", *repetition.differences]))
@@ -123,15 +88,3 @@ def rerun(session: Id, workspace: Space, trust_python: TrustPython = False) -> i
         print_result(f"{id}: identical, bit for bit ({repetition.execution.ticks} commands)")
     print_note(f"second bundle in {repetition.workspace}")
     return ExitCode.GOAL_NOT_MET if repetition.differences else ExitCode.GOAL_MET
-
-
-def get_session(text: str, known: Iterable[SessionId]) -> SessionId:
-    """The full id that a person means: the id itself, or the only one that ends with `.<text>`."""
-    ids = list(known)
-    found = [id for id in ids if id == text or id.split(".", 1)[-1] == text]
-    if len(found) == 1:
-        return found[0]
-    short = [id.split(".", 1)[-1] for id in ids]
-    problem = "several sessions are called that" if found else "no such session"
-    hint = format_hint(text, [*ids, *short])
-    raise Exit(ExitCode.INVALID_INPUT, f"{text}: {problem}; expected {format_names(found or ids)}. {hint}".rstrip())

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from phyagentos.cli.arguments import AsJson, choose_newest, open_library
-from phyagentos.cli.explaining import Id, Space, get_session, show_graph
+from phyagentos.assembly.project import open_library
+from phyagentos.cli.arguments import AsJson, choose_newest
+from phyagentos.cli.explaining import Id, Space, show_graph
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import print_found, print_note, print_result
 from phyagentos.cli.showing import show_lifecycle
@@ -17,6 +18,7 @@ from phyagentos.cli.tree_exchange import bt_xml as bt_xml  # noqa: PLC0414 - one
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.subjects import get_session
 
 _SPACES = typer.Argument(metavar="WORKSPACE…", help="Workspaces whose sessions succeeded.")
 _LIST = "Names with commas between."

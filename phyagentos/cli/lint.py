@@ -9,20 +9,16 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from phyagentos.assembly.paths import FOLDERS
-from phyagentos.cli.arguments import open_library
+from phyagentos.assembly.project import FOLDERS, open_library
+from phyagentos.assembly.skill_checks import check_skill
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
-from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
 from phyagentos.protocol.capabilities.targets import TARGETS, find_unshared
-from phyagentos.protocol.capabilities.trees import Tree, load_tree, read_tree
-from phyagentos.protocol.documents.schema import Address, Located, read_text, read_yaml
+from phyagentos.protocol.capabilities.trees import load_tree
+from phyagentos.protocol.documents.schema import read_text, read_yaml
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.store.document_registry import FORMATS, check_document
-
-TARGET_WORD = "target"  # `${target}` is the session's own target
 
 
 class FileKind(StrEnum):
@@ -173,7 +169,7 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
 
             read_wanted(path, Catalogue.read(library))
         case FileKind.SKILL:
-            problems = _check_skill(path, library)
+            problems = check_skill(path, library)
         case FileKind.TREE:
             from phyagentos.runtime.execution.leaf_registry import build_registry, read_registry
             from phyagentos.runtime.execution.tree_check import check_loaded_tree
@@ -201,61 +197,3 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             compile_suite(path)
     if problems:
         raise DefinitionError(problems)
-
-
-def _check_skill(path: Path, library: Library) -> list[Problem]:
-    """Problems of a SKILL.md beyond its form (predicates, parameters, the tree); preflight checks them again."""
-    skill, located = read_skill(path)
-    return [*_check_predicates(skill, located), *_check_tree(skill, located, library)]
-
-
-def _check_predicates(skill: SkillRuntime, located: Located) -> Iterator[Problem]:
-    known = [*skill.parameters, TARGET_WORD]
-    for key in ("requires", "hold", "guarantees"):
-        for index, text in enumerate(getattr(skill, key)):
-            address: Address = (key, index)
-            try:
-                predicate = parse_predicate(text, address=located.address_of(address), template=True)
-            except DefinitionError as error:
-                yield from error.problems
-                continue
-            for name in predicate.variables:
-                if name not in known:
-                    found = f"'${{{name}}}' in {text!r}"
-                    yield located.unknown("UNKNOWN_PARAMETER", address, name, known, found)
-
-
-def _check_tree(skill: SkillRuntime, located: Located, library: Library) -> Iterator[Problem]:
-    if skill.policy is not None:
-        how, at = skill.policy.execution, ("policy", "execution")
-        if how.begins_after and how.begins_after not in (known := library.names_of_skills()):
-            yield located.unknown("UNKNOWN_SKILL", (*at, "begins_after"), how.begins_after, known)
-        if how.aim and how.aim not in skill.parameters:
-            yield located.unknown("UNKNOWN_PARAMETER", (*at, "aim"), how.aim, skill.parameters)
-    for index, name in enumerate(skill.loop.tools if skill.loop is not None else ()):
-        if name not in (known := library.names_of_skills()):
-            yield located.unknown("UNKNOWN_SKILL", ("loop", "tools", index), name, known)
-    if skill.kind != "builtin":
-        return
-    names = library.names_of_trees()
-    if skill.tree not in names:
-        yield located.unknown("UNKNOWN_TREE", ("tree",), skill.tree, names)
-        return
-    try:
-        tree = read_tree(library.get_tree(skill.tree))
-    except DefinitionError as error:
-        yield from error.problems
-        return
-    yield from _check_ports(skill, located, tree)
-
-
-def _check_ports(skill: SkillRuntime, located: Located, tree: Tree) -> Iterator[Problem]:
-    """The skill must feed every input of its tree, and the tree must make every output of the skill."""
-    for name, port in tree.header.inputs.items():
-        if name not in skill.parameters and not port.optional and port.default is None:
-            hint = f"The tree {skill.tree!r} reads it."
-            yield located.problem("MISSING_PARAMETER", ("parameters",), "nothing", f"parameter {name!r}", hint)
-    for name in skill.outputs:
-        if name not in tree.header.outputs:
-            found = f"{name!r}, which the tree {skill.tree!r} does not make"
-            yield located.unknown("UNKNOWN_OUTPUT", ("outputs", name), name, tree.header.outputs, found)

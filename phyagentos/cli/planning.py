@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from phyagentos.cli.arguments import AsJson, get_file, open_library
+from phyagentos.assembly.project import get_file, open_library
+from phyagentos.cli.arguments import AsJson
 from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_result
 from phyagentos.protocol.capabilities.library import Library
 

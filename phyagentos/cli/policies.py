@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from phyagentos.cli.arguments import AsJson, open_library
-from phyagentos.cli.explaining import Space, get_session
+from phyagentos.assembly.project import open_library
+from phyagentos.cli.arguments import AsJson
+from phyagentos.cli.explaining import Space
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode, print_found, print_result
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
+from phyagentos.store.subjects import get_session
 
 if TYPE_CHECKING:
     from phyagentos.runtime.policies.server import Policy

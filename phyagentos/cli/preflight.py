@@ -12,23 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 import typer
 
-from phyagentos.cli.arguments import (
-    AsJson,
-    Overrides,
-    TrustPython,
-    admit_python,
-    get_file,
-    open_library,
-    parse_overrides,
-)
-from phyagentos.cli.explaining import get_session
+from phyagentos.assembly.project import admit_python, get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import AsJson, Overrides, TrustPython
 from phyagentos.cli.forecasts import find_forecast, render_forecast
 from phyagentos.cli.history import read_ledger
-from phyagentos.cli.outcome import Exit, ExitCode, print_found, print_note
+from phyagentos.cli.outcome import ExitCode, print_found, print_note
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import GoalId, Session
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.subjects import get_session
 
 if TYPE_CHECKING:
     from phyagentos.runtime.worker.orders import Checked
@@ -52,7 +45,7 @@ def preflight(
     """Check every session against its live target, without moving anything: plan and tools, or every problem."""
     order = _find_session(subject, workspace) or read_order(Path(subject), workspace, seed, parse_overrides(set_))
     if workspace is not None:
-        admit_python(workspace, is_trusted=trust_python)
+        admit_python(workspace, is_trusted=trust_python, announce=print_note)
     reports = check_sessions(order)
     text = "\n".join(line for report in reports for line in _render(report))
     print_found({"subject": subject, "sessions": reports}, text, as_json=as_json)
@@ -109,7 +102,7 @@ def _find_session(subject: str, root: Path | None) -> Order | None:
     known = read_ledger(root, subject).sessions
     try:
         id = get_session(subject, known)
-    except Exit:
+    except DefinitionError:
         with suppress(DefinitionError):
             get_file(Path(subject), "goal_graphs")
             return None

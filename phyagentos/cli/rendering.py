@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from phyagentos.cli.explaining import Space, get_session
+from phyagentos.cli.explaining import Space
 from phyagentos.cli.outcome import print_result
 from phyagentos.errors import DefinitionError
+from phyagentos.store.subjects import get_session
 
 FILMS = (".webp", ".gif")
 _IDS = typer.Argument(metavar="SESSION…", help="Session ids, the part after the goal is enough; a film shows all.")

@@ -9,9 +9,10 @@ from rich.text import Text
 
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.mission.report import build_report as build_mission_report
-from phyagentos.cli.console import RunFold, build_criterion_line, choose_style, summarise, tell_failure
+from phyagentos.assembly.planted_faults import find_unstruck
+from phyagentos.assembly.progress import RunFold
+from phyagentos.cli.console import build_criterion_line, choose_style, summarise, tell_failure
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.cli.planted_faults import find_unstruck
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 
 PIPE_WIDTH = 160  # characters of a table that no terminal bounds

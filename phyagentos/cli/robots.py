@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from phyagentos.cli.arguments import AsJson, open_library
+from phyagentos.assembly.project import open_library
+from phyagentos.cli.arguments import AsJson
 from phyagentos.cli.outcome import ExitCode, print_found, print_json, print_note, print_result
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.targets import is_beside

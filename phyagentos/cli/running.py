@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from phyagentos.assembly.process_tuning import end_with
-from phyagentos.cli.arguments import Overrides, TrustPython, admit_python, get_file, open_library, parse_overrides
+from phyagentos.assembly.project import admit_python, get_file, open_library, parse_overrides
+from phyagentos.cli.arguments import Overrides, TrustPython
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.settings.perception import Prior, Sensing
@@ -68,7 +69,7 @@ def watch(
     if file is not None and (problems := find_other_kind(file, FileKind.FAULTS) or lint_file(file)):
         raise DefinitionError(problems)
     _prepare(with_parent, f"runtime of {workspace}: claims, checks and runs what an agent submits; Ctrl-C ends")
-    admit_python(workspace, is_trusted=trust_python)
+    admit_python(workspace, is_trusted=trust_python, announce=print_note)
     run_watch(
         workspace,
         faults=file,

@@ -11,24 +11,23 @@ from typing import Annotated, Literal
 import typer
 
 from phyagentos.cli.arguments import find_running
-from phyagentos.cli.explaining import get_session
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import Exit, ExitCode, print_result
 from phyagentos.clock import SystemClock
-from phyagentos.errors import ExecutionError, format_names
+from phyagentos.errors import ExecutionError, PhyAgentOSError, format_names
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.sessions import estop as latches
-from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, IllegalTransition, Side, find_cancel
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, Side
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.stop_signals import EVERY_SESSION, Signal, drop_signal
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.admission import GOAL_PREFIX, Entry, GoalEvent
-from phyagentos.store.journal import Journal
+from phyagentos.store.journal import Journal, cancel_unheld
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.subjects import get_session
 
 _READ, _WRITTEN = ("sessions",), "signals"  # parts of a workspace: what lies in others holds up no stop
-TRIES = 5  # at records that a plane makes out of date
 
 Which = Annotated[str, typer.Argument(metavar="SESSION|all")]
 Reason = Annotated[str, typer.Option(help="Why; it is recorded.", callback=clean)]
@@ -96,16 +95,17 @@ def stop_all(workspace: Path, reason: str, by: str = "paos estop") -> str:
 def _reach(workspace: Path | None, act: Callable[[Path], str]) -> None:
     """Act on the given workspace, or on every one that runs, where at least one must know the session; print it."""
     places = [workspace] if workspace is not None else find_running()
-    failed: list[Exit | ExecutionError] = []
+    failed: list[Exit | PhyAgentOSError] = []
     for each in places:
         try:
             print_result(act(each))
-        except (Exit, ExecutionError) as error:  # the others are to stop all the same
+        except (Exit, PhyAgentOSError) as error:  # the others are to stop all the same
             failed.append(error)
     if not places:
         raise Exit(ExitCode.INVALID_INPUT, "no workspace is running; name one: --workspace")
     for each_error in failed:
-        if isinstance(each_error, ExecutionError) or len(failed) == len(places):
+        unknown = any(each.code == "UNKNOWN_SESSION" for each in getattr(each_error, "problems", ()))
+        if not (unknown or isinstance(each_error, Exit)) or len(failed) == len(places):
             raise each_error
 
 
@@ -120,22 +120,6 @@ def _cancel_goal(goal: GoalStatus, workspace: Path, reason: str, by: str) -> str
             journal.commit([Entry(f"{GOAL_PREFIX}{goal.id}", GoalEvent.GOAL_CANCELLED, body)])
         cancel_unheld(goal.id, ledger, journal)
     return f"cancelled goal {goal.id}"
-
-
-def cancel_unheld(goal: GoalId, ledger: Ledger, journal: Journal) -> None:
-    """Cancel the sessions of a cancelled goal that no process holds: those that wait for a target, or for a verdict.
-
-    Nothing else would end them where neither agent nor runtime is left.
-    """
-    for _ in range(TRIES):
-        for record in journal.read_new():
-            ledger.apply(record)
-        live = [each for each in ledger.live_sessions() if each.contract.goal == goal]
-        unheld = [each.contract.id for each in live if find_cancel(each.state) == "cancel"]
-        if not unheld:
-            return
-        with contextlib.suppress(IllegalTransition):  # a plane was faster
-            journal.commit([Entry(id, "cancel", {"reason": "its goal is cancelled"}) for id in unheld])
 
 
 def request(

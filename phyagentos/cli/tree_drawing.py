@@ -7,7 +7,7 @@ import rich.markup
 import typer
 from rich.tree import Tree as Printed
 
-from phyagentos.assembly.paths import find_project
+from phyagentos.assembly.project import find_project
 from phyagentos.cli.console import CleanConsole
 from phyagentos.cli.outcome import print_note, print_result
 from phyagentos.pictures.trees import Drawing, draw_tree, render_mermaid, render_svg

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import yaml
 
-from phyagentos.cli.arguments import RunPython, open_library
+from phyagentos.assembly.project import open_library
+from phyagentos.cli.arguments import RunPython
 from phyagentos.cli.outcome import print_result
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.export.bt_xml import NodeModel, Port, render_trees

@@ -10,7 +10,7 @@ from phyagentos.agent.judging.review import judge_again, review_session
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.cli.arguments import AsJson
-from phyagentos.cli.explaining import Space, get_session
+from phyagentos.cli.explaining import Space
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode, print_found
 from phyagentos.clock import SystemClock
@@ -21,6 +21,7 @@ from phyagentos.protocol.settings.verification import JudgeName
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
+from phyagentos.store.subjects import get_session
 
 _WITH_HELP = f"Judges, comma-separated: {', '.join(JudgeName)}, or installed ones; those of the settings if left out."
 _FRAMES_HELP = "Perceive the stored camera frames again, judge, compare; records nothing."

@@ -20,9 +20,9 @@ from phyagentos.agent.mission.report import build_report, report_session
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.agent.tools.registry import Answer, Level, Tool
 from phyagentos.assembly.approved_goals import as_file
-from phyagentos.cli.arguments import admit_python, open_library, parse_overrides
+from phyagentos.assembly.explanation import explain_subject
+from phyagentos.assembly.project import admit_python, open_library, parse_overrides
 from phyagentos.cli.authoring import describe_nodes
-from phyagentos.cli.explaining import explain, get_session
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.lint import lint_file
 from phyagentos.cli.memory import recall
@@ -42,6 +42,7 @@ from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
 from phyagentos.protocol.sessions.memory_entries import Standing as EntryState
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.subjects import get_session
 
 WAIT_MAX_S = 50.0  # clients give up on a call after a minute
 _WAIT_STEP_S = 0.1
@@ -156,7 +157,7 @@ class WorkspaceTools:
     @_tool()
     def why(self, subject: _Word = "") -> Answer:
         """Explain the verdict on a goal, node or session from the evidence; the latest goal without a name."""
-        found, lines = explain(self.root, subject)
+        found, lines = explain_subject(Workspace.open(self.root), read_ledger(self.root, subject), subject)
         return Answer({"found": found, "explanation": lines.splitlines()})
 
     @_tool()

@@ -57,6 +57,10 @@ class Playback:
         after = self.bundle.after
         return after if after is not None and time_s >= after.time_s else self.bundle.before
 
+    def tree_at(self, time_s: float) -> dict[str, str]:
+        """Path of each node of the behaviour tree -> its latest status up to a moment; without one it is left out."""
+        return {event.path: event.status for event in self.bundle.trace if event.time_s <= time_s}
+
 
 def read_playback(workspace: Workspace, status: SessionStatus) -> Playback:
     """The playback of a session that was executed.

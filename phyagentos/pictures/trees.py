@@ -1,13 +1,15 @@
 """A behaviour tree as Mermaid and as SVG, from its file and the declared ports alone."""
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from html import escape
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, read_tree
 from phyagentos.protocol.documents.markdown import escape_label
+from phyagentos.protocol.sessions.trace import TraceEvent
 
 SYMBOLS = {
     "sequence": "→",
@@ -61,6 +63,22 @@ class Drawing:
         return "control" if self.kind in SYMBOLS else "leaf"
 
 
+@dataclass(slots=True)
+class TickingNode:
+    """A node of a tree with what became of it.
+
+    Attributes:
+        status: As its last event says; `INVALID` when it was reset, empty before its first tick.
+        event: Its last event with a status of its own.
+    """
+
+    drawing: Drawing
+    path: str
+    status: str = ""
+    event: TraceEvent | None = None
+    children: list["TickingNode"] = field(default_factory=list)
+
+
 def draw_tree(tree: Tree, library: Library) -> Drawing:
     """A tree and the subtrees it names.
 
@@ -68,6 +86,25 @@ def draw_tree(tree: Tree, library: Library) -> Drawing:
         DefinitionError: With every problem of the first file that has any; `CYCLE` when a tree contains itself.
     """
     return _draw_tree(tree, library, (tree.header.tree,))
+
+
+def tick(drawing: Drawing, trace: Iterable[TraceEvent]) -> TickingNode:
+    """A tree with the status of each node at the end of a trace."""
+    nodes: dict[str, TickingNode] = {}
+
+    def place(part: Drawing, above: str) -> TickingNode:
+        path = f"{above}/{part.id}".lstrip("/")
+        nodes[path] = node = TickingNode(part, path)
+        inner = part.children[0].children if part.kind == "subtree" else part.children  # a trace names it once
+        node.children = [place(child, path) for child in inner]
+        return node
+
+    root = place(drawing, "")
+    for event in trace:
+        if (node := nodes.get(event.path)) is not None:
+            node.status = event.status
+            node.event = node.event if event.status == "INVALID" else event
+    return root
 
 
 def _draw_tree(tree: Tree, library: Library, inside: tuple[str, ...]) -> Drawing:

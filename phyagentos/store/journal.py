@@ -23,7 +23,8 @@ from pathlib import Path
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.documents.body_codec import prepare_body, render_body
-from phyagentos.protocol.sessions.lifecycle import Fenced, Side
+from phyagentos.protocol.sessions.lifecycle import Fenced, IllegalTransition, Side, find_cancel
+from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.store.admission import Entry, IllegalEvent
 from phyagentos.store.admission_cache import AdmissionCache, NotCached
 from phyagentos.store.checkpoint import find_checkpoint, find_seen_seq, read_ledger, refuse_missing_end
@@ -35,7 +36,7 @@ from phyagentos.store.records import JOURNAL_ID, Record, Tail, encode_batch
 from phyagentos.store.segments import SyncFailedError, SystemIO, choose_next_name, choose_partition, sync_folder
 from phyagentos.store.writer import SegmentWriter
 
-__all__ = ["Entry", "Fenced", "IllegalEvent", "Journal", "Record", "choose_partition"]
+__all__ = ["Entry", "Fenced", "IllegalEvent", "Journal", "Record", "cancel_unheld", "choose_partition"]
 
 SEGMENT_BYTES = 16 << 20
 _CLEAN = Tail.CLEAN  # an enumeration takes its time to find a member, and this one is asked for at every commit
@@ -283,3 +284,19 @@ class Journal:
         self._writer.create(choose_next_name(current, today), self._follower)
         self._note(self._follower.advance())
         self._writer.open(self._follower)
+
+
+def cancel_unheld(goal: GoalId, ledger: Ledger, journal: Journal) -> None:
+    """Cancel the sessions of a cancelled goal that no process holds: those that wait for a target, or for a verdict.
+
+    Nothing else would end them where neither agent nor runtime is left.
+    """
+    for _ in range(5):  # a plane may make records out of date
+        for record in journal.read_new():
+            ledger.apply(record)
+        live = [each for each in ledger.live_sessions() if each.contract.goal == goal]
+        unheld = [each.contract.id for each in live if find_cancel(each.state) == "cancel"]
+        if not unheld:
+            return
+        with contextlib.suppress(IllegalTransition):  # a plane was faster
+            journal.commit([Entry(id, "cancel", {"reason": "its goal is cancelled"}) for id in unheld])

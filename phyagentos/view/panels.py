@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from urllib.parse import urlencode
 from phyagentos.errors import DefinitionError
 from phyagentos.pictures.goals import draw_goal
 from phyagentos.pictures.statechart import draw_statechart
-from phyagentos.pictures.trees import Drawing, draw_tree
+from phyagentos.pictures.trees import draw_tree, tick
 from phyagentos.protocol.capabilities.trees import read_tree
 from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.regular_files import REQUEST_MAX, read_regular
@@ -21,12 +21,10 @@ from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.looks import read_looks, read_stored_look
 from phyagentos.protocol.sessions.session import SessionStatus
-from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.store.views.tasks import split_reason
 from phyagentos.view.documents import Documents
 
 SESSIONS_SHOWN, LINES_SHOWN, FRAMES_SHOWN = 60, 40, 12
-_RESET = "INVALID"  # status of a node that was reset
 _EVENT = re.compile(r"- \d\d:")  # a line of LOG.md that is no explanation
 
 
@@ -70,24 +68,6 @@ class Panel:
     is_right: bool = False
 
 
-@dataclass(slots=True)
-class TickingNode:
-    """A node of a tree with what became of it.
-
-    Attributes:
-        status: As its last event says; `INVALID` when it was reset, empty before its first tick.
-        before: The last status before a reset.
-        event: Its last event with a status of its own.
-    """
-
-    drawing: Drawing
-    path: str
-    status: str = ""
-    before: str = ""
-    event: TraceEvent | None = None
-    children: list["TickingNode"] = field(default_factory=list)
-
-
 def _read_goal(documents: Documents, query: Query) -> dict[str, Any]:
     goal = documents.find_goal(query.goal)
     if goal is None:
@@ -124,30 +104,6 @@ def _read_tree(documents: Documents, query: Query) -> dict[str, Any]:
     except DefinitionError:  # a policy, or an agent that chooses its tools
         return {"root": None, "loose": trace[-LINES_SHOWN:], "active": active}
     return {"root": tick(drawing, trace), "loose": [], "active": active, "beat": beat}
-
-
-def tick(drawing: Drawing, trace: tuple[TraceEvent, ...]) -> TickingNode:
-    """A tree with the status of each node at the end of a trace."""
-    nodes: dict[str, TickingNode] = {}
-
-    def place(part: Drawing, above: str) -> TickingNode:
-        path = f"{above}/{part.id}".lstrip("/")
-        nodes[path] = node = TickingNode(part, path)
-        inner = part.children[0].children if part.kind == "subtree" else part.children  # a trace names it once
-        node.children = [place(child, path) for child in inner]
-        return node
-
-    root = place(drawing, "")
-    for event in trace:
-        node = nodes.get(event.path)
-        if node is None:
-            continue
-        if event.status == _RESET:
-            node.before = node.status if node.status != _RESET else node.before
-        else:
-            node.event = event
-        node.status = event.status
-    return root
 
 
 def _read_verdict(documents: Documents, query: Query) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from phyagentos.cli.console import RunFold
+from phyagentos.assembly.progress import RunFold
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Execution, Scene
@@ -32,7 +32,7 @@ class Run:
             side: Journal(self.workspace.root, side=side, by=side.value, clock=self.clock, durable=False)
             for side in Side
         }
-        self.fold = RunFold(self.workspace.heartbeats, GOAL, Ledger(forgets=False))
+        self.fold = RunFold(self.workspace, GOAL, Ledger(forgets=False))
 
     def write(self, side: Side, id: str, ev: str, epoch: int | None = None, /, **body: object) -> None:
         self.clock.advance(1.0)

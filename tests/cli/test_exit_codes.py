@@ -139,7 +139,9 @@ def test_the_list_of_commands_loads_none_of_them_and_says_what_each_says_of_itse
 
 def test_every_command_has_json(paos):
     commands = [(name,) for name in COMMANDS]
-    commands += [(group, each.rstrip("_")) for group, (*_, members) in GROUPS.items() for each in members]
+    commands += [
+        (group, each.rstrip("_").replace("_", "-")) for group, (*_, members) in GROUPS.items() for each in members
+    ]
     for words in commands:
         assert "--json" in paos(*words, "--help").out, words
     assert json.loads(paos("list", "scenes", "--json").out)["result"] == paos("list", "scenes").out.splitlines()

@@ -106,7 +106,7 @@ def test_the_graph_of_no_workspace_is_refused(paos, tmp_path):
 def test_an_unknown_session_names_the_nearest(replanned, paos):
     result = paos("why", "rad", "--workspace", replanned.workspace.root)
     assert result.code == ExitCode.INVALID_INPUT
-    assert "rad: no such session; expected tidy-7.red, tidy-7.red.r1" in result.err
+    assert "rad: UNKNOWN_SESSION: found no such session; expected tidy-7.red, tidy-7.red.r1" in result.err
     assert "Did you mean 'red'?" in result.err
 
 

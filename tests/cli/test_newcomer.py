@@ -20,7 +20,10 @@ TEXTS = sorted(
     ]
 )
 FENCE = re.compile(r"^```(?P<kind>\w*)\n(?P<text>.*?)^```", re.MULTILINE | re.DOTALL)
-LINK = re.compile(r"\]\((?!https?:|#)([^)#]+)")
+PAGES = sorted({*TEXTS, *ROOT.glob("docs/**/*.md")})
+LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)")
+CODE = re.compile(r"^```.*?^```|`[^`\n]*`", re.MULTILINE | re.DOTALL)
+HEADING = re.compile(r"^#+ +(.+?)\s*$", re.MULTILINE)
 PLACEHOLDERS = {"GRAPH", "SESSION", "FILE…", "DIR"}
 
 
@@ -56,10 +59,27 @@ def test_every_command_in_the_texts_exists(path, paos):
                     assert option in usage.out, f"{name_of(path)}: {part}: no option {option}"
 
 
-@pytest.mark.parametrize("path", TEXTS, ids=name_of)
+@pytest.mark.parametrize("path", PAGES, ids=name_of)
 def test_every_link_leads_somewhere(path):
-    for target in LINK.findall(path.read_text(encoding="utf-8")):
-        assert (path.parent / target).exists(), f"{name_of(path)}: {target}"
+    for target, anchor in LINK.findall(CODE.sub("", path.read_text(encoding="utf-8"))):
+        found = (path.parent / target) if target else path
+        assert found.exists(), f"{name_of(path)}: {target}"
+        assert not anchor or found.suffix != ".md" or anchor in find_anchors(found), (
+            f"{name_of(path)}: {target}#{anchor}"
+        )
+
+
+def find_anchors(path):
+    """Of its headings, as GitHub and the site make them."""
+    text = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    words = (re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower() for heading in HEADING.findall(text))
+    return {re.sub(r"[^\w\- ]", "", each).strip().replace(" ", "-") for each in words}
+
+
+def test_every_page_stands_in_the_menu_of_the_site():
+    menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("nav:")[2]
+    pages = {path.relative_to(ROOT / "docs").as_posix() for path in ROOT.glob("docs/**/*.md")}
+    assert set(re.findall(r"[\w/]+\.md", menu)) == pages
 
 
 def test_the_graph_in_the_readme_is_the_graph_that_ships(paos):
@@ -68,7 +88,7 @@ def test_the_graph_in_the_readme_is_the_graph_that_ships(paos):
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make")
-@pytest.mark.parametrize("target", ["setup", "demo", "test", "test-extras", "check", "schemas", "wheel"])
+@pytest.mark.parametrize("target", ["setup", "demo", "test", "test-extras", "check", "schemas", "site", "wheel"])
 def test_make_knows_what_it_would_do(target):
     done = subprocess.run(["make", "--dry-run", target], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -2,7 +2,7 @@
 
 import json
 
-from phyagentos.cli.planted_faults import find_unstruck
+from phyagentos.assembly.planted_faults import find_unstruck
 
 FILE = """
 version: 1

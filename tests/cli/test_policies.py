@@ -10,7 +10,7 @@ def test_a_session_that_is_not_there_is_no_internal_error(paos, run):
     done = paos("policy", "replay", "rad", "-w", str(run.workspace.root))
 
     assert done.code == ExitCode.INVALID_INPUT
-    assert "rad: no such session; expected tidy-7.red" in done.err
+    assert "rad: UNKNOWN_SESSION: found no such session; expected tidy-7.red" in done.err
     assert "Did you mean 'red'" in done.err
 
 

@@ -6,6 +6,7 @@ import os
 import re
 import signal
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,22 +15,25 @@ import pytest
 from rich.console import Console
 from rich.text import Text
 
-from phyagentos.assembly.paths import choose_folder
-from phyagentos.cli import console as console_module
-from phyagentos.cli import mission_run
-from phyagentos.cli.console import CleanConsole, RunConsole, RunFold, build_progress_table, compute_depth
-from phyagentos.cli.history import read_ledger
-from phyagentos.cli.mission_run import (
+from phyagentos.assembly import mission_run as carrying_out
+from phyagentos.assembly.mission_run import (
     Interrupts,
-    Order,
+    PlaneEnded,
+    RunOrder,
     ask_for_end,
     follow_run,
     mute_if_gone,
-    raise_for,
-    run_planes,
+    run_goal,
 )
-from phyagentos.cli.outcome import Exit, ExitCode
+from phyagentos.assembly.paths import choose_folder
+from phyagentos.assembly.progress import RunFold, compute_depth
+from phyagentos.cli import console as console_module
+from phyagentos.cli import mission_run
+from phyagentos.cli.console import CleanConsole, RunConsole, build_progress_table
+from phyagentos.cli.history import read_ledger
+from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.report import build_report, compute_exit_code, print_report
+from phyagentos.clock import SystemClock
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
@@ -197,7 +201,7 @@ def test_a_goal_that_preflight_rejected_has_its_own_code(run):
 
 def test_a_run_follows_its_own_goal_whatever_is_submitted_beside_it(run):
     run.begin()
-    fold = RunFold(run.workspace.heartbeats, "tidy-8", run.fold.ledger)
+    fold = RunFold(run.workspace, "tidy-8", run.fold.ledger)
     run.write(Side.AGENT, "goal:tidy-9", "goal_submitted", graph="tidy", seed=9)
     assert fold.goal is None
     run.write(Side.AGENT, "goal:tidy-8", "goal_submitted", graph="tidy", seed=8)
@@ -217,7 +221,7 @@ def test_the_first_interrupt_cancels_the_goal_and_leaves_its_sessions_to_the_age
 
 
 def test_an_interrupt_before_there_is_a_goal_ends_nothing_of_others(run):
-    ask_for_end(RunFold(run.workspace.heartbeats, "tidy-8", run.fold.ledger), run.pens[Side.OPERATOR])
+    ask_for_end(RunFold(run.workspace, "tidy-8", run.fold.ledger), run.pens[Side.OPERATOR])
     assert take_signals(run.workspace.signals) == []
     assert run.pens[Side.OPERATOR].read_new() == []
 
@@ -298,8 +302,9 @@ def follow(run, monkeypatch, tmp_path):
     stream = io.StringIO()
     monkeypatch.setattr(console_module.sys, "stderr", stream)
     with RunConsole("tidy") as console:
-        place, pen = run.workspace, run.pens[Side.OPERATOR]
-        follow_run(run.fold, pen, place, [EndedPlane(tmp_path)], Interrupts(), console, run.clock)
+        pen, interrupts = run.pens[Side.OPERATOR], Interrupts()
+        show = partial(mission_run.show_run, console, interrupts, run.clock, run.clock.now_s() + mission_run.WARM_UP_S)
+        follow_run(run.fold, pen, [EndedPlane(tmp_path)], interrupts, run.clock, show)
     return stream.getvalue()
 
 
@@ -307,7 +312,7 @@ def test_a_session_that_an_earlier_goal_has_left_is_not_waited_for(run, monkeypa
     run.begin()
     run.write(Side.RUNTIME, run.submit("red"), "claim")
     run.write(Side.OPERATOR, f"goal:{GOAL}", "goal_cancelled", reason="twice")
-    run.fold = RunFold(run.workspace.heartbeats, "tidy-8", run.fold.ledger)
+    run.fold = RunFold(run.workspace, "tidy-8", run.fold.ledger)
     run.write(Side.AGENT, "goal:tidy-8", "goal_submitted", graph="tidy", seed=8)
     run.write(Side.AGENT, "goal:tidy-8", "goal_verdict", verdict="success", criteria=[], reason="because")
 
@@ -336,9 +341,9 @@ def test_a_latched_emergency_stop_is_told_once_with_its_way_out(run, monkeypatch
     ],
 )
 def test_a_plane_that_ended_without_a_word_on_a_full_disk_says_so(tmp_path, monkeypatch, free_bytes, printed, said):
-    monkeypatch.setattr(mission_run.shutil, "disk_usage", lambda _: SimpleNamespace(free=free_bytes))
-    with pytest.raises(Exit, match=said):
-        raise_for(EndedPlane(tmp_path, printed))
+    monkeypatch.setattr(carrying_out.shutil, "disk_usage", lambda _: SimpleNamespace(free=free_bytes))
+    with pytest.raises(PlaneEnded, match=said):
+        raise PlaneEnded(EndedPlane(tmp_path, printed))
 
 
 def test_a_new_workspace_is_chosen_every_time(tmp_path, monkeypatch):
@@ -358,14 +363,14 @@ def test_whoever_has_read_of_the_workspace_can_interrupt_at_once(tmp_path, monke
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
 
-    def run_planes(_order, _name, _graph, _faults, _workspace, interrupts, _clock):
+    def choose_goal(*_):
         counted.append(interrupts.count)
         raise Enough
 
-    monkeypatch.setattr(mission_run, "print_note", insist)
-    monkeypatch.setattr(mission_run, "run_planes", run_planes)
+    interrupts = Interrupts()
+    monkeypatch.setattr(carrying_out, "choose_goal", choose_goal)
     with pytest.raises(Enough):
-        mission_run.run_mission(mission_run.Order(graph=Path("tidy_table"), workspace=tmp_path / "w"))
+        run_goal(RunOrder(graph=Path("tidy_table"), workspace=tmp_path / "w"), interrupts, SystemClock(), insist)
 
     assert counted == [2]
 
@@ -403,7 +408,7 @@ def test_a_run_that_does_not_move_yet_says_that_it_warms_up(run, monkeypatch, tm
     write_heartbeat(run.workspace.heartbeats, Heartbeat(target="panda", pid=1, session=id, tick=tick))
     beginning = iter([run.clock.now_s()])
     monkeypatch.setattr(run.clock, "now_s", lambda now=run.clock.now_s: next(beginning, now() + waited_s))
-    with pytest.raises(Exit):
+    with pytest.raises(PlaneEnded):
         follow(run, monkeypatch, tmp_path)
     assert ("warming up" in console_module.sys.stderr.getvalue()) is is_told
 
@@ -413,11 +418,13 @@ def test_a_latched_stop_is_told_before_anything_starts_and_even_when_quiet(run, 
     monkeypatch.setattr(console_module.sys, "stderr", stream)
     latch(run.workspace.signals.parent, Latch(by="ana", reason="a hand"))
 
-    def start(*_: object) -> list[object]:
-        assert "emergency stop latched by ana (a hand)" in stream.getvalue()
-        raise Exit(ExitCode.INTERNAL_ERROR)
+    class Started(Exception): ...
 
-    monkeypatch.setattr(mission_run, "start_planes", start)
-    order = Order(graph=tmp_path / "g.yaml", quiet=True)
-    with pytest.raises(Exit):
-        run_planes(order, GOAL, order.graph, None, run.workspace, Interrupts(), run.clock)
+    def start(*_: object) -> None:
+        assert "emergency stop latched by ana (a hand)" in stream.getvalue()
+        raise Started
+
+    monkeypatch.setattr(carrying_out, "start_planes", start)
+    order = mission_run.Order(graph=Path("tidy_table"), workspace=run.workspace.root, quiet=True)
+    with pytest.raises(Started):
+        mission_run.run_mission(order)

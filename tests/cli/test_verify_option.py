@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.assembly import planes
-from phyagentos.cli import mission_run
-from phyagentos.cli.mission_run import Order, start_planes
+from phyagentos.assembly import mission_run, planes
+from phyagentos.assembly.mission_run import RunOrder, start_planes
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import GoalId
@@ -20,7 +19,7 @@ def test_the_agent_is_told_the_mode_that_was_asked_for(tmp_path, monkeypatch, mo
     for module in (mission_run, planes):
         monkeypatch.setattr(module, "Plane", lambda name, arguments, _logs: started.setdefault(name, arguments))
     workspace = Workspace.create(tmp_path / "w", Library(()))
-    start_planes(Order(graph=Path("g.yaml"), verify=mode), GoalId("g-0"), Path("g.yaml"), None, workspace)
+    start_planes(RunOrder(graph=Path("g.yaml"), verify=mode), GoalId("g-0"), Path("g.yaml"), None, workspace)
     told = started["agent"]
     assert ("--verify" in told) == (mode is not None)
     assert mode is None or told[told.index("--verify") + 1] == mode

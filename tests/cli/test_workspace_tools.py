@@ -114,7 +114,7 @@ def test_a_goal_without_a_plan_becomes_a_graph_that_compiles_or_what_is_missing(
 def test_compile_takes_overrides_and_refuses_paths_in_them(registry):
     found = registry.call("compile", {"graph": TIDY, "overrides": {"targets.arm": "ur5e"}}).facts
     assert {each["target"] for each in found["sessions"]} == {"ur5e"}
-    assert refuse(registry, "compile", graph=TIDY, overrides={"defaults.max_replans": "9"}).code == "TOOL_REFUSED"
+    assert refuse(registry, "compile", graph=TIDY, overrides={"defaults.max_replans": "9"}).code == "INVALID_OVERRIDE"
 
 
 def test_problems_stand_in_the_text_that_was_given(registry):

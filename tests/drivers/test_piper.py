@@ -5,8 +5,8 @@ import threading
 
 import pytest
 
+from phyagentos.assembly.explanation import explain_session
 from phyagentos.assembly.paths import TOKENS
-from phyagentos.cli.why import explain_session
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.estop import Latch, latch

@@ -2,7 +2,7 @@
 
 import pytest
 
-from phyagentos.cli.why import explain_session
+from phyagentos.assembly.explanation import explain_session
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.estop import Latch, latch

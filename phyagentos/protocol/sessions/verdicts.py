@@ -4,6 +4,7 @@ from enum import StrEnum
 
 import msgspec
 
+from phyagentos.protocol.documents.markdown import format_value
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.world.idealisations import Idealisation
 from phyagentos.protocol.world.truth import Truth
@@ -56,6 +57,11 @@ class Criterion(msgspec.Struct, frozen=True, kw_only=True):
     failure: str | msgspec.UnsetType = msgspec.UNSET
     alternatives: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
     shown: str | msgspec.UnsetType = msgspec.UNSET
+
+    @property
+    def sentence(self) -> str:
+        """Why it has this value: in words, else the numbers."""
+        return self.because or ", ".join(f"{name} {format_value(value)}" for name, value in self.measured.items())
 
 
 class EvidenceReference(msgspec.Struct, frozen=True, kw_only=True):

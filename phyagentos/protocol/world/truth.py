@@ -9,3 +9,8 @@ class Truth(StrEnum):
     TRUE = "true"
     FALSE = "false"
     UNKNOWN = "unknown"
+
+    @property
+    def mark(self) -> str:
+        """One character for people."""
+        return {"true": "✓", "false": "✗"}.get(self, "?")

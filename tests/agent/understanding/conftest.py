@@ -7,7 +7,7 @@ import pytest
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 from phyagentos.agent.understanding.vocabulary import Vocabulary
-from phyagentos.cli.arguments import open_library
+from phyagentos.assembly.project import open_library
 
 CUBES = "tabletop/cubes_and_trays"
 

@@ -236,7 +236,7 @@ SABOTAGES = (
     Sabotage(
         name="fault_that_never_struck",
         lie="Every fault that was planted counts as struck.",
-        edits=(Edit("phyagentos.cli.planted_faults", 'missing.append(f"{fault.kind} of {body}")', "pass"),),
+        edits=(Edit("phyagentos.assembly.planted_faults", 'missing.append(f"{fault.kind} of {body}")', "pass"),),
         tests=("tests/cli/test_planted_faults.py::test_a_fault_that_never_struck_is_named",),
     ),
     Sabotage(

@@ -1,4 +1,4 @@
-"""`paos why`: a verdict explained from ledger and evidence, down to the layer, the leaf and the number that decided it.
+"""Why: a verdict explained from ledger and evidence, down to the layer, the leaf and the number that decided it.
 
 Nothing is judged again: the diagnosis is the agent's own, over the same evidence.
 """
@@ -10,18 +10,32 @@ import msgspec
 
 from phyagentos.agent.judging.diagnosis import diagnose
 from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
-from phyagentos.cli.console import MARKS
-from phyagentos.cli.planted_faults import find_unstruck
+from phyagentos.assembly.planted_faults import find_unstruck
+from phyagentos.protocol.documents.markdown import format_value
 from phyagentos.protocol.sessions.evidence import Bundle, read_bundle
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
-from phyagentos.protocol.sessions.session import Execution, SessionId, SessionStatus
+from phyagentos.protocol.sessions.session import Execution, GoalId, SessionId, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.idealisations import format_idealisations
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.subjects import find_node, get_goal, get_session
 
 _OWN_WAY = "the skill's own way"
+
+
+def explain_subject(workspace: Workspace, ledger: Ledger, subject: str = "") -> tuple[object, str]:
+    """The goal, node or session that is called so, the latest goal without a name; and why it stands as it does."""
+    latest = dict(list(ledger.goals.items())[-1:])
+    goal = ledger.goals.get(GoalId(subject)) if subject else get_goal("", str(workspace.root), latest)
+    holder, name = find_node(subject, ledger.goals)
+    if goal is not None:
+        return goal, explain_goal(workspace, ledger, goal)
+    if holder is not None and not holder.nodes[name].sessions:
+        return holder.nodes[name], explain_node(workspace, ledger, holder, name)
+    id = get_session(subject, ledger.sessions)
+    return ledger.sessions[id], explain_session(workspace, ledger, id)
 
 
 def explain_session(workspace: Workspace, ledger: Ledger, id: SessionId) -> str:
@@ -55,9 +69,7 @@ def explain_goal(workspace: Workspace, ledger: Ledger, goal: GoalStatus) -> str:
     """Why a goal stands where it does: its verdict, its nodes, and the first cause of a miss."""
     lines = [f"{goal.id}: {goal.verdict or 'no verdict yet'}", f"  objective   {goal.objective}"]
     lines += [f"  because     {goal.reason}"] if goal.reason else []
-    lines += [
-        f"    {MARKS[each.truth][0]} {each.text}: {each.because or _show(each.measured)}" for each in goal.criteria
-    ]
+    lines += [f"    {each.truth.mark} {each.text}: {each.because or _show(each.measured)}" for each in goal.criteria]
     lines += [f"  node        {name}: {node.state}" for name, node in goal.nodes.items()]
     bad = next((name for name, node in goal.nodes.items() if node.state is NodeState.BLOCKED), None)
     return "\n".join([*lines, *([explain_node(workspace, ledger, goal, bad)] if bad is not None else [])])
@@ -101,7 +113,7 @@ def _explain_attempt(attempt: Attempt, bundle: Bundle) -> Iterator[str]:
         because = criterion.because or _show(criterion.measured)
         at = f" at {criterion.at_s:.2f} s" if criterion.at_s is not None else ""
         source = f" ({criterion.evidence}{at})" if criterion.evidence else ""
-        yield f"    {MARKS[criterion.truth][0]} {criterion.kind} {criterion.text}: {because}{source}"
+        yield f"    {criterion.truth.mark} {criterion.kind} {criterion.text}: {because}{source}"
     if attempt.verdict is Verdict.SUCCESS:
         return
     diagnosis = diagnose(bundle, attempt.criteria)
@@ -128,10 +140,8 @@ def _show(values: Mapping[str, Any]) -> str:
 
 
 def _show_value(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}"
     if isinstance(value, Mapping):
         return f"({_show(value)})"
     if isinstance(value, list | tuple):
         return f"[{', '.join(_show_value(item) for item in value)}]"
-    return str(value)
+    return format_value(value)

@@ -1,0 +1,219 @@
+"""`import phyagentos as paos`: workspaces, goals and sessions for scripts and notebooks.
+
+Views show what stood in documents and evidence when the workspace was opened; open it again for what came later. Each
+function loads what it needs when it is called.
+"""
+
+from base64 import b64encode
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from phyagentos.clock import SystemClock
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.evidence import TRAJECTORY, read_bundle
+from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
+from phyagentos.protocol.sessions.strategy import Strategy
+from phyagentos.protocol.sessions.tasks import GoalStatus
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.history import fold_partition
+from phyagentos.store.journal import choose_partition
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.subjects import get_session
+
+if TYPE_CHECKING:
+    from phyagentos.pictures.playback import Array, Playback
+    from phyagentos.pictures.trees import TickingNode
+
+
+def open_workspace(path: str | Path) -> "WorkspaceView":
+    """A workspace, before, during or after a run; raises `NOT_A_WORKSPACE`, `LEADS_OUT`, `JOURNAL_DAMAGED`."""
+    place = Workspace.open(Path(path))
+    ledger = fold_partition(place.sessions / choose_partition(place.sessions))
+    children: dict[SessionId | None, list[SessionId]] = defaultdict(list)
+    for id, status in ledger.sessions.items():
+        children[status.contract.parent].append(id)
+    sessions = {}
+    for id, status in ledger.sessions.items():
+        own, decided = status.contract, status.decision
+        verdict, criteria = (decided.verdict.value, decided.criteria) if decided is not None else ("", ())
+        kin, evidence = (own.parent, tuple(children[id])), place.evidence_of(id)
+        sessions[id] = SessionView(id, own.node, status.state, verdict, criteria, own.strategy, *kin, evidence, status)
+    goals = {}
+    for goal in ledger.goals.values():
+        of_goal = tuple(sessions[id] for node in goal.nodes.values() for id in node.sessions if id in sessions)
+        goals[goal.id] = GoalView(goal.id, goal.verdict, of_goal, place.root, goal)
+    return WorkspaceView(place.root, goals, sessions, ledger)
+
+
+def run(
+    goal_graph: str | Path,
+    *,
+    seed: int = 0,
+    workspace: str | Path | None = None,
+    faults: str | Path | None = None,
+    overrides: Mapping[str, object] | None = None,
+    memory: str | None = None,
+    trust_python: bool = False,
+) -> "GoalView":
+    """Run a goal graph to its verdict as `paos run` does; an interrupt halts the robot, a second one ends at once.
+
+    `goal_graph` and `faults` are files, or names of what ships; `overrides` are parameters by name, and roles as
+    `targets.ROLE`. Everything else is as `paos run --help` says: without a `workspace` there is a new one.
+
+    Raises DefinitionError with every problem, before anything is started; ExecutionError `PLANE_ENDED`; after an
+    interrupt, once both planes have ended, KeyboardInterrupt.
+    """
+    from phyagentos.assembly.mission_run import Interrupts, RunOrder, run_goal
+
+    order = RunOrder(
+        graph=Path(goal_graph),
+        seed=seed,
+        workspace=Path(workspace) if workspace is not None else None,
+        faults=Path(faults) if faults is not None else None,
+        overrides=[f"{name}={value}" for name, value in (overrides or {}).items()],
+        memory=memory,
+        trusts_python=trust_python,
+    )
+    fold = run_goal(order, interrupts := Interrupts(), SystemClock())
+    if interrupts.count or fold.goal is None:
+        raise KeyboardInterrupt
+    return open_workspace(fold.workspace.root).goals[fold.goal.id]
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A drawing; `svg` stands alone, notebooks show it as an image, in which nothing runs, or else the `html`."""
+
+    title: str
+    svg: str = field(repr=False)
+    html: str = field(default="", repr=False)
+
+    def _repr_html_(self) -> str:
+        data = b64encode(self.svg.encode()).decode()
+        return self.html or f'<img alt="{escape(self.title)}" src="data:image/svg+xml;base64,{data}">'
+
+
+@dataclass(frozen=True, slots=True)
+class SessionView:
+    """One attempt at one node of a goal; notebooks show its verdict.
+
+    `verdict` is `success`, `replan`, `failure` or `unverified`, empty before, and `criteria` is what it rests on;
+    `strategy` says what was to be done differently, and is false where nothing was; `children` replan this session;
+    `evidence` is the folder of its bundle, there once it has run; `status` is all that the journal says of it.
+    """
+
+    id: SessionId
+    node: str
+    state: str
+    verdict: str
+    criteria: tuple[Criterion, ...] = field(repr=False)
+    strategy: Strategy
+    parent: SessionId | None
+    children: tuple[SessionId, ...]
+    evidence: Path = field(repr=False)
+    status: SessionStatus = field(repr=False)
+
+    @property
+    def trajectory(self) -> "dict[str, Array]":
+        """What was commanded and measured in n control periods of an arm with j joints, by name.
+
+        `time_s` (n,) end of each period [s]; `q_commanded`, `q_measured` (n, j) positions [rad; m of a sliding joint];
+        `qd_measured` (n, j) velocities [rad/s; m/s]; `gripper_commanded_m`, `gripper_measured_m` (n,) [m]; `force_n`
+        (n,) greatest contact force [N], where the target feels one. Raises ExecutionError `EVIDENCE_UNREADABLE`.
+        """
+        from phyagentos.protocol.workspace.array_files import decode_arrays
+
+        path = self.evidence / TRAJECTORY
+        try:
+            return decode_arrays(path.read_bytes())
+        except (OSError, ValueError) as error:
+            raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
+
+    @property
+    def tree(self) -> Figure:
+        """The behaviour tree of its skill, as HTML with how each node ended; raises `UNKNOWN_TREE` without one."""
+        from phyagentos.pictures.trees import draw_tree, render_svg, tick
+        from phyagentos.protocol.capabilities.skill_runtimes import read_skill
+        from phyagentos.protocol.capabilities.trees import read_tree
+
+        library = Workspace(self.evidence.parents[1]).library()
+        name = read_skill(library.get_skill(self.status.contract.skill))[0].tree
+        drawing, ran = draw_tree(read_tree(library.get_tree(name)), library), self.status.execution
+        trace = read_bundle(self.evidence, self.status.contract, ran).trace if ran is not None else ()
+        listed = _list_nodes(tick(drawing, trace), shows_all=not trace)
+        return Figure(f"Behaviour tree {name}", render_svg(drawing), f"<ul>{listed}</ul>")
+
+    def _repr_html_(self) -> str:
+        decided = self.status.decision
+        reason = f"{decided.cause} {decided.reason}" if decided is not None else self.status.reason
+        return _show_verdict(self.id, self.verdict or self.state, reason, self.criteria)
+
+
+@dataclass(frozen=True, slots=True)
+class GoalView:
+    """A goal; notebooks show its verdict and graph. `status` is all that the journal says of it."""
+
+    id: GoalId
+    verdict: str
+    sessions: tuple[SessionView, ...] = field(repr=False)
+    workspace: Path
+    status: GoalStatus = field(repr=False)
+
+    @property
+    def graph(self) -> Figure:
+        """Its nodes, with every attempt at them."""
+        from phyagentos.pictures.goals import draw_goal
+
+        return Figure(f"Graph of the goal {self.id}", draw_goal(self.status))
+
+    def _repr_html_(self) -> str:
+        return _show_verdict(self.id, self.verdict, self.status.reason, self.status.criteria) + self.graph._repr_html_()
+
+
+@dataclass(frozen=True, slots=True)
+class WorkspaceView:
+    """Goals and sessions by id, in the order of their submission; iterates over its sessions."""
+
+    root: Path
+    goals: Mapping[GoalId, GoalView] = field(repr=False)
+    sessions: Mapping[SessionId, SessionView] = field(repr=False)
+    _ledger: Ledger = field(repr=False)
+
+    def __iter__(self) -> Iterator[SessionView]:
+        return iter(self.sessions.values())
+
+    def __getitem__(self, session: str) -> SessionView:
+        """The session; the part of its id after the goal is enough. Raises DefinitionError `UNKNOWN_SESSION`."""
+        return self.sessions[get_session(session, self.sessions)]
+
+    def why(self, subject: str = "") -> str:
+        """What `paos why` prints of a session, node or goal, or of the latest goal; raises `UNKNOWN_SESSION`."""
+        from phyagentos.assembly.explanation import explain_subject
+
+        return explain_subject(Workspace(self.root), self._ledger, subject)[1]
+
+    def replay(self, session: str) -> "Playback":
+        """Its times, joint positions and tree over time, from evidence alone; raises `EVIDENCE_UNREADABLE`."""
+        from phyagentos.pictures.playback import read_playback
+
+        return read_playback(Workspace(self.root), self[session].status)
+
+
+def _show_verdict(title: str, verdict: str, reason: str, criteria: tuple[Criterion, ...]) -> str:
+    """HTML; whatever is shown was written by others."""
+    rows = "".join(
+        f"<tr><td>{each.truth.mark}<td>{escape(each.kind)}<td><code>{escape(each.text)}</code><td>{escape(each.sentence)}"
+        for each in criteria
+    )
+    return f"<p><b>{escape(title)}</b>: {escape(verdict)} {escape(reason)}</p><table>{rows}</table>"
+
+
+def _list_nodes(node: "TickingNode", *, shows_all: bool) -> str:
+    ended = node.event.status if node.event is not None else ""
+    below = "".join(_list_nodes(each, shows_all=shows_all) for each in node.children) if ended or shows_all else ""
+    return f"<li>{escape(node.drawing.label)} <b>{escape(ended)}</b><ul>{below}</ul>"

@@ -1,0 +1,71 @@
+"""Files and names of a project: what a path or a name means, parameters and roles of `--set`, whose Python may run.
+
+A project is a folder with any of goal_graphs/, trees/, skills/, scenes/, robots/, faults/. The folder of the given file
+comes first, then the working directory, then installed libraries and what ships.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.workspace.foreign_python import find_foreign_python
+from phyagentos.protocol.workspace.workspace import MARKER, Workspace
+
+PREFIX = "targets."
+FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol")
+
+
+def find_project(path: Path) -> Path:
+    """The project folder of a file; its own folder when none is recognised."""
+    resolved = path.resolve()
+    own = resolved if resolved.is_dir() else resolved.parent
+    return next((parent.parent for parent in resolved.parents if parent.name in FOLDERS), own)
+
+
+def open_library(*paths: Path) -> Library:
+    """The library as seen from the projects of these files, and from here."""
+    return Library.open(*(find_project(path) for path in paths), Path.cwd())
+
+
+def get_file(argument: Path, folder: str) -> Path:
+    """The file that an argument means: a path, or a name or path inside the libraries' `folder` (`tidy_table`)."""
+    if argument.is_file():
+        return argument
+    roots = open_library().roots
+    names = (argument, Path(folder) / argument, Path(folder) / f"{argument}.yaml")
+    if (found := next((root / name for root in roots for name in names if (root / name).is_file()), None)) is not None:
+        return found
+    known = sorted({path.stem for root in roots for path in (root / folder).glob("*.yaml")})
+    expected = f"a path, or one of: {format_names(known)}"
+    raise DefinitionError.of("UNKNOWN_FILE", str(argument), "no such file", expected, format_hint(argument.stem, known))
+
+
+def get_settings(name: str, library: Library, workspace: Path | None) -> Path | None:
+    """A settings file of a workspace that is there already, else the one that a new workspace gets."""
+    folders = (*([workspace] if workspace is not None else []), *(root / "protocol" for root in library.roots))
+    return next((folder / name for folder in folders if (folder / name).is_file()), None)
+
+
+def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
+    """`cube=red` as `{"parameters.cube.default": "red"}`, `targets.arm=ur5e` as it is; raises `INVALID_OVERRIDE`."""
+    pairs = [text.partition("=") for text in texts or ()]
+    wrong = [key for key, _, value in pairs if "." in key.removeprefix(PREFIX) or not key or not value]
+    if wrong:
+        raise DefinitionError.of("INVALID_OVERRIDE", "--set", wrong[0], f"PARAMETER=VALUE or {PREFIX}ROLE=NAME")
+    return {key if key.startswith(PREFIX) else f"parameters.{key}.default": value for key, _, value in pairs}
+
+
+def admit_python(root: Path, *sources: Path, is_trusted: bool, announce: Callable[[str], object] = str) -> None:
+    """Name the Python of an existing workspace that neither the projects of `sources` nor the working folder hold.
+
+    Raises DefinitionError `UNTRUSTED_PYTHON` unless it `is_trusted`; `LEADS_OUT`.
+    """
+    found = find_foreign_python(Workspace.open(root), open_library(*sources)) if (root / MARKER).is_file() else ()
+    if found and not is_trusted:
+        expected = "a skill as in this project, in an installed package or as shipped"
+        hint = "Read it; --trust-python lets it run."
+        asked = [Problem("UNTRUSTED_PYTHON", str(path), "other Python", expected, hint) for path in found]
+        raise DefinitionError(asked)
+    for path in found:
+        announce(f"trusted Python: {path}")

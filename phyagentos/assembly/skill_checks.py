@@ -1,0 +1,74 @@
+"""Problems of a SKILL.md beyond its form (predicates, parameters, the tree); preflight checks them again."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
+from phyagentos.protocol.capabilities.trees import Tree, read_tree
+from phyagentos.protocol.documents.schema import Address, Located
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+
+TARGET_WORD = "target"  # `${target}` is the session's own target
+
+
+def check_skill(path: Path, library: Library) -> list[Problem]:
+    """Every problem of one SKILL.md."""
+    try:
+        skill, located = read_skill(path)
+    except DefinitionError as error:
+        return list(error.problems)
+    return [*_check_predicates(skill, located), *_check_tree(skill, located, library)]
+
+
+def _check_predicates(skill: SkillRuntime, located: Located) -> Iterator[Problem]:
+    known = [*skill.parameters, TARGET_WORD]
+    for key in ("requires", "hold", "guarantees"):
+        for index, text in enumerate(getattr(skill, key)):
+            address: Address = (key, index)
+            try:
+                predicate = parse_predicate(text, address=located.address_of(address), template=True)
+            except DefinitionError as error:
+                yield from error.problems
+                continue
+            for name in predicate.variables:
+                if name not in known:
+                    found = f"'${{{name}}}' in {text!r}"
+                    yield located.unknown("UNKNOWN_PARAMETER", address, name, known, found)
+
+
+def _check_tree(skill: SkillRuntime, located: Located, library: Library) -> Iterator[Problem]:
+    if skill.policy is not None:
+        how, at = skill.policy.execution, ("policy", "execution")
+        if how.begins_after and how.begins_after not in (known := library.names_of_skills()):
+            yield located.unknown("UNKNOWN_SKILL", (*at, "begins_after"), how.begins_after, known)
+        if how.aim and how.aim not in skill.parameters:
+            yield located.unknown("UNKNOWN_PARAMETER", (*at, "aim"), how.aim, skill.parameters)
+    for index, name in enumerate(skill.loop.tools if skill.loop is not None else ()):
+        if name not in (known := library.names_of_skills()):
+            yield located.unknown("UNKNOWN_SKILL", ("loop", "tools", index), name, known)
+    if skill.kind != "builtin":
+        return
+    names = library.names_of_trees()
+    if skill.tree not in names:
+        yield located.unknown("UNKNOWN_TREE", ("tree",), skill.tree, names)
+        return
+    try:
+        tree = read_tree(library.get_tree(skill.tree))
+    except DefinitionError as error:
+        yield from error.problems
+        return
+    yield from _check_ports(skill, located, tree)
+
+
+def _check_ports(skill: SkillRuntime, located: Located, tree: Tree) -> Iterator[Problem]:
+    """The skill must feed every input of its tree, and the tree must make every output of the skill."""
+    for name, port in tree.header.inputs.items():
+        if name not in skill.parameters and not port.optional and port.default is None:
+            hint = f"The tree {skill.tree!r} reads it."
+            yield located.problem("MISSING_PARAMETER", ("parameters",), "nothing", f"parameter {name!r}", hint)
+    for name in skill.outputs:
+        if name not in tree.header.outputs:
+            found = f"{name!r}, which the tree {skill.tree!r} does not make"
+            yield located.unknown("UNKNOWN_OUTPUT", ("outputs", name), name, tree.header.outputs, found)

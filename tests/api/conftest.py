@@ -1,0 +1,59 @@
+"""A workspace that an earlier version recorded, with a small scene model for the session that lost its cube."""
+
+import tarfile
+from pathlib import Path
+from types import SimpleNamespace
+
+import mujoco
+import pytest
+
+from phyagentos.assembly import mission_run
+from phyagentos.protocol.capabilities.registries import get_registered_target
+from phyagentos.protocol.sessions.evidence import INITIAL, SCENE_MODEL, TERMINAL, TRAJECTORY
+from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
+from phyagentos.protocol.workspace.workspace import Workspace
+
+ARCHIVE = Path(__file__).resolve().parents[1] / "cli" / "stored" / "tidy_table_0_1_0.tar.xz"
+GOAL = "tidy_table-7"
+
+
+@pytest.fixture(scope="session")
+def stored(tmp_path_factory):
+    """`workspaces/demo` in a folder of its own."""
+    folder = tmp_path_factory.mktemp("api") / "workspaces"
+    with tarfile.open(ARCHIVE) as archive:
+        archive.extractall(folder, filter="data")
+    root = (folder / "tidy_table").rename(folder / "demo")
+    add_scene(Workspace.open(root), root / "evidence" / f"{GOAL}.red")
+    return root
+
+
+def add_scene(workspace, bundle):
+    """What was not stored for its size: here a chain of the arm's joints, with its tool at the end."""
+    profile = get_registered_target(workspace.target_registry, "panda")
+    begin = "".join(
+        f'<body pos="0 0 0.2"><joint name="{name}" axis="0 1 0"/><geom size="0.05"/>' for name in profile.arm.joints
+    )
+    end = f'<site name="{profile.tcp}"/>' + "</body>" * len(profile.arm.joints)
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{begin}{end}</worldbody></mujoco>")
+    mujoco.mj_saveModel(model, str(bundle / SCENE_MODEL))
+    measured = decode_arrays((bundle / TRAJECTORY).read_bytes())["q_measured"]
+    for name, row in ((INITIAL, 0), (TERMINAL, -1)):
+        arrays = decode_arrays((bundle / name).read_bytes()) | {"qpos": measured[row]}
+        (bundle / name).write_bytes(encode_arrays(arrays))
+
+
+@pytest.fixture
+def asked(monkeypatch, stored):
+    """Orders of runs that are checked like any other and then end with the stored workspace."""
+    orders, workspace = [], mission_run.Workspace.open(stored)
+
+    def run_goal(order, interrupts, clock):
+        graph = mission_run.get_file(order.graph, "goal_graphs")
+        faults = mission_run.get_file(order.faults, "faults") if order.faults is not None else None
+        mission_run.check_order(graph, faults, mission_run.parse_overrides(order.overrides))
+        orders.append(order)
+        return SimpleNamespace(workspace=workspace, goal=SimpleNamespace(id=GOAL))
+
+    monkeypatch.setattr(mission_run, "run_goal", run_goal)
+    return orders
