@@ -225,7 +225,7 @@ def test_a_run_orders_what_the_command_orders(asked, monkeypatch, paos, tmp_path
         seed=3,
         workspace=str(tmp_path / "w"),
         faults="slip",
-        overrides={"targets.arm": "ur5e"},
+        overrides={"targets.arm": "panda"},
         memory="none",
         trust_python=True,
     )
@@ -238,7 +238,7 @@ def test_a_run_orders_what_the_command_orders(asked, monkeypatch, paos, tmp_path
         raise DefinitionError.of("INVALID_VALUE", "here")
 
     monkeypatch.setattr(shown, "run_goal", note)
-    options = ["--seed", "3", "-w", tmp_path / "w", "--faults", "slip", "--set", "targets.arm=ur5e"]
+    options = ["--seed", "3", "-w", tmp_path / "w", "--faults", "slip", "--set", "targets.arm=panda"]
     paos("run", "tidy_table", *options, "--memory", "none", "--trust-python")
     for each in fields(asked[0]):
         assert getattr(asked[0], each.name) == getattr(asked[1], each.name), each.name
