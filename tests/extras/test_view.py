@@ -170,9 +170,9 @@ def test_frames_are_the_pictures_that_perception_has_used(page, replanned):
 def test_a_replay_shows_any_moment_of_the_evidence(shown, visits):
     page = visits.open(shown, PAGES["page"], with_scene=True)
     scene = get_scene(page)
-    wait_until(lambda: scene.get_by_role("checkbox").count(), "the controls of a replay", PATIENCE_S)
-    scene.get_by_role("checkbox").evaluate("each => each.click()")  # it plays; now it rests
     slider = scene.get_by_role("slider")
+    wait_until(lambda: slider.count() and scene.get_by_role("checkbox").count() == 1, "a replay", PATIENCE_S)
+    scene.get_by_role("checkbox").evaluate("each => each.click()")  # it plays; now it rests
     slider.press("Home")
     first = await_picture(page, is_drawn, "a drawn scene")
     shoot(page, "replay_begin", whole=False)
