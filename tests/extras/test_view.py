@@ -171,8 +171,8 @@ def test_a_replay_shows_any_moment_of_the_evidence(shown, visits):
     page = visits.open(shown, PAGES["page"], with_scene=True)
     scene = get_scene(page)
     slider = scene.get_by_role("slider")
-    wait_until(slider.count, "the controls of a replay", PATIENCE_S)  # they take the place of viser's own settings
-    scene.get_by_role("checkbox").first.evaluate("each => each.click()")  # it plays; now it rests
+    wait_until(lambda: slider.count() and scene.get_by_role("checkbox").count() == 1, "a replay", PATIENCE_S)
+    scene.get_by_role("checkbox").evaluate("each => each.click()")  # it plays; now it rests
     slider.press("Home")
     first = await_picture(page, is_drawn, "a drawn scene")
     shoot(page, "replay_begin", whole=False)

@@ -72,6 +72,22 @@ def is_moving(workspace):
     return beat is not None and beat.session and beat.tick > 10 and beat.phase == "executing"
 
 
+def is_in_phase(workspace, phase):
+    beat = find_heartbeat(workspace.heartbeats, "panda")
+    return beat is not None and beat.phase == phase
+
+
+def pause(workspace):
+    """Let the session rest at the end of its present motion."""
+    drop_signal(workspace.signals, Signal(kind="pause", by="test"), CLOCK)
+    wait_until(lambda: is_in_phase(workspace, "paused"), "a pause", PATIENCE_S)
+
+
+def resume(workspace):
+    drop_signal(workspace.signals, Signal(kind="resume", by="test"), CLOCK)
+    wait_until(lambda: not is_in_phase(workspace, "paused"), "the end of a pause", PATIENCE_S)
+
+
 def test_a_run_is_followed_from_its_start_to_its_verdict_without_a_reload(workspace, visits):
     with served(workspace.root) as server:
         page = visits.open(server, with_scene=True)
@@ -80,20 +96,22 @@ def test_a_run_is_followed_from_its_start_to_its_verdict_without_a_reload(worksp
         page.evaluate(WATCH)
         with running(workspace, "--faults", "faults/slip.yaml") as run:
             wait_until(lambda: is_moving(workspace) or run.poll() is not None, "a robot that moves", PATIENCE_S)
-            drop_signal(
-                workspace.signals, Signal(kind="pause", by="test"), CLOCK
-            )  # it rests until its picture is there
+            pause(workspace)  # it rests until its picture is there
             get_panel(page, "runtime").get_by_text("paused").wait_for()
             get_scene(page)
             resting = await_picture(page, is_drawn, "a scene of the running session")
             shoot(page, "live_paused", whole=False)
-            drop_signal(workspace.signals, Signal(kind="resume", by="test"), CLOCK)
-            await_picture(page, lambda picture: differ(picture, resting) > 0.002, "a robot that moves on")
-            shoot(page, "live_moving", whole=False)
+            resume(workspace)
+            pause(workspace)
+            await_picture(page, lambda one: is_drawn(one) and differ(one, resting) > 0.002, "a robot that has moved on")
+            shoot(page, "live_moved", whole=False)
+            assert page.locator("#panel-scene iframe").get_attribute("title") == "3D scene of tidy_table-7.red"
+            resume(workspace)
             goal = get_panel(page, "goal").locator("p .state.success")
             goal.wait_for()
             assert run.wait(PATIENCE_S) == 0
         get_panel(page, "runtime").get_by_text("not running").wait_for()
+        await_picture(page, is_drawn, "the scene of the last session")
         shoot(page, "live_over")
         seen = page.evaluate(SEEN)
     sessions = read_ledger(workspace.root).sessions
