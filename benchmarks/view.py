@@ -39,8 +39,11 @@ ASKED = {
 
 
 @contextmanager
-def watched(root: Path) -> Iterator[subprocess.Popen[str]]:
-    """A server of the page, and a client that reads as many streams of it as there are viewers."""
+def watched(root: Path, spent_s: list[float]) -> Iterator[subprocess.Popen[str]]:
+    """A server of the page, and a client that reads as many streams of it as there are viewers.
+
+    What CPU time the server spent while they read is added to `spent_s`.
+    """
     command = [sys.executable, "-m", "phyagentos", "view", str(root), "--no-browser"]
     server = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert server.stdout is not None
@@ -49,11 +52,19 @@ def watched(root: Path) -> Iterator[subprocess.Popen[str]]:
     client = subprocess.Popen(["nice", "-n", "10", *reader], stdout=subprocess.PIPE, text=True)
     assert client.stdout is not None
     assert client.stdout.readline().strip() == "reading"
+    begun_s = _read_cpu_s(server.pid)
     try:
         yield client
     finally:
+        spent_s.append(_read_cpu_s(server.pid) - begun_s)
         server.terminate()  # ends the streams, and so the client, which says what it has read
         server.wait()
+
+
+def _read_cpu_s(pid: int) -> float:
+    """CPU time of a process so far [s]; proc(5), fields 14 and 15."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def time_run(root: Path) -> tuple[float, float]:
@@ -70,9 +81,9 @@ def time_run(root: Path) -> tuple[float, float]:
     return time.perf_counter() - begun_s, used.ru_utime + used.ru_stime
 
 
-def time_pairs(scratch: Path, pairs: int) -> tuple[list[dict[str, tuple[float, float]]], list[int], Path]:
-    """Runs alone and watched, in turns; bytes that each client read; the workspace of the last run."""
-    found, read = [], []
+def time_pairs(scratch: Path, pairs: int) -> tuple[list[dict[str, tuple[float, float]]], list[int], list[float], Path]:
+    """Runs alone and watched, in turns; bytes that each client read; CPU time of each server; the last workspace."""
+    found, read, spent_s = [], [], []
     for pair in range(pairs + 1):
         times: dict[str, tuple[float, float]] = {}
         for kind in ("alone", "watched") if pair % 2 else ("watched", "alone"):
@@ -81,13 +92,13 @@ def time_pairs(scratch: Path, pairs: int) -> tuple[list[dict[str, tuple[float, f
             if kind == "alone":
                 times[kind] = time_run(root)
             else:
-                with watched(root) as client:
+                with watched(root, spent_s) as client:
                     times[kind] = time_run(root)
                 read.append(int(client.communicate()[0]))
         if pair:  # the first pair warms caches
             found.append(times)
             Console(stderr=True).print(f"pair {pair}: {times}", style="dim")
-    return found, read[1:], root
+    return found, read[1:], spent_s[1:], root
 
 
 def main() -> int:
@@ -96,7 +107,7 @@ def main() -> int:
     parser.add_argument("--pairs", type=int, default=8)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="view-") as folder:
-        pairs, read, root = time_pairs(Path(folder), given.pairs)
+        pairs, read, server_s, root = time_pairs(Path(folder), given.pairs)
         spent_ms = measure_refreshes(Path(folder) / "thousand", root, REFRESHES)
     table = Table(title=f"a refresh of a goal of a thousand nodes [ms], {REFRESHES} times")
     for column in ("", "median", "worst", "CPU, median"):
@@ -121,6 +132,7 @@ def main() -> int:
         "run_wall_ratio": ratios["wall"],
         "run_cpu_ratio": ratios["cpu"],
         "viewers": float(VIEWERS),
+        "server_cpu_s": median(server_s),
         "bytes_a_viewer": median(read) / VIEWERS,
         "pairs": float(given.pairs),
     }

@@ -16,7 +16,7 @@ from phyagentos.protocol.capabilities.trees import read_tree
 from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.regular_files import REQUEST_MAX, read_regular
 from phyagentos.protocol.sessions.estop import read_latch
-from phyagentos.protocol.sessions.evidence import INITIAL
+from phyagentos.protocol.sessions.evidence import BEFORE
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.looks import read_looks, read_stored_look
@@ -143,7 +143,7 @@ def _iter_frames(documents: Documents, status: SessionStatus) -> Iterator[tuple[
 
 def _read_scene(documents: Documents, query: Query) -> dict[str, Any]:
     status = documents.find_session(query.session, query.goal)
-    has_scene = status is not None and (documents.workspace.evidence_of(status.contract.id) / INITIAL).is_file()
+    has_scene = status is not None and (documents.workspace.evidence_of(status.contract.id) / BEFORE).is_file()
     return {"status": status if has_scene else None}
 
 

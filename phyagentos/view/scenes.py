@@ -122,12 +122,13 @@ class Stage:
     def _run(self) -> None:
         while not self._ended.wait(STEP_S):
             status = self._documents.ledger.sessions[self._session]
-            if status.execution is None:
-                self._follow()
-            elif self._playback is None:
-                self._begin_replay()
-            else:
-                self._replay()
+            with contextlib.suppress(ExecutionError, OSError):  # evidence that is being written
+                if status.execution is None:
+                    self._follow()
+                elif self._playback is None:
+                    self._begin_replay()
+                else:
+                    self._replay()
 
     def _follow(self) -> None:
         """Show what the heartbeat says."""
