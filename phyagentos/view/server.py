@@ -17,7 +17,7 @@ from phyagentos.view import actions, comparison, scenes
 from phyagentos.view.access import COOKIE, Access
 from phyagentos.view.documents import Documents, Version
 from phyagentos.view.pages import PanelRenderer, render
-from phyagentos.view.panels import PANELS, Panel, Query
+from phyagentos.view.panels import PANELS, Query
 
 LOOK_PERIOD_S = 0.4  # between two looks at the documents
 SILENCE_S = 10.0  # after so long a stream says that it lives
@@ -62,6 +62,31 @@ class Watcher:
                 is_news = self._changed.wait_for(lambda: self.version != seen or self.is_over)
                 await asyncio.wait_for(is_news, SILENCE_S)
             return self.version
+
+
+class PanelFeed:
+    """The events of all panels, rendered once a version for all viewers of one choice."""
+
+    def __init__(self, renderer: PanelRenderer) -> None:
+        self._renderer = renderer
+        self._latest: dict[Query, tuple[Version, asyncio.Task[dict[str, str]]]] = {}
+
+    async def read(self, query: Query, version: Version) -> dict[str, str]:
+        """Panel -> its server-sent event."""
+        known, task = self._latest.get(query, (None, None))
+        if task is None or known != version:
+            task = asyncio.create_task(asyncio.to_thread(self._encode, query))
+            self._latest = {each: it for each, it in self._latest.items() if it[0] == version} | {
+                query: (version, task)
+            }
+        return await asyncio.shield(task)  # one viewer that leaves ends it for no other
+
+    def _encode(self, query: Query) -> dict[str, str]:
+        events = {}
+        for panel in PANELS:
+            lines = "".join(f"data: {line}\n" for line in self._renderer.render(panel, query).splitlines())
+            events[panel.name] = f"event: {panel.name}\n{lines}\n"
+        return events
 
 
 def build_app(
@@ -114,7 +139,7 @@ def _guard(access: Access) -> Callable[[Request, Callable[[Request], Awaitable[R
 def _add_pages(
     app: FastAPI, renderer: PanelRenderer, access: Access, watcher: Watcher, *, allows_actions: bool
 ) -> None:
-    documents = renderer.documents
+    documents, feed = renderer.documents, PanelFeed(renderer)
 
     @app.get("/", response_class=HTMLResponse)
     def show_page(goal: str = "", session: str = "", find: str = "") -> str:
@@ -143,7 +168,7 @@ def _add_pages(
 
     @app.get("/events")
     async def follow(request: Request, goal: str = "", session: str = "", find: str = "") -> StreamingResponse:
-        stream = _iter_changes(request, renderer, watcher, Query(goal=goal, session=session, find=find))
+        stream = _iter_changes(request, feed, watcher, Query(goal=goal, session=session, find=find))
         return StreamingResponse(stream, media_type="text/event-stream", headers={"cache-control": "no-store"})
 
 
@@ -165,25 +190,16 @@ def _add_comparisons(app: FastAPI, documents: Documents, runs: dict[str, Path]) 
         return answer("runs", lambda: comparison.compare_runs(runs, first, second))
 
 
-async def _iter_changes(
-    request: Request, renderer: PanelRenderer, watcher: Watcher, query: Query
-) -> AsyncIterator[str]:
+async def _iter_changes(request: Request, feed: PanelFeed, watcher: Watcher, query: Query) -> AsyncIterator[str]:
     """Server-sent events: each panel when it changes, all of them at first."""
     sent: dict[str, str] = {}
     seen = Version()
     while not (watcher.is_over or await request.is_disconnected()):
         seen = await watcher.wait(seen)
-        yield ": alive\n\n"
-        for panel in PANELS:
-            html = await asyncio.to_thread(renderer.render, panel, query)
-            if sent.get(panel.name) != html:
-                sent[panel.name] = html
-                yield _encode_event(panel, html)
-
-
-def _encode_event(panel: Panel, html: str) -> str:
-    lines = "".join(f"data: {line}\n" for line in html.splitlines())
-    return f"event: {panel.name}\n{lines}\n"
+        events = await feed.read(query, seen)
+        changed = [event for name, event in events.items() if sent.get(name) != event]
+        sent = events
+        yield ": alive\n\n" + "".join(changed)
 
 
 def _add_files(app: FastAPI, documents: Documents) -> None:
