@@ -103,13 +103,15 @@ def test_a_run_is_followed_from_its_start_to_its_verdict_without_a_reload(worksp
             pause(workspace)  # it rests until its picture is there
             get_panel(page, "runtime").get_by_text("paused").wait_for()
             get_scene(page)
+            beside = visits.open(server, "/?session=tidy_table-7.red")  # does not go on to the next session
+            beside.evaluate(WATCH)
             resting = await_picture(page, is_drawn, "a scene of the running session")
             shoot(page, "live_paused", whole=False)
             rested_s = get_time_s(workspace)
-            while get_time_s(workspace) < rested_s + 0.5:  # down to the cube
+            while get_time_s(workspace) < rested_s + 1.0:  # down to the cube, and up with it
                 resume(workspace)
                 pause(workspace)
-            await_picture(page, lambda one: is_drawn(one) and differ(one, resting) > 0.001, "a robot that has moved on")
+            await_picture(page, lambda one: is_drawn(one) and differ(one, resting) > 0.002, "a robot that has moved on")
             shoot(page, "live_moved", whole=False)
             assert page.locator("#panel-scene iframe").get_attribute("title") == "3D scene of tidy_table-7.red"
             resume(workspace)
@@ -120,13 +122,14 @@ def test_a_run_is_followed_from_its_start_to_its_verdict_without_a_reload(worksp
         await_picture(page, is_drawn, "the scene of the last session")
         shoot(page, "live_over")
         seen = page.evaluate(SEEN)
-        page.goto(f"{server.origin}/?session=tidy_table-7.red")
-        get_panel(page, "tree").locator("li.failure").get_by_text("GRASP_LOST").first.wait_for()
+        get_panel(beside, "tree").locator("li.failure").get_by_text("GRASP_LOST").first.wait_for()
+        seen_beside = beside.evaluate(SEEN)
     sessions = read_ledger(workspace.root).sessions
     assert len(sessions) == 4
     assert {"tidy_table-7.red running", "tidy_table-7.red replanned"} <= set(seen["states"])
     assert {f"{id} {each.state}" for id, each in sessions.items()} <= set(seen["states"])
     assert {"success", "running"} <= set(seen["ticked"])
+    assert {"success", "running", "failure"} <= set(seen_beside["ticked"])
     assert len(seen["trees"]) > 5, "the tree has ticked"
     assert {f"3D scene of {id}" for id in sessions} >= set(seen["scenes"]) > set()
 
