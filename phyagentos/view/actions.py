@@ -18,7 +18,8 @@ from phyagentos.protocol.workspace.workspace import Workspace
 
 WAIT_S = 60.0  # for the answer of a command that only writes a record
 GRAPH_MAX = 1 << 18  # bytes
-STOP, RESET = "estop", "reset"
+STOP = "estop"
+OTHERS = (STOP, "reset", "amend", "lint", "submit")  # without a command of their own shape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,9 +76,7 @@ def perform(workspace: Workspace, name: str, form: Mapping[str, str]) -> Done:
             _require(name, form, ("graph",))
             return _submit(workspace, form["graph"], runs=name == "submit")
     if name not in ACTIONS:
-        raise DefinitionError.unknown(
-            "UNKNOWN_NAME", "actions", name, (*ACTIONS, STOP, RESET, "amend", "lint", "submit")
-        )
+        raise DefinitionError.unknown("UNKNOWN_NAME", "actions", name, (*ACTIONS, *OTHERS))
     action = ACTIONS[name]
     _require(name, form, action.needs)
     fields = {"reason": "", **{key: clean(value) for key, value in form.items()}}

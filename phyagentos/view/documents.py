@@ -20,7 +20,16 @@ from phyagentos.store.journal import choose_partition
 from phyagentos.store.ledger import Ledger
 
 BUNDLES_KEPT = 64
-_WATCHED = ("signals", "signals/new", "proposals/new", "proposals/decisions", "logs", "ENVIRONMENT.md", "LESSONS.md")
+_WATCHED = (
+    "signals",
+    "signals/new",
+    "proposals/new",
+    "proposals/decisions",
+    "logs",
+    "ENVIRONMENT.md",
+    "LESSONS.md",
+    "KNOWLEDGE.md",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +74,7 @@ class Documents:
             running = [self.workspace.evidence_of(id) / TRACE for id in self.list_running()]
             beats = [*self.workspace.heartbeats.glob("*.json"), *running]
             files = [self.workspace.root / name for name in _WATCHED]
-            newest = _find_latest([*files, *_list_logs(self)])
+            newest = _find_latest([*files, *self.workspace.logs.glob("*.log")])
             self.version = Version(self.ledger.seq, _find_latest(beats), newest, self.is_running())
             return self.version
 
@@ -128,10 +137,6 @@ class Documents:
             return bundle.after or bundle.before
         path = self.workspace.environment
         return read_environment(path.read_text(), path.name) if path.is_file() else None
-
-
-def _list_logs(documents: Documents) -> list[Path]:
-    return list(documents.workspace.logs.glob("*.log"))
 
 
 def _find_latest(paths: list[Path]) -> int:

@@ -28,6 +28,7 @@ from phyagentos.view.access import Access
 from phyagentos.view.documents import Documents
 
 STEP_S = 0.1  # between two updates of a scene
+RETRY_S = 1.0  # before evidence that could not be read is read again
 _MEASURED, _PLANNED, _BELIEVED, _DOUBTED = (26, 90, 217), (242, 140, 13), (190, 26, 217), (217, 26, 26)
 
 
@@ -107,7 +108,10 @@ class Stage:
         self._clock = self._server.gui.add_number("time [s]", 0.0, step=0.01, disabled=True)
         self._slider: Any = None
         self._playback: Any = None
-        self._shown: tuple[Any, ...] = ()
+        self._told = ""
+        self._shown: tuple[Any, ...] = ()  # joint positions
+        self._believed: tuple[Any, ...] = ()  # revision and age of what is outlined
+        self._outlines: list[Any] = []
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"scene-{session}", daemon=True)
         self._thread.start()
@@ -122,13 +126,22 @@ class Stage:
     def _run(self) -> None:
         while not self._ended.wait(STEP_S):
             status = self._documents.ledger.sessions[self._session]
-            with contextlib.suppress(ExecutionError, OSError):  # evidence that is being written
+            try:
                 if status.execution is None:
                     self._follow()
                 elif self._playback is None:
                     self._begin_replay()
                 else:
                     self._replay()
+            except (ExecutionError, OSError) as error:  # thinned, damaged, or still being written
+                self._tell(str(error))
+                self._ended.wait(RETRY_S)
+
+    def _tell(self, problem: str) -> None:
+        """Say once what is wrong."""
+        if problem != self._told:
+            self._told = problem
+            self._server.gui.add_markdown(problem)
 
     def _follow(self) -> None:
         """Show what the heartbeat says."""
@@ -172,36 +185,37 @@ class Stage:
     def _show(self, believed: Environment | None, time_s: float) -> None:
         import mujoco
 
-        mujoco.mj_forward(self._model, self._data)
-        key = (*self._data.qpos, believed and believed.revision, round(time_s))
-        if key != self._shown:
-            self._shown = key
+        if (joints := tuple(self._data.qpos)) != self._shown:
+            self._shown = joints
+            mujoco.mj_forward(self._model, self._data)
             self._scene.update_from_mjdata(self._data)
-            if believed is not None:
-                self._show_believed(believed, time_s)
+        if believed is not None and (key := (believed.revision, round(time_s))) != self._believed:
+            self._believed = key
+            self._show_believed(believed, time_s)
 
     def _show_believed(self, believed: Environment, time_s: float) -> None:
         """Outlines of movable things, each with its age and doubt; doubted ones are red."""
-        scene = self._server.scene
-        for index, outline in enumerate(iter_outlines(believed)):
-            entity = outline.entity
-            doubted = entity.is_unsure or entity.status is Status.HIDDEN
-            scene.add_box(
-                f"/believed/{entity.name}/{index}",
-                color=_DOUBTED if doubted else _BELIEVED,
-                dimensions=2.0 * outline.half_m,
-                wireframe=True,
-                wxyz=outline.quaternion_wxyz,
-                position=outline.position_m,
-            )
-            age_s = max(0.0, time_s - entity.observed_at_s)
-            text = f"{entity.name}: {entity.status} {age_s:.0f} s ago, {100 * entity.confidence:.0f} %"
-            scene.add_label(
-                f"/believed/{entity.name}/text",
-                text,
-                position=np.add(outline.position_m, (0, 0, 0.08)),
-                font_screen_scale=0.7,
-            )
+        scene, before, outlines = self._server.scene, self._outlines, list(iter_outlines(believed))
+        with self._server.atomic():
+            for each in before:
+                each.remove()
+            self._outlines = [
+                scene.add_box(
+                    f"/believed/{index}",
+                    color=_DOUBTED if each.entity.is_unsure or each.entity.status is Status.HIDDEN else _BELIEVED,
+                    dimensions=2.0 * each.half_m,
+                    wireframe=True,
+                    wxyz=each.quaternion_wxyz,
+                    position=each.position_m,
+                )
+                for index, each in enumerate(outlines)
+            ]
+            for name, entity in {each.entity.name: each.entity for each in outlines}.items():
+                age_s = max(0.0, time_s - entity.observed_at_s)
+                text = f"{name}: {entity.status} {age_s:.0f} s ago, {100 * entity.confidence:.0f} %"
+                position = np.add(entity.pose.position_m, (0, 0, 0.08))
+                label = scene.add_label(f"/named/{name}", text, position=position, font_screen_scale=0.7)
+                self._outlines.append(label)
 
 
 @cache

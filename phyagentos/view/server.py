@@ -236,7 +236,10 @@ def _add_actions(app: FastAPI, documents: Documents, access: Access) -> None:
             return PlainTextResponse("refused: not from a form of this page\n", 403)
         form: dict[str, Any] = {key: str(value) for key, value in (await request.form()).items()}
         try:
-            done = await asyncio.to_thread(actions.perform, documents.workspace, name, form)
+            if name == actions.STOP:  # waits for no thread
+                done = actions.perform(documents.workspace, name, form)
+            else:
+                done = await asyncio.to_thread(actions.perform, documents.workspace, name, form)
         except (DefinitionError, ExecutionError, OSError) as error:
             return HTMLResponse(render("unreadable", error=error), 422)
         return HTMLResponse(render("done", done=done))

@@ -186,3 +186,15 @@ def test_an_action_that_is_not_from_our_own_page_is_refused(open_page, access, t
     refused = open_page(allows_actions=True).post("/actions/estop", headers=sent)
     assert refused.status_code == 403
     assert not is_latched(told.workspace.signals.parent)
+
+
+def test_the_stop_waits_for_no_thread_that_other_actions_hold(documents, access, monkeypatch):
+    async def wait_for_ever(*_):
+        raise AssertionError("a thread was asked for")
+
+    app = build_app(documents, access, allows_actions=True)
+    client = TestClient(app, base_url=OWN, cookies={COOKIE: access.token})
+    monkeypatch.setattr("phyagentos.view.server.asyncio.to_thread", wait_for_ever)
+    pressed = client.post("/actions/estop", headers={"origin": OWN, FORM_HEADER: access.form_secret})
+    assert pressed.status_code == 200
+    assert is_latched(documents.workspace.signals.parent)
