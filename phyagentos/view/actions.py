@@ -7,6 +7,9 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
+
+import yaml
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
@@ -15,6 +18,8 @@ from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.sessions import estop
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.edits.form import AmendRequest, read_amendment
+from phyagentos.store.edits.inbox import read_request
 
 WAIT_S = 60.0  # for the answer of a command that only writes a record
 GRAPH_MAX = 1 << 18  # bytes
@@ -93,16 +98,30 @@ def _stop(workspace: Workspace, form: Mapping[str, str]) -> Done:
 
 def _amend(workspace: Workspace, form: Mapping[str, str]) -> Done:
     """A request for other limits or priority of a session that is pending, as any writer may drop one."""
-    limits = {name: form[name] for name in ("timeout_s", "stall_s") if form.get(name)}
-    lines = ["kind: amend", f"session: {clean(form['session'])}", *(["limits:"] if limits else [])]
-    lines += [f"  {name}: {clean(value)}" for name, value in limits.items()]
-    lines += [f"priority: {clean(form['priority'])}"] if form.get("priority") else []
-    text = "\n".join(lines) + "\n"
-    name = f"view-{hashlib.sha256(text.encode()).hexdigest()[:12]}-{os.getpid()}.yaml"
-    temporary, asked = workspace.inbox / "tmp" / name, workspace.inbox / "new" / name
-    temporary.write_text(text)
-    temporary.replace(asked)
-    return Done(command=f"paos edit {workspace.root}", output=f"asked: {asked}; SESSIONS.md shows what became of it")
+    limits = {name: _read_number(name, form[name]) for name in ("timeout_s", "stall_s") if form.get(name)}
+    asked: dict[str, Any] = {"kind": "amend", "session": clean(form["session"])} | (
+        {"limits": limits} if limits else {}
+    )
+    asked |= {"priority": _read_number("priority", form["priority"], int)} if form.get("priority") else {}
+    data = yaml.safe_dump(asked, sort_keys=False).encode()
+    temporary = workspace.inbox / "tmp" / f"view-{hashlib.sha256(data).hexdigest()[:12]}-{os.getpid()}.yaml"
+    temporary.write_bytes(data)
+    try:
+        request, located = read_request(temporary)
+        if isinstance(request, AmendRequest):
+            read_amendment(located, ("limits",), request.limits, request.priority)
+    except DefinitionError:
+        temporary.unlink()
+        raise
+    place = temporary.replace(workspace.inbox / "new" / temporary.name)
+    return Done(command=f"paos edit {workspace.root}", output=f"asked: {place}; SESSIONS.md shows what became of it")
+
+
+def _read_number(name: str, text: str, kind: type[float] = float) -> float:
+    try:
+        return kind(text)
+    except ValueError as error:
+        raise DefinitionError.of("INVALID_VALUE", name, text, "a number") from error
 
 
 def _submit(workspace: Workspace, graph: str, *, runs: bool) -> Done:

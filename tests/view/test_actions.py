@@ -40,6 +40,13 @@ def test_an_amendment_is_a_request_that_the_inbox_takes(documents, desk):
     assert msgspec.to_builtins(entry.body) == {"limits": {"timeout_s": 12.5}, "priority": 3}
 
 
+@pytest.mark.parametrize("value", ["soon", "-1", "1\npriority: 9", "nan", "[1", "!!python/name:os.system"])
+def test_an_amendment_that_no_session_could_take_is_refused_on_the_page(documents, desk, value):
+    with pytest.raises(DefinitionError):
+        perform(documents.workspace, "amend", {"session": desk.submit("b"), "timeout_s": value})
+    assert not list(documents.workspace.inbox.glob("*/*.yaml"))
+
+
 def test_a_graph_that_is_unsound_is_linted_and_not_submitted(documents):
     done = perform(documents.workspace, "submit", {"graph": "goal: tidy\nsesions: {}\n"})
     assert not done.is_met
