@@ -12,7 +12,6 @@ DEMO_SPACE  := workspaces/demo
 
 FAST  := fast
 BOTH  := -n 2 --dist worksteal
-WAITING := -n 3 --dist worksteal  # journeys wait for limits to pass a good part of their time
 OTHERS := peers gymnasium kit openpi libero lerobot
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
 DRIVERS := build/drivers
@@ -20,7 +19,7 @@ VIEW    := build/view
 AXE     := axe-core-4.14.1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup pictures demo test test-extras check static format schemas site wheel clean
+.PHONY: help setup pictures demo test test-quick test-journeys test-extras check static format schemas site wheel clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 13
@@ -46,16 +45,21 @@ demo: setup  ## tidy a table while a cube slips out of the fingers: verify, repl
 	@$(BIN)/paos run goal_graphs/tidy_table.yaml --seed $(DEMO_SEED) --faults $(DEMO_FAULTS) --workspace $(DEMO_SPACE) --memory none
 	@echo "demo: documents in $(DEMO_SPACE) (begin with TASK.md and SESSIONS.md), evidence and pictures in $(DEMO_SPACE)/evidence"
 
-test: setup  ## every test, journeys last
-	@echo "test: fast, motion and simulation"
-	@$(BIN)/pytest -q $(BOTH) -m "not journey and not alone"
+test: setup  ## every test
 	@echo "test: what keeps real time, alone on the machine"
 	@$(BIN)/pytest -q -m alone
-	@echo "test: journeys"
-	@left=$$(mktemp -d)/journeys \
-	&& $(BIN)/pytest -q $(WAITING) -m "journey and not alone" --basetemp $$left \
-	&& $(BIN)/pytest -q tests/journeys/test_statecharts.py --journeys $$left \
-	&& rm -rf $$left
+	@$(MAKE) --no-print-directory --jobs 2 test-quick test-journeys
+
+test-quick: $(STAMP)
+	@echo "test: fast, motion and simulation; beside them the journeys, which are shown when they have ended"
+	@$(BIN)/pytest -q $(BOTH) -m "not journey and not alone"
+
+test-journeys: $(STAMP)
+	@left=$$(mktemp -d); { \
+	$(BIN)/pytest -q $(BOTH) -m "journey and not alone" --basetemp $$left/journeys \
+	&& $(BIN)/pytest -q tests/journeys/test_statecharts.py --journeys $$left/journeys \
+	&& rm -rf $$left/journeys; } > $$left/log 2>&1; \
+	ended=$$?; echo; echo "test: journeys"; cat $$left/log; exit $$ended
 
 test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed $(VIEW)/.installed  ## tests beside systems of others, which it installs in build/
 	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS),--$(each)-python=build/$(each)/bin/python)

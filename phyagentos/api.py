@@ -8,17 +8,21 @@ from base64 import b64encode
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from phyagentos.clock import SystemClock
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.sessions.evidence import TRAJECTORY, read_bundle
 from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
 from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.settings.perception import Prior, Sensing
+from phyagentos.protocol.settings.runtime_contract import WorldMode
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.history import fold_partition
 from phyagentos.store.journal import choose_partition
@@ -28,6 +32,8 @@ from phyagentos.store.subjects import get_session
 if TYPE_CHECKING:
     from phyagentos.pictures.playback import Array, Playback
     from phyagentos.pictures.trees import TickingNode
+
+OptionT = TypeVar("OptionT", bound=StrEnum)
 
 
 def open_workspace(path: str | Path) -> "WorkspaceView":
@@ -57,7 +63,12 @@ def run(
     workspace: str | Path | None = None,
     faults: str | Path | None = None,
     overrides: Mapping[str, object] | None = None,
+    world_mode: str | None = None,
+    verify: str | None = None,
+    sense: str | None = None,
+    prior: str | None = None,
     memory: str | None = None,
+    pictures: bool = True,
     trust_python: bool = False,
 ) -> "GoalView":
     """Run a goal graph to its verdict as `paos run` does; an interrupt halts the robot, a second one ends at once.
@@ -76,7 +87,12 @@ def run(
         workspace=Path(workspace) if workspace is not None else None,
         faults=Path(faults) if faults is not None else None,
         overrides=[f"{name}={value}" for name, value in (overrides or {}).items()],
+        world_mode=_choose("world_mode", world_mode, WorldMode),
+        verify=_choose("verify", verify, VerificationMode),
+        sense=_choose("sense", sense, Sensing),
+        prior=_choose("prior", prior, Prior),
         memory=memory,
+        pictures=pictures,
         trusts_python=trust_python,
     )
     fold = run_goal(order, interrupts := Interrupts(), SystemClock())
@@ -202,6 +218,13 @@ class WorkspaceView:
         from phyagentos.pictures.playback import read_playback
 
         return read_playback(Workspace(self.root), self[session].status)
+
+
+def _choose(name: str, value: str | None, options: type[OptionT]) -> OptionT | None:
+    try:
+        return options(value) if value is not None else None
+    except ValueError:
+        raise DefinitionError(Problem.unknown("INVALID_VALUE", name, str(value), options)) from None
 
 
 def _show_verdict(title: str, verdict: str, reason: str, criteria: tuple[Criterion, ...]) -> str:

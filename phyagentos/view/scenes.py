@@ -104,7 +104,8 @@ class Stage:
         self.port = int(self._server.get_port())
         self._scene = ViserMujocoScene(self._server, self._model, num_envs=1)
         self._scene.camera_tracking_enabled = False
-        self._server.initial_camera.position, self._server.initial_camera.look_at = (1.6, 0.0, 1.1), (0.4, 0.0, 0.1)
+        camera = self._server.initial_camera
+        camera.position, camera.look_at, camera.fov = (1.6, 0.0, 1.1), (0.3, 0.0, 0.15), 0.85
         self._clock = self._server.gui.add_number("time [s]", 0.0, step=0.01, disabled=True)
         self._slider: Any = None
         self._playback: Any = None
@@ -212,9 +213,10 @@ class Stage:
             ]
             for name, entity in {each.entity.name: each.entity for each in outlines}.items():
                 age_s = max(0.0, time_s - entity.observed_at_s)
-                text = f"{name}: {entity.status} {age_s:.0f} s ago, {100 * entity.confidence:.0f} %"
-                position = np.add(entity.pose.position_m, (0, 0, 0.08))
-                label = scene.add_label(f"/named/{name}", text, position=position, font_screen_scale=0.7)
+                status = f" {entity.status}" if entity.status is not Status.SEEN else ""
+                text = f"{name}{status} {age_s:.0f} s {100 * entity.confidence:.0f} %"
+                position = np.add(entity.pose.position_m, (0, 0, 0.06))
+                label = scene.add_label(f"/named/{name}", text, position=position, font_screen_scale=0.6)
                 self._outlines.append(label)
 
 

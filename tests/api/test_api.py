@@ -226,7 +226,12 @@ def test_a_run_orders_what_the_command_orders(asked, monkeypatch, paos, tmp_path
         workspace=str(tmp_path / "w"),
         faults="slip",
         overrides={"targets.arm": "panda"},
+        world_mode="realtime",
+        verify="audit",
+        sense="truth",
+        prior="shapes",
         memory="none",
+        pictures=False,
         trust_python=True,
     )
     assert (goal.id, goal.verdict) == (GOAL, "success")
@@ -239,7 +244,8 @@ def test_a_run_orders_what_the_command_orders(asked, monkeypatch, paos, tmp_path
 
     monkeypatch.setattr(shown, "run_goal", note)
     options = ["--seed", "3", "-w", tmp_path / "w", "--faults", "slip", "--set", "targets.arm=panda"]
-    paos("run", "tidy_table", *options, "--memory", "none", "--trust-python")
+    options += ["--world-mode", "realtime", "--verify", "audit", "--sense", "truth", "--prior", "shapes"]
+    paos("run", "tidy_table", *options, "--memory", "none", "--no-pictures", "--trust-python")
     for each in fields(asked[0]):
         assert getattr(asked[0], each.name) == getattr(asked[1], each.name), each.name
 
@@ -251,6 +257,7 @@ def test_a_run_orders_what_the_command_orders(asked, monkeypatch, paos, tmp_path
         ({"faults": "slipp"}, "UNKNOWN_FILE"),
         ({"overrides": {"cube.of": "red"}}, "INVALID_OVERRIDE"),
         ({"overrides": {"cube": "red"}}, "INVALID_OVERRIDE"),
+        ({"sense": "truht"}, "INVALID_VALUE"),
     ],
 )
 def test_a_run_that_cannot_begin_is_refused_before_a_folder_is_made(tmp_path, monkeypatch, options, code):

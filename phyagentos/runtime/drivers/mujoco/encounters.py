@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from phyagentos.geometry import compute_inverse, compute_pose
 from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
@@ -141,6 +140,8 @@ class Encounters:
 
         The search ends with the first that is less than `enough_m`; places whose bounding balls are apart are skipped.
         """
+        from scipy.spatial.distance import cdist  # slow to load, for two arms alone
+
         model, data, least_m = self._model, self._data, np.inf
         sides = np.zeros(model.ngeom, dtype=np.int8)
         sides[own[0].geoms], sides[theirs[0].geoms] = 1, 2

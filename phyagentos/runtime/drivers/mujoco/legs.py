@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import UP
@@ -176,6 +175,8 @@ def share_wrench(levers_m: Array, force_n: Array, moment_nm: Array, weight_n: fl
     Least squares with non-negative shares of the pyramids' edges (Lawson and Hanson); `levers_m` (k, 3) are the points
     from where the moment is taken, and `weight_n` is the unit in which forces are compared.
     """
+    from scipy.optimize import nnls  # a third of a second, for legs alone
+
     k, edges = len(levers_m), len(_EDGES)
     rays = np.tile(_EDGES, (k, 1))
     A = np.empty((6, k * edges))
