@@ -41,9 +41,9 @@ def ask_for_precedence() -> bool:
 
 def collect_rarely() -> None:
     """Freeze what was loaded at the start, and collect less often: records and sessions are trees without cycles."""
-    gc.collect()
     gc.freeze()
     gc.set_threshold(YOUNG, 20, 50)
+    gc.enable()
 
 
 def end_with(parent: int) -> bool:

@@ -1,6 +1,7 @@
 """The runtime's own child processes, started by the watchdog: a world, a worker and a rehearsal for each target."""
 
 import argparse
+import gc
 import sys
 import threading
 from collections.abc import Mapping, Sequence
@@ -111,6 +112,7 @@ def serve_one(site: DriverSite, socket: str, tokens: Tokens, pace_by: Clock | No
     served = ServedTarget(
         driver, log, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth, permits=tokens.permits
     )
+    collect_rarely()
     if pace_by is not None:
         serve_realtime(served, open_door(socket, 0.0, certificate), tokens, pace_by)
     else:
@@ -143,6 +145,7 @@ def serve_shared(sites: list[DriverSite], sockets: Path, tokens: Mapping[str, To
         name = target.robot.profile.target
         serve(target, open_door(str(sockets / f"{name}.world"), spin_s=0.0), tokens[name])
 
+    collect_rarely()
     serve_together(members, serve_at, pace_by)
 
 
@@ -259,7 +262,9 @@ def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
     from phyagentos.runtime.supervision.workers import end_with_parent
 
     end_with_parent()
-    serve(open_service(Workspace.open(root), target), Connection(descriptor))
+    service = open_service(Workspace.open(root), target)
+    collect_rarely()
+    serve(service, Connection(descriptor))
 
 
 def open_world_model(
@@ -386,4 +391,5 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
+    gc.disable()  # until all is loaded: a sixth of a start
     main()

@@ -1,9 +1,8 @@
 """The panels of the page: for each what it shows, the file that this stands in, and the command that prints it."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -19,10 +18,9 @@ from phyagentos.protocol.sessions.estop import read_latch
 from phyagentos.protocol.sessions.evidence import BEFORE
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS
-from phyagentos.protocol.sessions.looks import read_looks, read_stored_look
-from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.store.views.tasks import split_reason
 from phyagentos.view.documents import Documents
+from phyagentos.view.frames import read_frames
 
 SESSIONS_SHOWN, LINES_SHOWN, FRAMES_SHOWN = 60, 40, 12
 _EVENT = re.compile(r"- \d\d:")  # a line of LOG.md that is no explanation
@@ -128,17 +126,7 @@ def _read_world(documents: Documents, query: Query) -> dict[str, Any]:
 
 def _read_frames(documents: Documents, query: Query) -> dict[str, Any]:
     status = documents.find_session(query.session, query.goal)
-    return {"status": status, "frames": list(islice(_iter_frames(documents, status), FRAMES_SHOWN)) if status else []}
-
-
-def _iter_frames(documents: Documents, status: SessionStatus) -> Iterator[tuple[str, str, float, str, str]]:
-    """Role, camera, time, file and member of each whole picture that perception has used."""
-    folder = documents.workspace.evidence_of(status.contract.id)
-    for entry in read_looks(folder):
-        look = read_stored_look(folder / entry.file)
-        for request, answer in look.captures:
-            for frame in () if request.crops else answer.frames:
-                yield entry.role, frame.camera, frame.time_s, entry.file, frame.rgb
+    return {"status": status, "frames": read_frames(documents.read_bundle(status))[:FRAMES_SHOWN] if status else []}
 
 
 def _read_scene(documents: Documents, query: Query) -> dict[str, Any]:

@@ -7,6 +7,7 @@ ended shows any moment of its evidence.
 import asyncio
 import contextlib
 import io
+import math
 import threading
 from functools import cache
 from pathlib import Path
@@ -16,16 +17,19 @@ import numpy as np
 import websockets
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 from fastapi.responses import FileResponse, PlainTextResponse, Response
+from PIL import Image, ImageDraw
 
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.pictures.outlines import iter_outlines
 from phyagentos.protocol.capabilities.registries import get_registered_target
-from phyagentos.protocol.sessions.evidence import INITIAL, SCENE_MODEL
+from phyagentos.protocol.sessions.evidence import INITIAL, SCENE_MODEL, Bundle
+from phyagentos.protocol.sessions.looks import read_picture
 from phyagentos.protocol.sessions.session import SessionId
 from phyagentos.protocol.workspace.array_files import decode_arrays
 from phyagentos.protocol.world.environment import Environment, Status
 from phyagentos.view.access import Access
 from phyagentos.view.documents import Documents
+from phyagentos.view.frames import SeenFrame, read_frames
 
 STEP_S = 0.1  # between two updates of a scene
 RETRY_S = 1.0  # before evidence that could not be read is read again
@@ -113,6 +117,7 @@ class Stage:
         self._shown: tuple[Any, ...] = ()  # joint positions
         self._believed: tuple[Any, ...] = ()  # revision and age of what is outlined
         self._outlines: list[Any] = []
+        self._cameras = Cameras(self._server)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"scene-{session}", daemon=True)
         self._thread.start()
@@ -190,6 +195,9 @@ class Stage:
             self._shown = joints
             mujoco.mj_forward(self._model, self._data)
             self._scene.update_from_mjdata(self._data)
+        if self._cameras.are_wanted():
+            status = self._documents.ledger.sessions[self._session]
+            self._cameras.show(self._documents.read_bundle(status), time_s)
         if believed is not None and (key := (believed.revision, round(time_s))) != self._believed:
             self._believed = key
             self._show_believed(believed, time_s)
@@ -218,6 +226,51 @@ class Stage:
                 position = np.add(entity.pose.position_m, (0, 0, 0.06))
                 label = scene.add_label(f"/named/{name}", text, position=position, font_screen_scale=0.6)
                 self._outlines.append(label)
+
+
+class Cameras:
+    """What each camera saw last, with the windows of things, where the camera was; shown once its box is ticked."""
+
+    def __init__(self, server: Any) -> None:
+        self._scene = server.scene
+        self._box = server.gui.add_checkbox("cameras", initial_value=False)
+        self._bundle: Bundle | None = None
+        self._frames: list[SeenFrame] = []
+        self._shown: list[SeenFrame] = []
+        self._handles: list[Any] = []
+
+    def are_wanted(self) -> bool:
+        """Whether there is something to show, or to take away."""
+        return bool(self._box.value or self._shown)
+
+    def show(self, bundle: Bundle, time_s: float) -> None:
+        """The latest picture of each camera until then, of those that perception has used."""
+        if bundle is not self._bundle:
+            self._frames, self._bundle = sorted(read_frames(bundle), key=lambda each: each.frame.time_s), bundle
+        frames = self._frames if self._box.value else []
+        latest = list({each.frame.camera: each for each in frames if each.frame.time_s <= time_s}.values())
+        if latest == self._shown:
+            return
+        for handle in self._handles:
+            handle.remove()
+        self._shown, self._handles = latest, [self._add(bundle.folder, each) for each in latest]
+
+    def _add(self, folder: Path, shown: SeenFrame) -> Any:
+        frame, pose = shown.frame, shown.frame.world_T_camera
+        image = Image.open(io.BytesIO(read_picture(folder / shown.look.file, frame.rgb))).convert("RGB")
+        for left, top, width, height in shown.seen.values():
+            ImageDraw.Draw(image).rectangle((left, top, left + width, top + height), outline=_BELIEVED)
+        return self._scene.add_camera_frustum(
+            f"/cameras/{frame.camera}",
+            fov=2.0 * math.atan2(frame.height, 2.0 * frame.fy),
+            aspect=image.width / image.height,
+            scale=0.12,
+            thickness=0.003,
+            cast_shadow=False,
+            image=np.asarray(image),
+            wxyz=pose.quaternion_wxyz,
+            position=pose.position_m,
+        )
 
 
 @cache

@@ -1,8 +1,6 @@
 """The server of the page: pages, panels as they change, files of the evidence, actions where they are allowed."""
 
 import asyncio
-import io
-import zipfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
@@ -13,6 +11,7 @@ from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, Red
 from fastapi.staticfiles import StaticFiles
 
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.sessions.looks import read_picture
 from phyagentos.view import actions, comparison, scenes
 from phyagentos.view.access import COOKIE, Access
 from phyagentos.view.documents import Documents, Version
@@ -215,11 +214,10 @@ def _add_files(app: FastAPI, documents: Documents) -> None:
     @app.get("/frames/{session}/{name}/{member}")
     def show_frame(session: str, name: str, member: str) -> Response:
         path = _find_file(evidence, session, name)
-        try:
-            with zipfile.ZipFile(path or io.BytesIO()) as file:
-                return Response(file.read(member), media_type="image/png")
-        except (KeyError, zipfile.BadZipFile, OSError):
-            return PlainTextResponse(f"no picture {member!r} in {name!r} of {session!r}\n", 404)
+        if path is not None:
+            with suppress(ExecutionError):
+                return Response(read_picture(path, member), media_type="image/png")
+        return PlainTextResponse(f"no picture {member!r} in {name!r} of {session!r}\n", 404)
 
 
 def _find_file(evidence: Path, session: str, name: str) -> Path | None:

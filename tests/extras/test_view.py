@@ -166,14 +166,17 @@ def test_frames_are_the_pictures_that_perception_has_used(page, replanned):
     pictures.last.scroll_into_view_if_needed()
     await_true(page, "[...document.querySelectorAll('#panel-frames img')].every(each => each.naturalWidth > 0)")
     assert pictures.count() >= 2 * len({"overhead", "left", "right", "wrist"}), looks
+    assert get_panel(page, "frames").get_by_text("sees bottle, red_cube").count()
+    assert get_panel(page, "frames").locator("rect").count() > pictures.count()
 
 
 def test_a_replay_shows_any_moment_of_the_evidence(shown, visits):
     page = visits.open(shown, PAGES["page"], with_scene=True)
     scene = get_scene(page)
     slider = scene.get_by_role("slider")
-    wait_until(lambda: slider.count() and scene.get_by_role("checkbox").count() == 1, "a replay", PATIENCE_S)
-    scene.get_by_role("checkbox").evaluate("each => each.click()")  # it plays; now it rests
+    plays, cameras = scene.get_by_label("play"), scene.get_by_label("cameras")
+    wait_until(lambda: slider.count() and plays.count() == 1, "a replay", PATIENCE_S)
+    plays.evaluate("each => each.click()")  # it plays; now it rests
     slider.press("Home")
     first = await_picture(page, is_drawn, "a drawn scene")
     shoot(page, "replay_begin", whole=False)
@@ -183,6 +186,9 @@ def test_a_replay_shows_any_moment_of_the_evidence(shown, visits):
             last = await_picture(page, lambda picture: differ(picture, first) > 0.004, "another picture")
             shoot(page, "replay_end", whole=False)
     await_picture(page, lambda picture: differ(picture, first) < differ(last, first) / 4, "the first picture")
+    cameras.evaluate("each => each.click()")
+    await_picture(page, lambda picture: differ(picture, first) > 0.004, "what the cameras saw")
+    shoot(page, "replay_cameras", whole=False)
 
 
 def test_a_scene_finds_its_server_again(replanned, visits):

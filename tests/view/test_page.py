@@ -1,6 +1,7 @@
 """The page: what its panels show, for whom, and that documents stay data."""
 
 import html
+import json
 import re
 
 import pytest
@@ -11,6 +12,7 @@ from phyagentos.view.archive import build_archive
 from phyagentos.view.comparison import compare_sessions
 from phyagentos.view.pages import PanelRenderer
 from phyagentos.view.panels import PANELS, Query
+from tests.looks import keep_look
 from tests.view.conftest import HOSTILE
 
 pytest.importorskip("fastapi", reason="the extra `dev` brings it: make setup")
@@ -72,6 +74,22 @@ def test_panels_say_what_the_told_say(told):
     assert "Continued by tidy-7.a.r1" in verdict
     world = see(read(told, "world", session="tidy-7.a"))
     assert "red_cube 0.300 0.000 0.020 seen 2.5 s 50 %" in world
+
+
+def test_frames_show_where_things_were_seen_in_them(documents, access):
+    folder = documents.workspace.evidence_of("tidy-7.a")
+    keep_look(folder, "start", {"top": b"PNG", "left": b"PNG"}, time_s=0.5)
+    world = json.loads((folder / "environment_before.json").read_text())
+    cube = world["entities"]["red_cube"]
+    cube["evidence"] = ["top@0.500:91,47,9,8", "left@0.400:1,2,3,4", "left@0.500:1,2,<b>", "top"]
+    (folder / "environment_before.json").write_text(json.dumps(world))
+    top, left = read(documents, "frames", session="tidy-7.a").split("<figure>")[1:]
+    assert '<rect x="91" y="47" width="9" height="8"><title>red_cube</title></rect>' in top
+    assert "top 0.50 s (start) sees red_cube" in see(top)
+    assert "<rect" not in left
+    with TestClient(build_app(documents, access), base_url=OWN, cookies={COOKIE: access.token}) as client:
+        assert client.get(re.search(r'src="([^"]+)"', top)[1]).content == b"PNG"
+        assert client.get("/frames/tidy-7.a/look-start.zip/other.png").status_code == 404
 
 
 def test_a_tree_shows_each_nodes_status_its_ports_and_the_last_one_before_a_reset(told):

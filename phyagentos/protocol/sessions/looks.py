@@ -6,7 +6,7 @@ and `look.json`, which describes them. `looks.json` names the looks of a session
 
 import hashlib
 import zipfile
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.errors import ExecutionError, Problem
+from phyagentos.geometry import Pose
 from phyagentos.protocol.sessions.evidence_manifest import FileName
 from phyagentos.protocol.world.environment import Environment
 
@@ -67,6 +68,8 @@ class StoredFrame(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         time_s: Stamp of the sensor [s].
+        fy: Vertical focal length [pixels].
+        world_T_camera: OpenCV's convention: z forward, x right, y down.
         rgb: Name of the PNG.
         depth_m: Name of the `.npy`, float32 (height, width) along z; NaN where nothing was measured.
     """
@@ -75,6 +78,8 @@ class StoredFrame(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
     width: int
     height: int
+    fy: float = 0.0
+    world_T_camera: Pose = Pose()
     rgb: str
     depth_m: str
 
@@ -114,6 +119,15 @@ def format_pointer(camera: str, time_s: float, box: Window) -> str:
     return f"{format_picture(camera, time_s)}:{','.join(map(str, box))}"
 
 
+def find_window(pointer: str) -> Window | None:
+    """The pixels of a pointer; None of one that names none."""
+    try:
+        left, top, width, height = (int(part) for part in pointer.partition(":")[2].split(","))
+    except ValueError:
+        return None
+    return left, top, width, height
+
+
 def shows(captures: Iterable[tuple[Any, Any]], pointer: str) -> bool:
     """Whether a picture holds all pixels of a pointer; a thinned one, as far as its rows and columns reach.
 
@@ -121,13 +135,14 @@ def shows(captures: Iterable[tuple[Any, Any]], pointer: str) -> bool:
         captures: Requests (`crops`, `every`) and answers (`frames`) of the cameras, as recorded or as they are read.
         pointer: See `format_pointer`.
     """
-    picture, _, box = pointer.partition(":")
-    name, _, at = picture.partition("@")
+    name, _, at = get_picture(pointer).partition("@")
     try:
-        left, top, width, height = (int(part) for part in box.split(","))
         time_s = float(at)
     except ValueError:
         return False
+    if (window := find_window(pointer)) is None:
+        return False
+    left, top, width, height = window
     for request, answer in captures:
         slack = request.every - 1
         for frame in answer.frames:
@@ -166,18 +181,31 @@ def read_stored_look(path: Path, sha256: str = "") -> StoredLook:
         raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
 
 
+def iter_whole_frames(folder: Path) -> Iterator[tuple[LookEntry, StoredFrame]]:
+    """The whole pictures of a bundle, in the order of its looks; raises as `read_looks` and `read_stored_look`."""
+    for entry in read_looks(folder):
+        for request, answer in read_stored_look(folder / entry.file).captures:
+            for frame in () if request.crops else answer.frames:
+                yield entry, frame
+
+
 def read_pictures(folder: Path, role: LookRole) -> tuple[str, tuple[bytes, ...]]:
     """The file of a look and its whole pictures as PNG, one a camera; raises as `read_stored_look`."""
     entry = next((each for each in read_looks(folder) if each.role is role), None)
     if entry is None:
         raise ExecutionError("LOOK_MISSING", f"{folder}: no camera picture of the {role}")
     look = read_stored_look(folder / entry.file, entry.sha256)
-    whole = (frame for asked, given in look.captures if not asked.crops for frame in given.frames)
+    whole = [frame for asked, given in look.captures if not asked.crops for frame in given.frames]
+    return entry.file, tuple(read_picture(folder / entry.file, frame.rgb) for frame in whole)
+
+
+def read_picture(look: Path, name: str) -> bytes:
+    """A picture of a look's file as PNG; raises ExecutionError `EVIDENCE_UNREADABLE`."""
     try:
-        with zipfile.ZipFile(folder / entry.file) as file:
-            return entry.file, tuple(file.read(frame.rgb) for frame in whole)
-    except (KeyError, zipfile.BadZipFile) as error:
-        raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder / entry.file}: {error}") from error
+        with zipfile.ZipFile(look) as file:
+            return file.read(name)
+    except (zipfile.BadZipFile, KeyError, OSError) as error:
+        raise ExecutionError("EVIDENCE_UNREADABLE", f"{look}: {error}") from error
 
 
 def find_look_problems(folder: Path, worlds: Iterable[Environment], gone: Collection[str] = ()) -> list[Problem]:

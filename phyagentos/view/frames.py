@@ -1,0 +1,38 @@
+"""Camera frames as perceived: the whole pictures of a session's looks, and where in them things were seen."""
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.looks import (
+    LookEntry,
+    StoredFrame,
+    Window,
+    find_window,
+    format_picture,
+    get_picture,
+    iter_whole_frames,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SeenFrame:
+    """A picture that perception has used; `seen` are the windows of things in it, by name."""
+
+    look: LookEntry
+    frame: StoredFrame
+    seen: dict[str, Window]
+
+
+def read_frames(bundle: Bundle) -> list[SeenFrame]:
+    """In the order of their looks; raises ExecutionError `LOOK_MISSING`, `EVIDENCE_UNREADABLE`."""
+    windows: dict[str, dict[str, Window]] = defaultdict(dict)
+    for world in (bundle.before, bundle.after):
+        for entity in world.entities.values() if world is not None else ():
+            for pointer in entity.evidence:
+                if (window := find_window(pointer)) is not None:
+                    windows[get_picture(pointer)][entity.name] = window
+    return [
+        SeenFrame(look, frame, windows[format_picture(frame.camera, frame.time_s)])
+        for look, frame in iter_whole_frames(bundle.folder)
+    ]
