@@ -253,7 +253,8 @@ class Cameras:
             return
         for handle in self._handles:
             handle.remove()
-        self._shown, self._handles = latest, [self._add(bundle.folder, each) for each in latest]
+        self._shown, self._handles = latest, []
+        self._handles += [self._add(bundle.folder, each) for each in latest]
 
     def _add(self, folder: Path, shown: SeenFrame) -> Any:
         frame, pose = shown.frame, shown.frame.world_T_camera
