@@ -37,13 +37,14 @@ def carry_out(
     proposed: Proposed,
     clock: Clock,
     *,
+    memory: str | None = None,
     restrict: Callable[[Catalogue], Catalogue] | None = None,
 ) -> MissionReport:
     """Pursue an approved proposal to its verdict, with a runtime of its own where none serves the workspace.
 
-    Nothing is read from its file again. A goal that has its verdict is only reported. `restrict` narrows what it may
-    use, repairs included. The Python of the workspace's skills is run: look at it before. Raises DefinitionError
-    `NOT_APPROVED` without an approval of exactly these bytes.
+    Nothing is read from its file again. A goal that has its verdict is only reported. `memory` is as asked of
+    `choose_memory`; `restrict` narrows what the goal may use, repairs included. The Python of the workspace's skills is
+    run: look at it before. Raises DefinitionError `NOT_APPROVED` without an approval of exactly these bytes.
     """
     decision = Proposals(workspace.proposals).find_decision(proposed)
     if decision is None or decision.decision != "approved":
@@ -58,7 +59,8 @@ def carry_out(
             stack.enter_context(serve_alone(workspace, clock))
             alive = stack.enter_context(start_watch(workspace).running(clock)).is_alive
         file, seed = stack.enter_context(as_file(_render(proposed))), proposed.proposal.seed
-        return run_agent(workspace.root, file, seed, goal=proposed.name, restrict=restrict, is_runtime_alive=alive)
+        goal, root = proposed.name, workspace.root
+        return run_agent(root, file, seed, goal=goal, memory=memory, restrict=restrict, is_runtime_alive=alive)
 
 
 @contextlib.contextmanager

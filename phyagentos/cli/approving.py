@@ -18,6 +18,7 @@ from phyagentos.assembly.project import admit_python
 from phyagentos.cli.arguments import TrustPython
 from phyagentos.cli.explaining import Space
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+from phyagentos.cli.running import WhichMemory
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.plain_text import clean
@@ -37,6 +38,7 @@ def approve(
     policy: Annotated[Path | None, typer.Option("--policy", help=_POLICY_HELP, dir_okay=False)] = None,
     once_idle: Annotated[bool, typer.Option(help="With --policy: end when nothing asks for it.")] = False,
     reason: Reason = "",
+    memory: WhichMemory = None,
     trust_python: TrustPython = False,
 ) -> int:
     """Let a proposed goal run: shows it, asks, writes the approval, carries it out to its verdict."""
@@ -58,7 +60,7 @@ def approve(
         raise Exit(ExitCode.INTERRUPTED, "nothing was decided; `paos deny` records a refusal")
     if decision is None:
         proposals.decide(proposed, "approved", by=getpass.getuser(), at=clock.wall_iso(), reason=reason)
-    report = carry_out(place, proposed, clock)
+    report = carry_out(place, proposed, clock, memory=memory)
     print_result(f"goal {report.goal}: {report.verdict}  {report.reason}")
     return report.exit_code
 

@@ -35,7 +35,7 @@ from phyagentos.cli.arguments import AsJson, TrustPython
 from phyagentos.cli.lint import lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
 from phyagentos.cli.planning import print_missing, print_plan
-from phyagentos.cli.running import NoPictures, Seed
+from phyagentos.cli.running import NoPictures, Seed, WhichMemory
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.network.chat import OpenAiEndpoint
@@ -65,6 +65,7 @@ def ask(
     seed: Seed = 0,
     workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help=_WORKSPACE_HELP)] = None,
     no_pictures: NoPictures = False,
+    memory: WhichMemory = None,
     trust_python: TrustPython = False,
     as_json: AsJson = False,
 ) -> int:
@@ -90,7 +91,7 @@ def ask(
         print_note(f"wrote {graph}")
         if yes or (not as_json and _is_approved()):
             order = mission_run.Order(graph=graph, seed=seed, workspace=workspace, as_json=as_json)
-            order = replace(order, pictures=not no_pictures, trusts_python=trust_python)
+            order = replace(order, pictures=not no_pictures, memory=memory, trusts_python=trust_python)
             return _run(understood, planned, order)
         print_note(f"not approved, nothing was run; next: paos run {graph}")
     if as_json:

@@ -24,7 +24,7 @@ from phyagentos.store.edits.inbox import read_request
 WAIT_S = 60.0  # for the answer of a command that only writes a record
 GRAPH_MAX = 1 << 18  # bytes
 STOP = "estop"
-OTHERS = (STOP, "reset", "amend", "lint", "submit")  # without a command of their own shape
+OTHERS = (STOP, "reset", "amend", "lint", "submit")  # that are not one command with the fields of the form
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,10 +99,11 @@ def _stop(workspace: Workspace, form: Mapping[str, str]) -> Done:
 def _amend(workspace: Workspace, form: Mapping[str, str]) -> Done:
     """A request for other limits or priority of a session that is pending, as any writer may drop one."""
     limits = {name: _read_number(name, form[name]) for name in ("timeout_s", "stall_s") if form.get(name)}
-    asked: dict[str, Any] = {"kind": "amend", "session": clean(form["session"])} | (
-        {"limits": limits} if limits else {}
-    )
-    asked |= {"priority": _read_number("priority", form["priority"], int)} if form.get("priority") else {}
+    asked: dict[str, Any] = {"kind": "amend", "session": clean(form["session"])}
+    if limits:
+        asked["limits"] = limits
+    if form.get("priority"):
+        asked["priority"] = _read_number("priority", form["priority"], int)
     data = yaml.safe_dump(asked, sort_keys=False).encode()
     temporary = workspace.inbox / "tmp" / f"view-{hashlib.sha256(data).hexdigest()[:12]}-{os.getpid()}.yaml"
     temporary.write_bytes(data)

@@ -75,9 +75,8 @@ class PanelFeed:
         known, task = self._latest.get(query, (None, None))
         if task is None or known != version:
             task = asyncio.create_task(asyncio.to_thread(self._encode, query))
-            self._latest = {each: it for each, it in self._latest.items() if it[0] == version} | {
-                query: (version, task)
-            }
+            current = {choice: entry for choice, entry in self._latest.items() if entry[0] == version}
+            self._latest = current | {query: (version, task)}
         return await asyncio.shield(task)  # one viewer that leaves ends it for no other
 
     def _encode(self, query: Query) -> dict[str, str]:

@@ -8,6 +8,7 @@ import yaml
 
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.agent.tools.registry import Level
+from phyagentos.assembly.memory_choice import read_choice
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.mcp_server import build_registry
 from phyagentos.cli.outcome import ExitCode
@@ -105,6 +106,7 @@ def test_an_approved_goal_runs_once_and_a_policy_permits_so_many_a_day(paos, pla
     name = propose(place)
     first = paos("approve", name, "-w", place.root, "--yes")
     assert (first.code, f"goal {name}: success" in first.out) == (0, True), first.err
+    assert read_choice(place).folder is None, "PHYAGENTOS_MEMORY of the tests says `none`"
     sessions = set(read_ledger(place.root).sessions)
     again = paos("approve", name, "-w", place.root, "--yes")
     assert again.code == 0

@@ -77,6 +77,7 @@ def test_yes_approves_and_runs_as_paos_run_does(paos, runs):
 
     assert asked.code == ExitCode.GOAL_MET
     assert (order.graph, order.seed, order.workspace, order.pictures) == (Path("mine.yaml"), 3, Path("w"), False)
+    assert order.memory == "none", "PHYAGENTOS_MEMORY of the tests"
 
 
 def test_json_is_one_document_with_the_report_of_the_run_in_it(paos, runs):
