@@ -19,7 +19,7 @@ VIEW    := build/view
 AXE     := axe-core-4.14.1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup pictures demo test test-quick test-journeys test-extras check static format schemas site wheel clean
+.PHONY: help setup pictures demo test test-quick test-journeys test-extras check static format schemas site wheel weigh clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 13
@@ -114,6 +114,9 @@ site: $(STAMP) build/site/.installed  ## build the site from docs/ into build/ht
 wheel: $(STAMP)  ## build dist/*.whl
 	@$(BIN)/python -m build --wheel --no-isolation --outdir dist . > /dev/null
 	@ls dist/*.whl
+
+weigh:  ## statements by room, long functions, names that stand often
+	@python3 tools/weigh.py
 
 clean:  ## remove everything that these targets create
 	rm -rf $(VENV) workspaces dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache tools/mermaid/node_modules

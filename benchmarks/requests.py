@@ -31,7 +31,7 @@ from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, 
 from phyagentos.agent.understanding.vocabulary import Vocabulary
 from phyagentos.assembly.project import open_library
 from phyagentos.bench.report import Ask
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.predicates.predicate import parse_predicate
 
 REQUESTS = Path(__file__).parent.parent / "tests" / "requests"
 LEAST, LEAST_UNSEEN = {"written_right": 0.9}, 0.75

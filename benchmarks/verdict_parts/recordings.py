@@ -14,10 +14,10 @@ import numpy as np
 from benchmarks.recorded import Robot, TappedConnection
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
+from phyagentos.protocol.predicates.predicate import substitute
 from phyagentos.protocol.sessions.evidence import INITIAL, TERMINAL, Bundle, read_bundle
 from phyagentos.protocol.sessions.session import GoalId, Limits, Scene, Session, SessionId
 from phyagentos.protocol.world.faults import FaultFile
-from phyagentos.protocol.world.predicates.predicate import substitute
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.actions.handle import TargetSessionHandle

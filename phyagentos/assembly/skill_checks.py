@@ -8,7 +8,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
 from phyagentos.protocol.capabilities.trees import Tree, read_tree
 from phyagentos.protocol.documents.schema import Address, Located
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.predicates.predicate import parse_predicate
 
 TARGET_WORD = "target"  # `${target}` is the session's own target
 

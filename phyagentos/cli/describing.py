@@ -17,8 +17,8 @@ from phyagentos.cli.schemas import build_schema, iter_structures, list_fields
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, read_skill
+from phyagentos.protocol.predicates.library import PredicateDefinition, get_predicate_library
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
-from phyagentos.protocol.world.predicates.library import PredicateDefinition, get_predicate_library
 
 _TYPES: dict[type, str] = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 

@@ -11,8 +11,8 @@ from phyagentos.cli.outcome import print_result
 from phyagentos.codes import CODES, Retry
 from phyagentos.errors import DefinitionError, format_hint
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.predicates.library import get_predicate_library
 from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS, render_mermaid
-from phyagentos.protocol.world.predicates.library import get_predicate_library
 
 RETRIES = {
     Retry.NEVER: "the same will happen",

@@ -15,6 +15,7 @@ from phyagentos.agent.mission.report import MissionReport
 from phyagentos.clock import SystemClock
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, HOLDS, TRACE, encode_lines, write_json
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Execution, Session
@@ -30,7 +31,6 @@ from phyagentos.protocol.world.environment import (
     ShapeKind,
     TargetState,
 )
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.store.admission import Entry
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger

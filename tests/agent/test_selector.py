@@ -8,7 +8,7 @@ from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.selector import select, unify
 from phyagentos.agent.goals.spec import Promise
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.world.predicates.language import parse
+from phyagentos.protocol.predicates.language import parse
 from tests.agent.conftest import add_skills
 
 

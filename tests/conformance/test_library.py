@@ -5,8 +5,8 @@ import pytest
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference, find_references, iter_nodes, read_tree
+from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.sessions.trace import Role
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.execution.tree_check import check_tree
 

@@ -4,6 +4,7 @@ import msgspec
 import pytest
 
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.predicates.relations import RELATIONS_MAX, compute_relations
 from phyagentos.protocol.world.environment import (
     Change,
     Entity,
@@ -17,7 +18,6 @@ from phyagentos.protocol.world.environment import (
     TargetState,
     read_environment,
 )
-from phyagentos.protocol.world.relations import RELATIONS_MAX, compute_relations
 from phyagentos.store.views.environment import render_environment
 
 CUBE = (Shape(kind=ShapeKind.BOX, size_m=(0.02, 0.02, 0.02)),)

@@ -10,6 +10,7 @@ from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME, Needs,
 from phyagentos.protocol.capabilities.targets import TARGETS, Health, RegisteredTarget, TargetHealth
 from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.log import LogLine, read_log
+from phyagentos.protocol.predicates.relations import compute_relations
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE, Fact, render_knowledge
 from phyagentos.protocol.sessions.lessons import LESSONS, Lesson, render_lessons
 from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RuntimeState, Signs
@@ -24,7 +25,6 @@ from phyagentos.protocol.world.environment import (
     ShapeKind,
     read_environment,
 )
-from phyagentos.protocol.world.relations import compute_relations
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.runtime_signal import render_runtime_signal
 from phyagentos.store.views.environment import render_environment

@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
+from phyagentos.protocol.predicates.predicate import Evaluation, View, parse_predicate
 from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose, Shape, ShapeKind
-from phyagentos.protocol.world.predicates.predicate import Evaluation, View, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 
 HALF_TURN_ABOUT_X = (0.0, 1.0, 0.0, 0.0)

@@ -2,9 +2,9 @@
 
 import pytest
 
+from phyagentos.protocol.predicates.exchanges import EXCHANGES_MAX
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.environment import Pose, Region
-from phyagentos.protocol.world.predicates.exchanges import EXCHANGES_MAX
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 
 from .predicate_worlds import cube, tray, truth, value, world

@@ -3,8 +3,8 @@
 import pytest
 
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.predicates.predicate import iter_entities, iter_postures, parse_predicate
 from phyagentos.protocol.world.environment import Pose, TargetState
-from phyagentos.protocol.world.predicates.predicate import iter_entities, iter_postures, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 from tests.protocol.predicate_worlds import value, world
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from phyagentos.protocol.predicates.builtins import DOUBT_STDS, MOVED_M, PERCEIVED_STD_M
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.environment import Mechanism, Pose, Shape, ShapeKind, Status, TargetState
-from phyagentos.protocol.world.predicates.builtins import DOUBT_STDS, MOVED_M, PERCEIVED_STD_M
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 
 from .predicate_worlds import cube, tray, truth, value, world

@@ -9,11 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.world.environment import Environment, Pose, Shape, ShapeKind
-from phyagentos.protocol.world.predicates.builtins import BUILTINS
-from phyagentos.protocol.world.predicates.language import parse
-from phyagentos.protocol.world.predicates.library import PredicateLibrary, get_predicate_library
-from phyagentos.protocol.world.predicates.predicate import (
+from phyagentos.protocol.predicates.builtins import BUILTINS
+from phyagentos.protocol.predicates.language import parse
+from phyagentos.protocol.predicates.library import PredicateLibrary, get_predicate_library
+from phyagentos.protocol.predicates.predicate import (
     Evaluation,
     View,
     iter_entities,
@@ -21,7 +20,7 @@ from phyagentos.protocol.world.predicates.predicate import (
     substitute,
     worse,
 )
-from phyagentos.protocol.world.predicates.syntax import (
+from phyagentos.protocol.predicates.syntax import (
     And,
     Call,
     Compare,
@@ -36,6 +35,7 @@ from phyagentos.protocol.world.predicates.syntax import (
     Variable,
     render,
 )
+from phyagentos.protocol.world.environment import Environment, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.truth import Truth
 
 from .predicate_worlds import HALF_TURN_ABOUT_X, cube, tray, truth, value, world
@@ -191,7 +191,7 @@ _odd_worlds = [
 
 @given(_anything, st.sampled_from(_odd_worlds), st.sampled_from([None, *_odd_worlds]))
 def test_evaluation_never_raises_whatever_the_formula_and_the_world(formula, now, initial):
-    from phyagentos.protocol.world.predicates.predicate import Predicate
+    from phyagentos.protocol.predicates.predicate import Predicate
 
     evaluation = Predicate(formula).evaluate(View(now=now, initial=initial))
     assert evaluation.truth in set(Truth)

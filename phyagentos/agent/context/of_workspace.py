@@ -10,6 +10,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
 from phyagentos.protocol.documents.document import DocumentFormat, read_document
 from phyagentos.protocol.documents.schema import read_text
+from phyagentos.protocol.predicates.predicate import find_entities
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS, Lesson
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Scope, Standing
@@ -18,7 +19,6 @@ from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState
 from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import ENVIRONMENT, Environment, Snapshot
-from phyagentos.protocol.world.predicates.predicate import find_entities
 from phyagentos.store.ledger import Ledger
 
 _OPEN = (NodeState.ACTIVE, NodeState.BLOCKED, NodeState.READY, NodeState.INVALIDATED, NodeState.WAITING)

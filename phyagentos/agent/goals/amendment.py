@@ -16,11 +16,11 @@ from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.selector import Choice
 from phyagentos.errors import Problem
 from phyagentos.protocol.documents.durable_files import replace_durably
+from phyagentos.protocol.predicates.predicate import View, iter_entities, parse_predicate, substitute
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import UNNAMED
-from phyagentos.protocol.world.predicates.predicate import View, iter_entities, parse_predicate, substitute
 from phyagentos.protocol.world.truth import Truth
 
 _NEW = NodeStatus()

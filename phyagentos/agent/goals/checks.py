@@ -15,10 +15,10 @@ from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, SkillRuntime, find_mismatch
 from phyagentos.protocol.capabilities.targets import find_unshared
 from phyagentos.protocol.documents.schema import Located
+from phyagentos.protocol.predicates.library import ArgumentKind
+from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.world.descriptions import parse_description
 from phyagentos.protocol.world.environment import UNNAMED
-from phyagentos.protocol.world.predicates.library import ArgumentKind
-from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 
 _FITTING = frozenset({("integer", "number"), ("entity", "place"), ("place", "entity")})
 

@@ -17,13 +17,13 @@ from phyagentos.agent.goals.spec import REFERENCE, NodeSpec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.placed_scenes import name_placed
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.predicates.predicate import has_metric, parse_predicate, substitute
+from phyagentos.protocol.predicates.syntax import format_value
 from phyagentos.protocol.sessions.calibration import TrackRecord
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.session import GoalId, Limits, Scene, Session, SessionId
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.tasks import compute_session_id
-from phyagentos.protocol.world.predicates.predicate import has_metric, parse_predicate, substitute
-from phyagentos.protocol.world.predicates.syntax import format_value
 from phyagentos.protocol.world.seeds import compute_seed
 
 Outputs = Mapping[str, Mapping[str, Any]]  # node -> output -> value

@@ -13,8 +13,8 @@ from typing import Any
 from phyagentos.agent.goals.spec import REFERENCE, GoalSpec, NodeSpec, Promise
 from phyagentos.errors import Problem
 from phyagentos.protocol.documents.schema import Located
+from phyagentos.protocol.predicates.syntax import format_value
 from phyagentos.protocol.sessions.session import NODE_MAX
-from phyagentos.protocol.world.predicates.syntax import format_value
 
 Path = tuple[str | int, ...]
 

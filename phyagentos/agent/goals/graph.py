@@ -19,8 +19,8 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import find_roles
 from phyagentos.protocol.documents.markdown import escape_label
 from phyagentos.protocol.documents.schema import Located, parse_yaml, read_yaml, salvage
-from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
-from phyagentos.protocol.world.predicates.syntax import Name, iter_calls
+from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
+from phyagentos.protocol.predicates.syntax import Name, iter_calls
 
 _ANYWHERE = frozenset({"exists", "visible"})  # predicates that stay true wherever a thing is put
 _AT_LAST = _ANYWHERE | {"holding"}  # and those that it makes false only on the way

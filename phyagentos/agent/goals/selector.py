@@ -13,8 +13,8 @@ from phyagentos.agent.goals.spec import Promise
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
-from phyagentos.protocol.world.predicates import syntax
-from phyagentos.protocol.world.predicates.predicate import Predicate, parse_predicate, substitute
+from phyagentos.protocol.predicates import syntax
+from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate, substitute
 
 ANY = "any"
 WRITE_SKILL = "docs/skills_and_trees.md"

@@ -14,14 +14,14 @@ from phyagentos.agent.judging.judges.judge_registry import FORESEEN
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage, compute_move, find_failed_leaf
 from phyagentos.codes import CODES, Retry
+from phyagentos.protocol.predicates.builtins import MOVED_M
+from phyagentos.protocol.predicates.predicate import find_entities, find_formula, find_things
+from phyagentos.protocol.predicates.syntax import And, Call, Not, render
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.sessions.verdicts import Criterion, Support
 from phyagentos.protocol.world.environment import SURE, Environment, Status
-from phyagentos.protocol.world.predicates.builtins import MOVED_M
-from phyagentos.protocol.world.predicates.predicate import find_entities, find_formula, find_things
-from phyagentos.protocol.world.predicates.syntax import And, Call, Not, render
 from phyagentos.protocol.world.truth import Truth
 
 DISTURBED_M = 0.03  # fingers that close beside a thing shift it by less

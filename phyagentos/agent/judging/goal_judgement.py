@@ -20,13 +20,13 @@ from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.agent.judging.judges.predicates import evaluate_on
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.documents.schema import read_text
+from phyagentos.protocol.predicates.library import ArgumentKind
+from phyagentos.protocol.predicates.predicate import View, has_metric, parse_predicate
 from phyagentos.protocol.sessions.evidence import AFTER, Bundle, read_bundle
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
 from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.world.environment import ENVIRONMENT, Environment, read_environment
-from phyagentos.protocol.world.predicates.library import ArgumentKind
-from phyagentos.protocol.world.predicates.predicate import View, has_metric, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 
 Age = tuple[int, str]

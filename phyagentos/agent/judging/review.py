@@ -14,6 +14,7 @@ from phyagentos.agent.judging.goal_judgement import Evidence, carry_conditions
 from phyagentos.agent.judging.judges.predicates import evaluate_on
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, Bundle
 from phyagentos.protocol.sessions.lifecycle import REVIEW, IllegalTransition, SessionState, list_triggers
 from phyagentos.protocol.sessions.looks import LookEntry, LookRole
@@ -21,7 +22,6 @@ from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry
 from phyagentos.store.history import fold_partition

@@ -16,6 +16,7 @@ from phyagentos.agent.judging.diagnosis import Diagnosis, diagnose
 from phyagentos.agent.judging.judges.judge_registry import FORESEEN, Judge, make_unknown
 from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
 from phyagentos.agent.judging.judges.predicates import LookaheadJudge, PredicateJudge
+from phyagentos.protocol.predicates.predicate import find_things
 from phyagentos.protocol.sessions.evidence import Bundle, refer_to
 from phyagentos.protocol.sessions.evidence_manifest import get_shown_name
 from phyagentos.protocol.sessions.lessons import Lesson
@@ -23,7 +24,6 @@ from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, EvidenceReference, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import find_things
 from phyagentos.protocol.world.truth import Truth
 
 DEFAULT_JUDGES: tuple[Judge, ...] = (PredicateJudge(), HoldJudge(), MetricJudge(), LookaheadJudge())

@@ -16,8 +16,8 @@ from phyagentos.agent.memory.methodological import Correction, judge
 from phyagentos.agent.memory.semantic import Rank
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.skill_runtimes import Learned, SkillRuntime
+from phyagentos.protocol.predicates.predicate import substitute
 from phyagentos.protocol.sessions.memory_entries import Standing
-from phyagentos.protocol.world.predicates.predicate import substitute
 
 Start = tuple[Episode, ...]  # sessions of one start on which a sequence was verified; the last one is the attempt
 Step = tuple[SkillRuntime, Mapping[str, str]]  # a skill, and the name in the whole of each of its parameters

@@ -28,12 +28,12 @@ from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.mission.task_document import TaskEdit
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.schema import read_yaml
+from phyagentos.protocol.predicates.predicate import View, parse_predicate, substitute
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.tasks import NodeState
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate, substitute
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 

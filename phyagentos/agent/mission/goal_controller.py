@@ -29,6 +29,7 @@ from phyagentos.agent.repair.case import join_evidence
 from phyagentos.agent.repair.clearing import PURPOSE as CLEARS
 from phyagentos.agent.repair.looking import LOOKS_MAX, settle
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
+from phyagentos.protocol.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.lifecycle import SessionState, find_cancel
@@ -36,7 +37,6 @@ from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
-from phyagentos.protocol.world.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 from phyagentos.store.ledger import Ledger

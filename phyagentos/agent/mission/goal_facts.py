@@ -9,10 +9,10 @@ from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.mission.worklist import GoalDag
 from phyagentos.agent.repair import looking
 from phyagentos.agent.repair.case import Left, compute_left
+from phyagentos.protocol.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
 from phyagentos.protocol.sessions.session import GoalId, Session, SessionId, SessionStatus
 from phyagentos.protocol.sessions.tasks import NodeState, NodeStatus
-from phyagentos.protocol.world.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.store.admission import GOAL_PREFIX, Entry, GoalEvent
 from phyagentos.store.ledger import Ledger
 

@@ -22,6 +22,8 @@ from phyagentos.agent.repair.foreseen import revise_refused
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.agent.repair.regressions import find_lost_preconditions, find_regressions
 from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_requires
+from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.predicates.syntax import iter_calls
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Session, SessionStatus
@@ -29,8 +31,6 @@ from phyagentos.protocol.sessions.tasks import NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
-from phyagentos.protocol.world.predicates.syntax import iter_calls
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 

@@ -18,11 +18,11 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import Vector
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
 from phyagentos.protocol.documents.schema import Address, Located, read_yaml, salvage
+from phyagentos.protocol.predicates.library import View
+from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.predicates.relations import find_places
+from phyagentos.protocol.predicates.syntax import Call, Compare, Name, Point, iter_calls
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.library import View
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
-from phyagentos.protocol.world.predicates.syntax import Call, Compare, Name, Point, iter_calls
-from phyagentos.protocol.world.relations import find_places
 from phyagentos.protocol.world.truth import Truth
 
 Tried = tuple[str, str, Mapping[str, Any]]  # skill, target and parameters of a session

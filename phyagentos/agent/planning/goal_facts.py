@@ -9,9 +9,9 @@ from itertools import product
 
 from phyagentos.agent.planning.problem import Condition, Fact
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.world.predicates.library import Argument, ArgumentKind, get_predicate_library
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
-from phyagentos.protocol.world.predicates.syntax import (
+from phyagentos.protocol.predicates.library import Argument, ArgumentKind, get_predicate_library
+from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.predicates.syntax import (
     And,
     Call,
     Compare,

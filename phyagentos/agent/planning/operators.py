@@ -22,11 +22,9 @@ from phyagentos.agent.planning.problem import Fact, Operator
 from phyagentos.agent.planning.rooms import Spot, count_room, find_in_lane, is_in_reach
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.free_spot import find_support
-from phyagentos.protocol.world.predicates.library import ArgumentKind, get_predicate_library
-from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
-from phyagentos.protocol.world.predicates.syntax import (
+from phyagentos.protocol.predicates.library import ArgumentKind, get_predicate_library
+from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
+from phyagentos.protocol.predicates.syntax import (
     And,
     Call,
     Formula,
@@ -39,6 +37,8 @@ from phyagentos.protocol.world.predicates.syntax import (
     Variable,
     render,
 )
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.free_spot import find_support
 
 Effect = tuple[Call, bool]  # a statement, and whether it is true
 _EASY_M = 0.1  # a skill that may miss by so much finds a place

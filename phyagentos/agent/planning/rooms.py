@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import Pose, Vector, to_parent
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.entity_geometry import AXES, compute_center, compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.protocol.world.free_spot import ROOM_M, find_free_spot, find_support
 from phyagentos.protocol.world.mechanisms import compute_motion
-from phyagentos.protocol.world.predicates.geometry import AXES, compute_center, compute_extent, compute_reach
 
 BESIDE_M = 0.01  # between two things in one place
 SPOTS_MAX = 4

@@ -11,10 +11,10 @@ from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.geometry import Vector
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.predicates.predicate import iter_entities, parse_predicate
+from phyagentos.protocol.predicates.syntax import Call, Number, Variable
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support
-from phyagentos.protocol.world.predicates.predicate import iter_entities, parse_predicate
-from phyagentos.protocol.world.predicates.syntax import Call, Number, Variable
 
 PURPOSE = "clear"
 CLEARED_MAX = 3  # things that are moved for one session

@@ -15,11 +15,11 @@ from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.looking import LEAD
 from phyagentos.agent.repair.retrying import find_of_skill, keep_requires, revise_requires
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
+from phyagentos.protocol.predicates.syntax import Call, Formula, Name, Number, Or, Variable, iter_calls
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.free_spot import find_support
-from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
-from phyagentos.protocol.world.predicates.syntax import Call, Formula, Name, Number, Or, Variable, iter_calls
 from phyagentos.protocol.world.truth import Truth
 
 _CHANCE = 0.6

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 
+from phyagentos.protocol.predicates.predicate import Predicate, iter_entities, parse_predicate, substitute
+from phyagentos.protocol.predicates.syntax import Call
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import Predicate, iter_entities, parse_predicate, substitute
-from phyagentos.protocol.world.predicates.syntax import Call
 from phyagentos.protocol.world.truth import Truth
 
 Promises = Mapping[str, Collection[str]]  # skill -> what it guarantees, as authored

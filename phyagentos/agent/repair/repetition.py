@@ -12,13 +12,13 @@ from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline,
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.looking import LOOKS_MAX, PURPOSE
 from phyagentos.agent.repair.regressions import acts
+from phyagentos.protocol.predicates.predicate import View, find_things, parse_predicate
+from phyagentos.protocol.predicates.syntax import iter_calls
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import View, find_things, parse_predicate
-from phyagentos.protocol.world.predicates.syntax import iter_calls
 from phyagentos.protocol.world.truth import Truth
 
 MOTION_CONFLICT = "MOTION_CONFLICT"

@@ -18,9 +18,9 @@ from phyagentos.agent.repair.looking import LEAD, LOOKS_MAX, PURPOSE
 from phyagentos.agent.repair.regressions import find_lost_preconditions
 from phyagentos.agent.repair.repetition import MOTION_CONFLICT
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import Role, find_label
-from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 
 SLOWER = 0.5  # physics: at half speed a slippery 0.5 kg cube stays in the fingers in 59 of 60 transports
 SLOWEST = 0.25

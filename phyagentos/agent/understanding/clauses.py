@@ -20,7 +20,7 @@ from phyagentos.agent.understanding.nouns import (
 )
 from phyagentos.agent.understanding.understanding import OPPOSITES, LackKind, QuestionKind
 from phyagentos.agent.understanding.vocabulary import REGION, ROLE, read_lexicon
-from phyagentos.protocol.world.predicates.predicate import find_entities
+from phyagentos.protocol.predicates.predicate import find_entities
 
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
 Step = Sequence[str]

@@ -17,7 +17,7 @@ from phyagentos.agent.understanding.understanding import (
     conclude,
 )
 from phyagentos.agent.understanding.vocabulary import Vocabulary
-from phyagentos.protocol.world.predicates.predicate import find_entities
+from phyagentos.protocol.predicates.predicate import find_entities
 
 READING = "reading"  # key of the question which of several readings is meant
 

@@ -29,7 +29,7 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.network.chat import Completion
 from phyagentos.protocol.documents.schema import Authored
-from phyagentos.protocol.world.predicates.library import get_predicate_library
+from phyagentos.protocol.predicates.library import get_predicate_library
 
 LETTERS_A_TOKEN = 3  # fewer than any tokenizer needs for English and JSON, so that an estimate is not too low
 ANSWER_TOKENS = 1500

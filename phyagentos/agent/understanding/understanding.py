@@ -14,9 +14,9 @@ from typing import Any, Self
 from phyagentos.agent.goals.spec import NAME_MAX, WantedGoal
 from phyagentos.agent.understanding.vocabulary import ROLE, Vocabulary, iter_literals
 from phyagentos.errors import DefinitionError, find_nearest
-from phyagentos.protocol.world.predicates import syntax
-from phyagentos.protocol.world.predicates.library import ArgumentKind
-from phyagentos.protocol.world.predicates.predicate import Predicate, parse_predicate
+from phyagentos.protocol.predicates import syntax
+from phyagentos.protocol.predicates.library import ArgumentKind
+from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate
 
 _Literal = tuple[bool, syntax.Call]  # whether it is to be true
 _PLACES = ("inside", "on", "at")  # a thing is at one of each kind

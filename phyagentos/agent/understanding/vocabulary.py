@@ -22,9 +22,9 @@ from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.targets import is_beside
 from phyagentos.protocol.documents.schema import read_yaml
+from phyagentos.protocol.predicates import syntax
+from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.descriptions import COLORS
-from phyagentos.protocol.world.predicates import syntax
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 
 REGION = "region"

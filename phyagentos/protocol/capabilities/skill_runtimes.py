@@ -14,9 +14,9 @@ from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.documents.document import DocumentFormat, split_front_matter
 from phyagentos.protocol.documents.schema import Authored, Located, misfit, parse_library_yaml, read_text, validate
+from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.predicates.syntax import Variable, iter_calls
 from phyagentos.protocol.settings.operations import Operation
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
-from phyagentos.protocol.world.predicates.syntax import Variable, iter_calls
 
 _NUMERIC: dict[str, tuple[type, ...]] = {
     "number": (int, float),

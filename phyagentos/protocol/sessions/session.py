@@ -13,12 +13,12 @@ import msgspec
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.document import DocumentFormat, FrontMatter
+from phyagentos.protocol.predicates.library import View
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Attempt
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.idealisations import Idealisation
-from phyagentos.protocol.world.predicates.library import View
 
 SessionId = NewType("SessionId", str)
 GoalId = NewType("GoalId", str)

@@ -11,8 +11,8 @@ import pydantic
 
 from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.documents.schema import Authored
+from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.settings.verification_mode import VerificationMode
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
 
 JUDGE_ENTRY_POINTS = "phyagentos.judges"
 """Entry point group in which installed packages announce judges."""

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from msgspec.structs import replace
 
 from phyagentos.geometry import Vector, to_child, to_parent
+from phyagentos.protocol.world.entity_geometry import AXES, compute_extent, compute_half_box, compute_lowest
 from phyagentos.protocol.world.environment import Entity, Environment
-from phyagentos.protocol.world.predicates.geometry import AXES, compute_extent, compute_half_box, compute_lowest
 
 STEP_M = 0.04  # between spots that are looked at
 ROOM_M = 0.09  # between the middle of the spot and anything else: half a hand and half a cube

@@ -6,10 +6,10 @@ does not show well enough for a verdict keeps the target free: the agent may hav
 
 from msgspec.structs import replace
 
+from phyagentos.protocol.predicates.predicate import find_things, parse_predicate
+from phyagentos.protocol.predicates.syntax import iter_calls
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import find_things, parse_predicate
-from phyagentos.protocol.world.predicates.syntax import iter_calls
 from phyagentos.protocol.world.truth import Truth
 
 BLURRED = 2.0  # the turn in a later look may be off by so much more than stated now, and `moved` still be decided

@@ -12,12 +12,8 @@ from dataclasses import dataclass, replace
 
 from msgspec import UNSET
 
-from phyagentos.protocol.sessions.evidence import HOLDS
-from phyagentos.protocol.sessions.looks import LookRole
-from phyagentos.protocol.sessions.verdicts import Criterion
-from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.exchanges import find_groups
-from phyagentos.protocol.world.predicates.predicate import (
+from phyagentos.protocol.predicates.exchanges import find_groups
+from phyagentos.protocol.predicates.predicate import (
     Evaluation,
     Predicate,
     View,
@@ -26,6 +22,10 @@ from phyagentos.protocol.world.predicates.predicate import (
     parse_predicate,
     worse,
 )
+from phyagentos.protocol.sessions.evidence import HOLDS
+from phyagentos.protocol.sessions.looks import LookRole
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception.look import Look
 from phyagentos.runtime.perception.world_model import BELIEF, WORLD, Need

@@ -18,8 +18,8 @@ from phyagentos.protocol.capabilities.trees import (
     load_tree,
     read_tree,
 )
+from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.environment import Pose
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.runtime.execution.leaf import Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.motion.requests import Approach, Approaches, Payload

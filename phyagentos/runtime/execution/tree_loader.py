@@ -15,8 +15,8 @@ from py_trees.decorators import Decorator, Inverter, Repeat, Retry
 
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, find_references
+from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.sessions.trace import Role
-from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf

@@ -21,9 +21,9 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
+from phyagentos.protocol.predicates.builtins import MOVED_M
+from phyagentos.protocol.predicates.predicate import View, has_metric, iter_entities, parse_predicate
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.builtins import MOVED_M
-from phyagentos.protocol.world.predicates.predicate import View, has_metric, iter_entities, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.execution.holds import HoldMonitor

@@ -17,9 +17,9 @@ import numpy as np
 
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, rotate
 from phyagentos.protocol.capabilities.targets import Gripper
+from phyagentos.protocol.world.entity_geometry import compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity, ShapeKind
 from phyagentos.protocol.world.mechanisms import compute_motion
-from phyagentos.protocol.world.predicates.geometry import compute_extent, compute_reach
 from phyagentos.runtime.motion.approaches import Screen, Way, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics

@@ -19,8 +19,8 @@ import msgspec
 import numpy as np
 
 from phyagentos.geometry import compute_matrix, turn
+from phyagentos.protocol.world.entity_geometry import compute_extent
 from phyagentos.protocol.world.environment import Entity
-from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.approaches import Screen, Way, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics

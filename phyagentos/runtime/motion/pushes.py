@@ -13,8 +13,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix, compute_pose, to_parent
+from phyagentos.protocol.world.entity_geometry import compute_center, compute_centroid, compute_reach, find_surface
 from phyagentos.protocol.world.environment import Entity, Pose
-from phyagentos.protocol.world.predicates.geometry import compute_center, compute_centroid, compute_reach, find_surface
 from phyagentos.runtime.motion.approaches import SAME_POSTURE_RAD, Screen
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics

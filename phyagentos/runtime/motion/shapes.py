@@ -9,8 +9,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix, turn
+from phyagentos.protocol.world.entity_geometry import compute_half_box
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
-from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.requests import Array
 
 SUPPORT_DOUBT_M = 0.015  # between the believed lowest point of a thing and what it stands on

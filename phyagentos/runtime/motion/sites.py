@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from phyagentos.geometry import compute_matrix, turn
+from phyagentos.protocol.world.entity_geometry import compute_centroid, compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity
-from phyagentos.protocol.world.predicates.geometry import compute_centroid, compute_extent, compute_reach
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.requests import Array, FindPlacements
 from phyagentos.runtime.motion.shapes import Box, compute_bounds, compute_entity_box, compute_shape_boxes

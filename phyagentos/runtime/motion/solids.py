@@ -9,8 +9,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from phyagentos.geometry import compute_rotation
+from phyagentos.protocol.world.entity_geometry import compute_half_box
 from phyagentos.protocol.world.environment import Shape, ShapeKind
-from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.models.scene import GEOM_TYPES
 from phyagentos.runtime.motion.requests import Array
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_inverse, compute_matrix
+from phyagentos.protocol.world.entity_geometry import compute_half_box
 from phyagentos.protocol.world.environment import Entity, Shape
-from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.chain import Chain, compute_links
 from phyagentos.runtime.motion.planning_scene import FIXED_MARGIN_M, MOVABLE_MARGIN_M, PAYLOAD_SCALE, PlanningScene
 from phyagentos.runtime.motion.requests import Array

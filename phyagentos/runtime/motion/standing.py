@@ -12,8 +12,8 @@ import numpy as np
 from msgspec.structs import replace as change
 
 from phyagentos.geometry import compute_quaternion
+from phyagentos.protocol.world.entity_geometry import compute_extent
 from phyagentos.protocol.world.environment import Entity
-from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.shapes import compute_bounds, compute_shape_boxes

@@ -13,8 +13,8 @@ import msgspec
 import numpy as np
 
 from phyagentos.geometry import compute_rotation, to_parent
+from phyagentos.protocol.world.entity_geometry import compute_centroid, compute_reach, find_tops_below
 from phyagentos.protocol.world.environment import REST_M_S, Contents, Entity, Status
-from phyagentos.protocol.world.predicates.geometry import compute_centroid, compute_reach, find_tops_below
 from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.solids import Array, measure_lengths
 from phyagentos.runtime.perception.views import Cloud, Views

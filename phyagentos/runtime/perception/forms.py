@@ -7,8 +7,8 @@ from itertools import permutations, product
 import numpy as np
 
 from phyagentos.geometry import compute_matrix
+from phyagentos.protocol.world.entity_geometry import compute_half_box
 from phyagentos.protocol.world.environment import Entity, ShapeKind
-from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.perception.solids import Array, Solids
 
 SYMMETRY_M = 0.0005  # sides this equal are the same

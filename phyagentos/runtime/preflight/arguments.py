@@ -11,12 +11,8 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import compute_rotation, to_parent
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_mismatch
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.sessions.session import Session
-from phyagentos.protocol.settings.safety import TargetLimits
-from phyagentos.protocol.world.descriptions import find_candidates
-from phyagentos.protocol.world.environment import UNNAMED, Environment
-from phyagentos.protocol.world.predicates.exchanges import exchange, find_groups
-from phyagentos.protocol.world.predicates.predicate import (
+from phyagentos.protocol.predicates.exchanges import exchange, find_groups
+from phyagentos.protocol.predicates.predicate import (
     Predicate,
     View,
     find_formula,
@@ -24,7 +20,11 @@ from phyagentos.protocol.world.predicates.predicate import (
     iter_postures,
     parse_predicate,
 )
-from phyagentos.protocol.world.predicates.syntax import And, Call, Name, iter_calls
+from phyagentos.protocol.predicates.syntax import And, Call, Name, iter_calls
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.settings.safety import TargetLimits
+from phyagentos.protocol.world.descriptions import find_candidates
+from phyagentos.protocol.world.environment import UNNAMED, Environment
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.preflight.findings import make_problem
 

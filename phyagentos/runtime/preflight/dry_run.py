@@ -16,12 +16,12 @@ from phyagentos.geometry import to_parent
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, find_mismatch
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, read_tree
+from phyagentos.protocol.predicates.predicate import find_formula
+from phyagentos.protocol.predicates.syntax import Call, Name, Point
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import STILL, Role
+from phyagentos.protocol.world.entity_geometry import find_tops_below
 from phyagentos.protocol.world.environment import Entity, Environment
-from phyagentos.protocol.world.predicates.geometry import find_tops_below
-from phyagentos.protocol.world.predicates.predicate import find_formula
-from phyagentos.protocol.world.predicates.syntax import Call, Name, Point
 from phyagentos.runtime.execution.context import compute_leaf_seed
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.leaves.plan_room import list_removable

@@ -13,10 +13,10 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.placed_scenes import name_plain, read_placed
+from phyagentos.protocol.predicates.predicate import find_entities
 from phyagentos.protocol.sessions.session import ALREADY_MET, Session
 from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import find_entities
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.execution.criteria import weigh_before

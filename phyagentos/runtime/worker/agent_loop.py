@@ -16,9 +16,9 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.skill_runtimes import AgentCall, AgentLoop
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime as Skill
 from phyagentos.protocol.documents.schema import Located, validate
+from phyagentos.protocol.predicates.predicate import Evaluation, parse_predicate, substitute
 from phyagentos.protocol.sessions.agent_calls import CallFiles, Turn
 from phyagentos.protocol.sessions.trace import Role, TraceEvent
-from phyagentos.protocol.world.predicates.predicate import Evaluation, parse_predicate, substitute
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillRuntime, SkillStatus, TickResult

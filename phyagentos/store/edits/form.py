@@ -10,6 +10,7 @@ import pydantic
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.schema import Address, Authored, Located, parse_yaml, validate
+from phyagentos.protocol.predicates.language import PredicateSyntaxError, parse
 from phyagentos.protocol.sessions.session import (
     PRIORITY_MAX,
     Amendment,
@@ -21,7 +22,6 @@ from phyagentos.protocol.sessions.session import (
     SessionId,
 )
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
-from phyagentos.protocol.world.predicates.language import PredicateSyntaxError, parse
 from phyagentos.store.records import JOURNAL_ID
 
 BY_HAND = GoalId("")  # goal of a session that serves none

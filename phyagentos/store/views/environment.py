@@ -6,8 +6,8 @@ from phyagentos.geometry import compute_tilt
 from phyagentos.protocol.documents.body_codec import render_flow
 from phyagentos.protocol.documents.document import Front
 from phyagentos.protocol.documents.markdown import flatten, render_front, render_table
+from phyagentos.protocol.predicates.relations import compute_relations, find_places
 from phyagentos.protocol.world.environment import ENVIRONMENT, Change, Entity, Environment, Relation, Snapshot, Status
-from phyagentos.protocol.world.relations import compute_relations, find_places
 
 _HEAD = """# The world as last observed
 

@@ -159,7 +159,7 @@ SABOTAGES = (
         lie="A base that stands in its bay is docked, wherever it looks.",
         edits=(
             Edit(
-                "phyagentos.protocol.world.predicates.builtins",
+                "phyagentos.protocol.predicates.builtins",
                 "max(off_m / allowed_m, turned_rad / FACING_RAD)",
                 "off_m / allowed_m",
             ),
@@ -177,7 +177,7 @@ SABOTAGES = (
         lie="A body that fell stands: only how high its trunk is counts.",
         edits=(
             Edit(
-                "phyagentos.protocol.world.predicates.builtins",
+                "phyagentos.protocol.predicates.builtins",
                 "min(1.0 - tilt_rad / UPRIGHT_RAD, (height_m - least_m) / max(least_m, 1e-3))",
                 "(height_m - least_m) / max(least_m, 1e-3)",
             ),

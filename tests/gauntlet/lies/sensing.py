@@ -16,7 +16,7 @@ SABOTAGES = (
         lie="What is so of one of two things that nothing tells apart is so of the one that is named.",
         edits=(
             Edit(
-                "phyagentos.protocol.world.predicates.evaluation",
+                "phyagentos.protocol.predicates.evaluation",
                 "if _evaluate_each(formula, world).truth is not believed.truth:",
                 "if False and world:",
             ),
@@ -87,7 +87,7 @@ SABOTAGES = (
     Sabotage(
         name="touch_shows_what_is_held",
         lie="A thing that was near when both fingers touched something is what they hold.",
-        edits=(Edit("phyagentos.protocol.world.predicates.builtins", "    _demand_grasp(view, entity, state)\n", ""),),
+        edits=(Edit("phyagentos.protocol.predicates.builtins", "    _demand_grasp(view, entity, state)\n", ""),),
         tests=(
             "tests/protocol/test_predicate_doubt.py::"
             "test_fingers_that_touch_something_near_a_thing_do_not_show_that_they_hold_it",
@@ -99,7 +99,7 @@ SABOTAGES = (
         lie="A round support ends where the box around it ends.",
         edits=(
             Edit(
-                "phyagentos.protocol.world.predicates.geometry",
+                "phyagentos.protocol.world.entity_geometry",
                 "past_m = math.hypot(at[0], at[1]) - half[0] if shape.kind is ShapeKind.CYLINDER else max(aside)",
                 "past_m = max(aside)",
             ),
@@ -109,7 +109,7 @@ SABOTAGES = (
     Sabotage(
         name="near_the_top_is_on",
         lie="What hovers a centimetre above a support stands on it.",
-        edits=(Edit("phyagentos.protocol.world.predicates.builtins", "CONTACT_M = 0.002", "CONTACT_M = 0.010"),),
+        edits=(Edit("phyagentos.protocol.predicates.builtins", "CONTACT_M = 0.002", "CONTACT_M = 0.010"),),
         tests=("tests/protocol/test_predicate_builtins.py::test_the_allowed_gap_is_the_stated_doubt",),
     ),
     Sabotage(
@@ -132,7 +132,7 @@ SABOTAGES = (
         lie="What stands on a plate stands on whatever is below the plate.",
         edits=(
             Edit(
-                "phyagentos.protocol.world.predicates.builtins",
+                "phyagentos.protocol.predicates.builtins",
                 "_find_between(view, a, b, top.point_m[2], gap_m + allowed_m) if is_near else None",
                 "None",
             ),
@@ -145,9 +145,7 @@ SABOTAGES = (
     Sabotage(
         name="rolling_is_at_rest",
         lie="Where a thing is while it moves is where it stays.",
-        edits=(
-            Edit("phyagentos.protocol.world.predicates.evaluation", "    if definition.at_rest:\n", "    if False:\n"),
-        ),
+        edits=(Edit("phyagentos.protocol.predicates.evaluation", "    if definition.at_rest:\n", "    if False:\n"),),
         tests=(
             "tests/protocol/test_predicate_builtins.py::"
             "test_a_lasting_fact_about_a_thing_that_moves_is_unknown_until_it_rests",
@@ -316,7 +314,7 @@ SABOTAGES = (
         lie="A contact force is exact: what is measured at the bound decides.",
         edits=(
             Edit(
-                "phyagentos.protocol.world.predicates.builtins",
+                "phyagentos.protocol.predicates.builtins",
                 'doubt = view.metrics.get(f"{name}_error", 0.0)',
                 "doubt = 0.0",
             ),
@@ -352,7 +350,7 @@ SABOTAGES = (
         lie="A fixed body stands exactly where it was measured.",
         edits=(
             Edit(
-                "phyagentos.protocol.world.predicates.builtins",
+                "phyagentos.protocol.predicates.builtins",
                 'if each is not None and (each.position_std_m or (each.movable and view.now.sensing != "truth"))',
                 'if each is not None and each.movable and (each.position_std_m or view.now.sensing != "truth")',
             ),
@@ -461,7 +459,7 @@ SABOTAGES = (
         lie="A thing that is nearly square was turned by a quarter where its measurement says so.",
         edits=(
             Edit(
-                "phyagentos.protocol.world.predicates.builtins",
+                "phyagentos.protocol.predicates.builtins",
                 "else compute_least_turn(a, was, doubt_m)",
                 "else turned_rad",
             ),
@@ -490,7 +488,7 @@ SABOTAGES = (
         lie="A thing between fingers that hardly press is told as let go of.",
         edits=(
             Edit(
-                "phyagentos.protocol.world.predicates.builtins",
+                "phyagentos.protocol.predicates.builtins",
                 "between_m > width_m - WIDTH_M - doubt_m",
                 "False",
             ),
@@ -503,7 +501,7 @@ SABOTAGES = (
     Sabotage(
         name="flat_as_stated",
         lie="The lowest point of a thing that pixels show leaning is taken from the pose that was rounded to lie flat.",
-        edits=(Edit("phyagentos.protocol.world.predicates.builtins", "doubt_m + _find_low_doubt(a, up)", "doubt_m"),),
+        edits=(Edit("phyagentos.protocol.predicates.builtins", "doubt_m + _find_low_doubt(a, up)", "doubt_m"),),
         tests=(
             "tests/protocol/test_predicate_doubt.py::"
             "test_the_lowest_point_of_what_is_stated_to_lie_flat_is_as_doubtful_as_that[0.25-unknown]",
@@ -521,9 +519,7 @@ SABOTAGES = (
     Sabotage(
         name="few_pixels_show_a_turn",
         lie="A small cube that two looks of few pixels show at two angles has moved.",
-        edits=(
-            Edit("phyagentos.protocol.world.predicates.builtins", "COARSE_FACTOR if doubt_rad", "1.0 if doubt_rad"),
-        ),
+        edits=(Edit("phyagentos.protocol.predicates.builtins", "COARSE_FACTOR if doubt_rad", "1.0 if doubt_rad"),),
         tests=("tests/protocol/test_predicate_doubt.py::test_a_turn_that_few_pixels_show_is_no_turn[0.1-unknown]",),
     ),
     Sabotage(

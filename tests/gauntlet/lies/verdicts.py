@@ -106,7 +106,7 @@ SABOTAGES = (
         lie="A thing whose middle may be past an edge, by what the measurement may be off, surely stands.",
         edits=(
             Edit(
-                "phyagentos.protocol.world.predicates.builtins",
+                "phyagentos.protocol.predicates.builtins",
                 "sure = _find_top(view, a, b, -doubt_m)",
                 "sure = _find_top(view, a, b, FOOTPRINT_SLACK_M - doubt_m)",
             ),
@@ -118,7 +118,7 @@ SABOTAGES = (
         lie="What hovers over a slope touches it where its lowest point is as high as the slope below its middle.",
         edits=(
             Edit(
-                "phyagentos.protocol.world.predicates.geometry",
+                "phyagentos.protocol.world.entity_geometry",
                 "return compute_lowest(entity, self.normal) - dot(self.point_m, self.normal)",
                 "return compute_lowest(entity) - self.point_m[2]",
             ),
@@ -130,7 +130,7 @@ SABOTAGES = (
         lie="A thing has turned by what its pose differs from one of several that had fitted as well.",
         edits=(
             Edit(
-                "phyagentos.protocol.world.predicates.builtins",
+                "phyagentos.protocol.predicates.builtins",
                 "if max(a.tilt_std_rad, was.tilt_std_rad) > MOVED_RAD:",
                 "if False:",
             ),

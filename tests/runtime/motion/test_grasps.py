@@ -6,8 +6,8 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.geometry import to_child
+from phyagentos.protocol.world.entity_geometry import compute_grasp_width
 from phyagentos.protocol.world.environment import Mechanism, Pose, Shape, ShapeKind
-from phyagentos.protocol.world.predicates.geometry import compute_grasp_width
 from phyagentos.runtime.motion.grasps import find_grasps, foresee_payload
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.planning_scene import PlanningScenes

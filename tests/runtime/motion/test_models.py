@@ -9,8 +9,8 @@ import pytest
 
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import compute_matrix, compute_rotation_vector
+from phyagentos.protocol.world.entity_geometry import compute_extent
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Pose, Shape, ShapeKind
-from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.kinematics import POLISHED, REACHED
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.poses import interpolate_poses, point_tool_down

@@ -7,8 +7,8 @@ import pytest
 from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix
+from phyagentos.protocol.world.entity_geometry import compute_center, find_surface
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
-from phyagentos.protocol.world.predicates.geometry import compute_center, find_surface
 from phyagentos.runtime.motion.pushes import compute_push
 from phyagentos.runtime.motion.requests import Approaches, FindPush, World
 

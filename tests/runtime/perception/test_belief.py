@@ -7,8 +7,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.environment import Pose, Status
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception import association
 from phyagentos.runtime.perception import belief as believing

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.environment import Status
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.drivers.mujoco.simulated_camera import pose_state
 from phyagentos.runtime.models.robot import read_profile

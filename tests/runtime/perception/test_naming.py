@@ -6,8 +6,8 @@ import pytest
 import yaml
 
 from phyagentos.geometry import Pose
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.environment import Status
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception.association import associate, exchange_doubts

@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.environment import Pose, Shape, ShapeKind, Status
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception.inventory import build_inventory

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.perception_parts.table import render_table
 from phyagentos.geometry import compute_rotation, compute_tilt
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 from tests.runtime.perception.conftest import FLOOR, Stage, open_library
 

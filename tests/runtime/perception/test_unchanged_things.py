@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.perception_parts.table import render_table
 from phyagentos.geometry import compute_rotation, compute_tilt
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception.doubt import Doubt

@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING
 
 from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
-from phyagentos.protocol.sessions.evidence import EXECUTION, HOLDS, TRAJECTORY, Bundle
-from phyagentos.protocol.sessions.verdicts import Criterion
-from phyagentos.protocol.world.predicates.predicate import (
+from phyagentos.protocol.predicates.predicate import (
     Predicate,
     find_formula,
     has_metric,
     is_metric_only,
     iter_metrics,
 )
+from phyagentos.protocol.sessions.evidence import EXECUTION, HOLDS, TRAJECTORY, Bundle
+from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.truth import Truth
 
 if TYPE_CHECKING:

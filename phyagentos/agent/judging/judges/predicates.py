@@ -11,12 +11,12 @@ from msgspec import UNSET
 
 from phyagentos.agent.judging.judges.judge_registry import FORESEEN, make_unknown
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.predicates.predicate import View, has_metric, parse_predicate
 from phyagentos.protocol.sessions.evidence import AFTER, Bundle
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, read_lookahead
 from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import View, has_metric, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 
 _LOST = {Ended.RUNNER_LOST, Ended.TARGET_LOST}

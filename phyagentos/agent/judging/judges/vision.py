@@ -20,13 +20,13 @@ from phyagentos.agent.context.of_workspace import describe_attempts
 from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.network.chat import OpenAiEndpoint
+from phyagentos.protocol.predicates.library import get_predicate_library
+from phyagentos.protocol.predicates.predicate import find_formula, has_metric
+from phyagentos.protocol.predicates.syntax import iter_calls
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.evidence_manifest import keep_shown
 from phyagentos.protocol.sessions.looks import LOOKS, LookRole, read_pictures
 from phyagentos.protocol.sessions.verdicts import Criterion
-from phyagentos.protocol.world.predicates.library import get_predicate_library
-from phyagentos.protocol.world.predicates.predicate import find_formula, has_metric
-from phyagentos.protocol.world.predicates.syntax import iter_calls
 from phyagentos.protocol.world.truth import Truth
 
 KIND = "vision"

@@ -5,9 +5,9 @@ from math import ceil
 import numpy as np
 
 from phyagentos.geometry import compute_matrix, compute_pose
+from phyagentos.protocol.world.entity_geometry import compute_center
 from phyagentos.protocol.world.environment import CLOSES_AT, Entity, Mechanism
 from phyagentos.protocol.world.mechanisms import compute_motion, find_hinge
-from phyagentos.protocol.world.predicates.geometry import compute_center
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.motion.poses import move_pose
 from phyagentos.runtime.motion.requests import Array

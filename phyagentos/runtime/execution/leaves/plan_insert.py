@@ -3,7 +3,7 @@
 import numpy as np
 
 from phyagentos.geometry import compute_matrix, compute_pose, to_parent
-from phyagentos.protocol.world.predicates.geometry import compute_reach
+from phyagentos.protocol.world.entity_geometry import compute_reach
 from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose

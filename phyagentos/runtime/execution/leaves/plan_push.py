@@ -1,6 +1,6 @@
 """Ask for a straight push of an object along its support."""
 
-from phyagentos.protocol.world.relations import list_inside
+from phyagentos.protocol.predicates.relations import list_inside
 from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import PlanningLeaf
 from phyagentos.runtime.motion.requests import Approaches, FindPush, MotionRequest

@@ -1,6 +1,6 @@
 """Ask for a straight way of the closed fingers down onto an object."""
 
-from phyagentos.protocol.world.predicates.geometry import compute_reach
+from phyagentos.protocol.world.entity_geometry import compute_reach
 from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
 from phyagentos.runtime.motion.requests import FindTouch, MotionRequest

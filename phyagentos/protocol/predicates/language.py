@@ -16,7 +16,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from phyagentos.protocol.world.predicates import syntax
+from phyagentos.protocol.predicates import syntax
 
 RELATIONS = (">=", "<=", "==", "!=", ">", "<")
 _KEYWORDS = frozenset({"and", "or", "not", "count"})

@@ -7,11 +7,11 @@ world, away from the robot's mount: towards greater y.
 import math
 from collections.abc import Iterator
 
+from phyagentos.protocol.predicates.evaluation import Evaluation, evaluate
+from phyagentos.protocol.predicates.library import View
+from phyagentos.protocol.predicates.syntax import Call, Name
+from phyagentos.protocol.world.entity_geometry import compute_center
 from phyagentos.protocol.world.environment import Entity, Environment, Relation
-from phyagentos.protocol.world.predicates.evaluation import Evaluation, evaluate
-from phyagentos.protocol.world.predicates.geometry import compute_center
-from phyagentos.protocol.world.predicates.library import View
-from phyagentos.protocol.world.predicates.syntax import Call, Name
 from phyagentos.protocol.world.truth import Truth
 
 RELATIONS_MAX = 200  # places first, neighbours after them

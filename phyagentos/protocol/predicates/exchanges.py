@@ -12,9 +12,9 @@ from typing import TypeVar
 
 import msgspec
 
+from phyagentos.protocol.predicates.library import View
+from phyagentos.protocol.predicates.syntax import Formula, Name, Star, iter_calls
 from phyagentos.protocol.world.environment import Entity, Environment, Region
-from phyagentos.protocol.world.predicates.library import View
-from phyagentos.protocol.world.predicates.syntax import Formula, Name, Star, iter_calls
 
 EXCHANGES_MAX = 720  # of one predicate: all orders of six alike things
 

@@ -12,19 +12,7 @@ from msgspec.structs import replace
 
 from phyagentos.errors import format_names
 from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child, to_parent
-from phyagentos.protocol.world.environment import CLOSED_M, CLOSES_AT, FRESH_S, OPENS_AT, Entity, Status, TargetState
-from phyagentos.protocol.world.predicates.geometry import (
-    Top,
-    compute_box_distance,
-    compute_center,
-    compute_centroid,
-    compute_grasp_width,
-    compute_least_turn,
-    compute_lowest,
-    compute_reach,
-    find_tops_below,
-)
-from phyagentos.protocol.world.predicates.library import (
+from phyagentos.protocol.predicates.library import (
     Argument,
     ArgumentKind,
     FactMarginal,
@@ -36,6 +24,18 @@ from phyagentos.protocol.world.predicates.library import (
     get_entity,
     get_place,
 )
+from phyagentos.protocol.world.entity_geometry import (
+    Top,
+    compute_box_distance,
+    compute_center,
+    compute_centroid,
+    compute_grasp_width,
+    compute_least_turn,
+    compute_lowest,
+    compute_reach,
+    find_tops_below,
+)
+from phyagentos.protocol.world.environment import CLOSED_M, CLOSES_AT, FRESH_S, OPENS_AT, Entity, Status, TargetState
 
 RIM_M = 0.003  # how far below the rim the lowest point must lie: what rests on the rim is not inside
 FLOOR_SLACK_M = 0.010  # contact penetration and the rounding of floors

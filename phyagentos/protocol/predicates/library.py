@@ -11,8 +11,8 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from phyagentos.geometry import Vector, to_parent
+from phyagentos.protocol.world.entity_geometry import compute_center
 from phyagentos.protocol.world.environment import FRESH_S, Entity, Environment, Pose
-from phyagentos.protocol.world.predicates.geometry import compute_center
 
 ENTRY_POINT_GROUP = "phyagentos.predicates"
 
@@ -162,7 +162,7 @@ class PredicateLibrary:
 @cache
 def get_predicate_library() -> PredicateLibrary:
     """The built-in predicates and those that installed packages announce."""
-    from phyagentos.protocol.world.predicates.builtins import BUILTINS
+    from phyagentos.protocol.predicates.builtins import BUILTINS
 
     library = PredicateLibrary()
     for definition in BUILTINS:

@@ -9,10 +9,9 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from phyagentos.protocol.world.environment import UNNAMED, Pose
-from phyagentos.protocol.world.predicates import syntax
-from phyagentos.protocol.world.predicates.exchanges import find_agreed, iter_exchanged
-from phyagentos.protocol.world.predicates.library import (
+from phyagentos.protocol.predicates import syntax
+from phyagentos.protocol.predicates.exchanges import find_agreed, iter_exchanged
+from phyagentos.protocol.predicates.library import (
     ArgumentKind,
     FactMarginal,
     FactUnknown,
@@ -25,6 +24,7 @@ from phyagentos.protocol.world.predicates.library import (
     get_place,
     get_predicate_library,
 )
+from phyagentos.protocol.world.environment import UNNAMED, Pose
 from phyagentos.protocol.world.truth import Truth
 
 _RANK = {Truth.FALSE: 0, Truth.UNKNOWN: 1, Truth.TRUE: 2}

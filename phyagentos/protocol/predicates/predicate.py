@@ -17,11 +17,11 @@ from itertools import pairwise, zip_longest
 from typing import Any
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.predicates import syntax
+from phyagentos.protocol.predicates.evaluation import Evaluation, evaluate, worse
+from phyagentos.protocol.predicates.language import PredicateSyntaxError, parse
+from phyagentos.protocol.predicates.library import ArgumentKind, PredicateDefinition, View, get_predicate_library
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates import syntax
-from phyagentos.protocol.world.predicates.evaluation import Evaluation, evaluate, worse
-from phyagentos.protocol.world.predicates.language import PredicateSyntaxError, parse
-from phyagentos.protocol.world.predicates.library import ArgumentKind, PredicateDefinition, View, get_predicate_library
 
 __all__ = [
     "Evaluation",
