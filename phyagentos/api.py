@@ -79,9 +79,9 @@ def run(
     Raises DefinitionError with every problem, before anything is started; ExecutionError `PLANE_ENDED`; after an
     interrupt, once both planes have ended, KeyboardInterrupt.
     """
-    from phyagentos.assembly.mission_run import Interrupts, RunOrder, run_goal
+    from phyagentos.operations.run import Interrupts, RunRequest, run_goal
 
-    order = RunOrder(
+    request = RunRequest(
         graph=Path(goal_graph),
         seed=seed,
         workspace=Path(workspace) if workspace is not None else None,
@@ -95,10 +95,10 @@ def run(
         pictures=pictures,
         trusts_python=trust_python,
     )
-    fold = run_goal(order, interrupts := Interrupts(), SystemClock())
-    if interrupts.count or fold.goal is None:
+    report = run_goal(request, interrupts := Interrupts(), SystemClock())
+    if interrupts.count or report.goal is None:
         raise KeyboardInterrupt
-    return open_workspace(fold.workspace.root).goals[fold.goal.id]
+    return open_workspace(report.workspace).goals[report.goal.goal]
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,9 +209,9 @@ class WorkspaceView:
 
     def why(self, subject: str = "") -> str:
         """What `paos why` prints of a session, node or goal, or of the latest goal; raises `UNKNOWN_SESSION`."""
-        from phyagentos.assembly.explanation import explain_subject
+        from phyagentos.operations.why import explain_subject
 
-        return explain_subject(Workspace(self.root), self._ledger, subject)[1]
+        return "\n".join(explain_subject(Workspace(self.root), self._ledger, subject).explanation)
 
     def replay(self, session: str) -> "Playback":
         """Its times, joint positions and tree over time, from evidence alone; raises `EVIDENCE_UNREADABLE`."""

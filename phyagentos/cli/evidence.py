@@ -9,10 +9,10 @@ from msgspec.structs import asdict
 
 from phyagentos.cli.arguments import AsJson
 from phyagentos.cli.explaining import Space
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode, print_found, print_problems
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError, Problem
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.evidence import AFTER, BEFORE
 from phyagentos.protocol.sessions.evidence_manifest import (
     MANIFEST,

@@ -10,12 +10,12 @@ import typer
 from phyagentos.assembly.project import open_library
 from phyagentos.cli.arguments import AsJson, choose_newest
 from phyagentos.cli.explaining import Id, Space, show_graph
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import print_found, print_note, print_result
 from phyagentos.cli.showing import show_lifecycle
 from phyagentos.cli.tree_drawing import show as show_tree
 from phyagentos.cli.tree_exchange import bt_xml as bt_xml  # noqa: PLC0414 - one of the group
 from phyagentos.errors import DefinitionError
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.subjects import get_session

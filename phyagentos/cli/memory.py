@@ -114,7 +114,7 @@ def promote(
 ) -> None:
     """Make a skill of a sequence of sessions that has proved itself; nothing is written unless it passes again."""
     from phyagentos.assembly import learned_skills
-    from phyagentos.cli.lint import lint_file
+    from phyagentos.operations.lint import lint_file
 
     with _opened(workspace) as memory:
         _find(memory, entry, workspace)

@@ -10,9 +10,9 @@ import typer
 from phyagentos.assembly.project import open_library
 from phyagentos.cli.arguments import AsJson
 from phyagentos.cli.explaining import Space
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode, print_found, print_result
 from phyagentos.errors import DefinitionError
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.store.subjects import get_session

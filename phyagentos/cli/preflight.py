@@ -15,9 +15,9 @@ import typer
 from phyagentos.assembly.project import admit_python, get_file, open_library, parse_overrides
 from phyagentos.cli.arguments import AsJson, Overrides, TrustPython
 from phyagentos.cli.forecasts import find_forecast, render_forecast
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode, print_found, print_note
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import GoalId, Session
 from phyagentos.protocol.workspace.workspace import Workspace

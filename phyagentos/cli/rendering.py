@@ -35,7 +35,7 @@ def render(
     os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported
     from PIL import Image
 
-    from phyagentos.cli.history import read_ledger
+    from phyagentos.operations.workspaces import read_ledger
     from phyagentos.pictures.playback import read_playback
     from phyagentos.pictures.scene import Look, SceneRenderer, iter_film, write_film
     from phyagentos.protocol.workspace.workspace import Workspace

@@ -10,11 +10,10 @@ from typing import Annotated, Literal
 
 import typer
 
-from phyagentos.cli.arguments import find_running
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import Exit, ExitCode, print_result
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError, PhyAgentOSError, format_names
+from phyagentos.operations.workspaces import find_running, read_ledger
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.sessions import estop as latches
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, Side

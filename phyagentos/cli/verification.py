@@ -11,9 +11,9 @@ from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.cli.arguments import AsJson
 from phyagentos.cli.explaining import Space
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode, print_found
 from phyagentos.clock import SystemClock
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict

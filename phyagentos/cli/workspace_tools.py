@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import pydantic
+from msgspec.structs import asdict
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
@@ -20,19 +21,19 @@ from phyagentos.agent.mission.report import build_report, report_session
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.agent.tools.registry import Answer, Level, Tool
 from phyagentos.assembly.approved_goals import as_file
-from phyagentos.assembly.explanation import explain_subject
 from phyagentos.assembly.project import admit_python, open_library, parse_overrides
-from phyagentos.cli.authoring import describe_nodes
-from phyagentos.cli.history import read_ledger
-from phyagentos.cli.lint import lint_file
 from phyagentos.cli.memory import recall
-from phyagentos.cli.observing import Standing
 from phyagentos.cli.outcome import Exit
-from phyagentos.cli.planning import plan_file
 from phyagentos.cli.preflight import check_sessions, read_order
 from phyagentos.cli.stopping import end, request, stop_all
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, relocate
+from phyagentos.operations.compile import describe_graph
+from phyagentos.operations.lint import lint_file
+from phyagentos.operations.plan import PlannedGraph, plan
+from phyagentos.operations.status import read_status
+from phyagentos.operations.why import why
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.skill_runtimes import AgentCall
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.documents.schema import read_text, read_yaml
@@ -88,7 +89,7 @@ class WorkspaceTools:
         workspace = Workspace.open(self.root)
         pictures = sorted(workspace.evidence.glob(f"*/{PICTURE_AFTER}"), key=lambda path: path.lstat().st_mtime_ns)
         known = read_text(workspace.environment) if workspace.environment.exists() else ""
-        return Answer({"standing": Standing.read(self.root), "environment": known}, tuple(pictures[-1:]))
+        return Answer({"standing": read_status(self.root), "environment": known}, tuple(pictures[-1:]))
 
     @_tool()
     def lint(self, text: _Text) -> Answer:
@@ -103,20 +104,17 @@ class WorkspaceTools:
 
         It begins with the scene of that seed, or `from_now` with the world as observed last.
         """
-        from phyagentos.agent.planning.planned import Unsolvable, write_graph
-
+        library, world = Workspace.open(self.root).library(), self.root if from_now else None
         with as_file(goal) as file:
-            planned = plan_file(file, Workspace.open(self.root).library(), seed, self.root if from_now else None)
-        if isinstance(planned, Unsolvable):
-            return Answer({"graph": "", "is_proven": planned.is_proven, "missing": planned.missing})
-        return Answer({"graph": write_graph(planned) if planned.steps else "", "sessions": planned.steps})
+            found = plan(file, seed=seed, workspace=world, library=library)
+        if isinstance(found, PlannedGraph):
+            return Answer(asdict(found))
+        return Answer({"graph": "", "is_proven": found.is_proven, "missing": found.missing})
 
     @_tool()
     def compile(self, graph: _Text, overrides: _Overrides = _NONE) -> Answer:
         """The sessions that a goal graph would make; starts nothing."""
-        found = self._compile(graph, overrides)[0]
-        facts = {"goal": found.name, "objective": found.spec.objective, "accept": found.spec.accept}
-        return Answer({**facts, "sessions": describe_nodes(found)})
+        return Answer(asdict(describe_graph(self._compile(graph, overrides)[0])))
 
     @_tool()
     def preflight(self, graph: _Text, overrides: _Overrides = _NONE, seed: _Seed = 0) -> Answer:
@@ -157,8 +155,7 @@ class WorkspaceTools:
     @_tool()
     def why(self, subject: _Word = "") -> Answer:
         """Explain the verdict on a goal, node or session from the evidence; the latest goal without a name."""
-        found, lines = explain_subject(Workspace.open(self.root), read_ledger(self.root, subject), subject)
-        return Answer({"found": found, "explanation": lines.splitlines()})
+        return Answer(asdict(why(self.root, subject)))
 
     @_tool()
     def recall(self, words: _Words = "") -> Answer:

@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.store.edits import edit_intake as edits
 
 

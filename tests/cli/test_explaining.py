@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.sessions.estop import is_latched
 from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, TRACE, encode_lines, write_json

@@ -8,10 +8,11 @@ import sys
 
 import pytest
 
-from phyagentos.cli import observing, stopping
-from phyagentos.cli.arguments import find_running
+from phyagentos.cli import stopping
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.clock import SystemClock
+from phyagentos.operations import status as standing
+from phyagentos.operations.workspaces import find_running
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
 from phyagentos.protocol.sessions.stop_signals import take_signals
@@ -29,7 +30,7 @@ def here(run, monkeypatch):
     os.utime(folder / "old" / "workspace.yaml", (1, 1))
     (folder / "new").symlink_to(root)
     monkeypatch.chdir(folder.parent)
-    monkeypatch.setattr(observing, "find_running", list)
+    monkeypatch.setattr(standing, "find_running", list)
     run.begin()
     run.submit("red")
     return run
@@ -48,7 +49,7 @@ def test_where_no_workspace_is_the_next_step_is_named(paos, tmp_path, monkeypatc
     result = paos("status")
     assert result.code == ExitCode.INVALID_INPUT
     assert "Name one: --workspace W; `paos store` takes W alone." in result.err
-    monkeypatch.setattr(observing, "find_running", list)
+    monkeypatch.setattr(standing, "find_running", list)
     assert "`paos run GRAPH` makes one" in paos("runs").out
 
 

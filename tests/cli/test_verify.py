@@ -6,8 +6,8 @@ import json
 import msgspec
 import pytest
 
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, write_json
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
 from phyagentos.protocol.sessions.verdicts import Verdict

@@ -4,6 +4,7 @@ Nothing is judged again: the diagnosis is the agent's own, over the same evidenc
 """
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -11,11 +12,12 @@ import msgspec
 from phyagentos.agent.judging.diagnosis import diagnose
 from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
 from phyagentos.assembly.planted_faults import find_unstruck
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.documents.markdown import format_value
 from phyagentos.protocol.sessions.evidence import Bundle, read_bundle
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
 from phyagentos.protocol.sessions.session import Execution, GoalId, SessionId, SessionStatus
-from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState
+from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.idealisations import format_idealisations
@@ -25,17 +27,35 @@ from phyagentos.store.subjects import find_node, get_goal, get_session
 _OWN_WAY = "the skill's own way"
 
 
-def explain_subject(workspace: Workspace, ledger: Ledger, subject: str = "") -> tuple[object, str]:
-    """The goal, node or session that is called so, the latest goal without a name; and why it stands as it does."""
+class Explanation(msgspec.Struct, frozen=True, kw_only=True):
+    """What `paos why --json` prints: all that the journal says of a goal, node or session, and why it stands so."""
+
+    found: GoalStatus | NodeStatus | SessionStatus
+    explanation: tuple[str, ...]
+
+
+def why(root: Path, subject: str = "") -> Explanation:
+    """Explain the verdict on a goal, node or session of a workspace; of the latest goal without a name.
+
+    Raises DefinitionError `UNKNOWN_SESSION`; ExecutionError `JOURNAL_DAMAGED`, `EVIDENCE_UNREADABLE`.
+    """
+    return explain_subject(Workspace.open(root), read_ledger(root, subject), subject)
+
+
+def explain_subject(workspace: Workspace, ledger: Ledger, subject: str = "") -> Explanation:
+    """The same, as a ledger says."""
     latest = dict(list(ledger.goals.items())[-1:])
     goal = ledger.goals.get(GoalId(subject)) if subject else get_goal("", str(workspace.root), latest)
     holder, name = find_node(subject, ledger.goals)
+    found: GoalStatus | NodeStatus | SessionStatus
     if goal is not None:
-        return goal, explain_goal(workspace, ledger, goal)
-    if holder is not None and not holder.nodes[name].sessions:
-        return holder.nodes[name], explain_node(workspace, ledger, holder, name)
-    id = get_session(subject, ledger.sessions)
-    return ledger.sessions[id], explain_session(workspace, ledger, id)
+        found, text = goal, explain_goal(workspace, ledger, goal)
+    elif holder is not None and not holder.nodes[name].sessions:
+        found, text = holder.nodes[name], explain_node(workspace, ledger, holder, name)
+    else:
+        id = get_session(subject, ledger.sessions)
+        found, text = ledger.sessions[id], explain_session(workspace, ledger, id)
+    return Explanation(found=found, explanation=tuple(text.splitlines()))
 
 
 def explain_session(workspace: Workspace, ledger: Ledger, id: SessionId) -> str:

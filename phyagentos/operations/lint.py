@@ -1,13 +1,15 @@
-"""`paos lint`: find out what kind of file it is, check it with the reader that will read it, report every problem.
+"""Check authored files: find the kind of each, check it with the reader that will read it, report every problem.
 
 There is no second parser: each kind is checked by the module that owns it, so that lint and run cannot disagree. What
 is checked may come from elsewhere: the Python of its skills is executed only when asked for.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from phyagentos.assembly.project import FOLDERS, open_library
 from phyagentos.assembly.skill_checks import check_skill
@@ -54,20 +56,32 @@ _FOLDERS = {
 }
 
 
-def lint_paths(paths: list[Path], *, runs_python: bool = False) -> tuple[list[Path], list[Problem]]:
-    """Check files and, recursively, folders: the files checked, and every problem, in the order of `paths`.
+Check = Callable[[Path], object]
 
-    With `runs_python`, the leaves of skills are executed, so that their ports are checked as well.
+
+class LintReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What `paos lint --json` prints; a warning names what a sound goal graph leaves undecided."""
+
+    checked: tuple[str, ...]
+    problems: tuple[Problem, ...]
+    warnings: tuple[Problem, ...]
+
+
+def lint_paths(paths: Iterable[Path], *, runs_python: bool = False, check_suite: Check | None = None) -> LintReport:
+    """Check files and, recursively, folders, in the order of `paths`, each file once.
+
+    With `runs_python`, the leaves of skills are executed, so that their ports are checked as well; suites are checked
+    where `check_suite` is given, as by `bench.matrix.compile_suite`.
     """
-    checked: list[Path] = []
-    problems: list[Problem] = []
-    for path in paths:
-        files = list(iter_authored_files(path)) if path.is_dir() else [path]
-        for file in files:
-            if file not in checked:
-                checked.append(file)
-                problems += lint_file(file, runs_python=runs_python)
-    return checked, problems
+    files = (file for path in paths for file in (iter_authored_files(path) if path.is_dir() else [path]))
+    checked = tuple(dict.fromkeys(files))
+    return LintReport(
+        checked=tuple(map(str, checked)),
+        problems=tuple(
+            each for file in checked for each in lint_file(file, runs_python=runs_python, check_suite=check_suite)
+        ),
+        warnings=tuple(each for file in checked for each in find_warnings(file)),
+    )
 
 
 def iter_authored_files(folder: Path) -> Iterator[Path]:
@@ -90,7 +104,9 @@ def find_warnings(path: Path) -> list[Problem]:
         return []
 
 
-def lint_file(path: Path, *, runs_python: bool = False, library: Library | None = None) -> list[Problem]:
+def lint_file(
+    path: Path, *, runs_python: bool = False, library: Library | None = None, check_suite: Check | None = None
+) -> list[Problem]:
     """Every problem of one file, seen from its project or from a given library; an unknown kind is one."""
     try:
         read_text(path)  # what cannot be read has no kind, and its path may lead nowhere
@@ -103,6 +119,8 @@ def lint_file(path: Path, *, runs_python: bool = False, library: Library | None 
             expected = f"one of the keys {known}, a SKILL.md, a protocol document or a settings file"
             hint = next((hint for key in keys if (hint := format_hint(key, _KEYS))), "")
             return [Problem("UNKNOWN_KIND", f"{path}:1:1", found, expected, hint)]
+        if kind is FileKind.SUITE and check_suite is not None:
+            check_suite(path)
         _check(kind, path, library or open_library(path), runs_python=runs_python)
     except DefinitionError as error:
         return list(error.problems)
@@ -191,9 +209,5 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             from phyagentos.protocol.world.faults import read_faults
 
             read_faults(path)
-        case FileKind.SUITE:
-            from phyagentos.bench.matrix import compile_suite
-
-            compile_suite(path)
     if problems:
         raise DefinitionError(problems)

@@ -1,7 +1,7 @@
-"""A goal graph run to its verdict as `paos run` does: lint, a workspace, both planes as child processes.
+"""Run a goal graph to its verdict: check it, make a workspace, start both planes as child processes, report.
 
 This process commands nothing and judges nothing: it follows the journal like any reader, and an interrupt becomes a
-record, as any tool could write. Downstream: the command line, which shows the run, and `api`.
+record, as any tool could write.
 """
 
 import contextlib
@@ -13,21 +13,26 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
+
+import msgspec
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.mission.mission import choose_goal
+from phyagentos.agent.mission.report import MissionReport
+from phyagentos.agent.mission.report import build_report as build_mission_report
 from phyagentos.assembly.memory_choice import choose_memory
 from phyagentos.assembly.paths import choose_folder, serve_alone
 from phyagentos.assembly.planes import Plane, start_watch
-from phyagentos.assembly.planted_faults import iter_misses
-from phyagentos.assembly.progress import RunFold
+from phyagentos.assembly.planted_faults import find_unstruck, iter_misses
 from phyagentos.assembly.project import admit_python, get_file, get_settings, open_library, parse_overrides
 from phyagentos.assembly.skill_checks import check_skill
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.operations.lint import FileKind, find_other_kind
+from phyagentos.operations.progress import RunFold
+from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.perception import Prior, Sensing, declare_sensing
@@ -48,8 +53,7 @@ CANCEL_PATIENCE_S = 20.0  # then the planes are ended without waiting for their 
 Show = Callable[[RunFold], object]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunOrder:
+class RunRequest(msgspec.Struct, frozen=True, kw_only=True):
     """What is to run; see `paos run --help`."""
 
     graph: Path
@@ -64,6 +68,25 @@ class RunOrder:
     prior: Prior | None = None
     memory: str | None = None
     trusts_python: bool = False
+
+
+class RunReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What `paos run --json` prints.
+
+    Attributes:
+        report: Version of this format.
+        exit_code: 0 goal met, 1 not met, 3 rejected by preflight, 4 no verdict, 130 interrupted or cancelled.
+        wall_s: From the request until both planes have ended [s].
+        pictures: Session -> files.
+    """
+
+    report: int = 1
+    exit_code: int
+    workspace: str
+    wall_s: float
+    pictures: dict[str, tuple[str, ...]]
+    goal: MissionReport | None
+    unstruck_faults: tuple[str, ...] = ()
 
 
 class PlaneEnded(ExecutionError):
@@ -116,38 +139,39 @@ def mute_if_gone(descriptor: int) -> None:
 
 
 def run_goal(
-    order: RunOrder,
+    request: RunRequest,
     interrupts: Interrupts,
     clock: Clock,
     announce: Callable[[str], object] = lambda _: None,
     show: Show = lambda _: None,
-) -> RunFold:
-    """Run a goal graph to its verdict; what stands in the journal then about the goal.
+) -> RunReport:
+    """Run a goal graph to its verdict, and report how it ended.
 
-    `announce` is told what is trusted, then where the run takes place; from then on `interrupts` are counted: the first
-    cancels the goal, a second one ends the planes at once. `show` is called before they start, then with each look.
+    `announce` is called with what is trusted, then with where the run takes place; from then on `interrupts` are
+    counted: the first cancels the goal, a second one ends the planes at once. `show` is called before they start, then
+    with each look, always with the same fold, which is complete at the end.
 
     Raises DefinitionError with every problem, before anything is started; PlaneEnded.
     """
-    graph = get_file(order.graph, "goal_graphs")
-    faults = get_file(order.faults, "faults") if order.faults is not None else None
-    compiled = check_order(graph, faults, parse_overrides(order.overrides), order.workspace)
-    root = order.workspace or choose_folder(Path("workspaces"), f"{graph.stem}-{order.seed}")
-    admit_python(root, graph, is_trusted=order.trusts_python, announce=announce)
+    started_s, graph = clock.now_s(), get_file(request.graph, "goal_graphs")
+    faults = get_file(request.faults, "faults") if request.faults is not None else None
+    compiled = check_request(graph, faults, parse_overrides(request.overrides), request.workspace)
+    root = request.workspace or choose_folder(Path("workspaces"), f"{graph.stem}-{request.seed}")
+    admit_python(root, graph, is_trusted=request.trusts_python, announce=announce)
     workspace = Workspace.create(root, open_library(graph))
     with serve_alone(workspace, clock), interrupts.counted():
-        if order.world_mode is not None:
-            declare_world_mode(workspace.runtime_contract, order.world_mode)
-        declare_sensing(workspace.perception, order.sense, order.prior)
-        announce(f"workspace {root}\nmemory {choose_memory(workspace, graph, order.memory)}")
+        if request.world_mode is not None:
+            declare_world_mode(workspace.runtime_contract, request.world_mode)
+        declare_sensing(workspace.perception, request.sense, request.prior)
+        announce(f"workspace {root}\nmemory {choose_memory(workspace, graph, request.memory)}")
         with contextlib.closing(Journal(workspace.root, side=Side.OPERATOR, by="paos run", clock=clock)) as journal:
             ledger = journal.open_ledger()
             for record in journal.read_new():
                 ledger.apply(record)
-            goal = choose_goal(f"{compiled.name}-{order.seed}", ledger, journal)
+            goal = choose_goal(f"{compiled.name}-{request.seed}", ledger, journal)
             fold = RunFold(workspace, goal, ledger)
             show(fold)
-            planes = start_planes(order, goal, graph, faults, workspace)
+            planes = start_planes(request, goal, graph, faults, workspace)
             try:
                 follow_run(fold, journal, planes, interrupts, clock, show)
             finally:
@@ -157,10 +181,28 @@ def run_goal(
                 if fold.goal is not None and fold.goal.is_cancelled:
                     with contextlib.suppress(ExecutionError):  # a full disk: the next runtime ends them
                         cancel_unheld(goal, fold.ledger, journal)
-    return fold
+    return build_report(fold, clock.now_s() - started_s, is_interrupted=interrupts.count > 0)
 
 
-def check_order(
+def build_report(fold: RunFold, wall_s: float, *, is_interrupted: bool = False) -> RunReport:
+    """The whole run in one value, from journal and evidence alone."""
+    goal, workspace = fold.goal, fold.workspace
+    report = build_mission_report(goal, fold.ledger, round(wall_s, 3)) if goal is not None else None
+    sessions = [row.session.contract.id for row in fold.rows() if row.session is not None]
+    pairs = {id: [workspace.evidence_of(id) / name for name in (PICTURE_BEFORE, PICTURE_AFTER)] for id in sessions}
+    pictures = {id: tuple(str(path) for path in pair if path.is_file()) for id, pair in pairs.items()}
+    exit_code = report.exit_code if report is not None and report.verdict else 4
+    return RunReport(
+        exit_code=130 if is_interrupted else exit_code,
+        workspace=str(workspace.root),
+        wall_s=round(wall_s, 3),
+        pictures={id: found for id, found in pictures.items() if found},
+        goal=report,
+        unstruck_faults=find_unstruck(workspace.root),
+    )
+
+
+def check_request(
     graph: Path, faults: Path | None, overrides: Mapping[str, str], workspace: Path | None = None
 ) -> GoalGraph:
     """The graph, once it, the scene, skills and models that it names, and the faults are in order; loads no simulator.
@@ -168,7 +210,11 @@ def check_order(
     Ports of trees against leaves, and how the scene begins, are left to preflight. Raises DefinitionError with every
     problem.
     """
-    library, problems = open_library(graph), list[Problem]()
+    problems = find_other_kind(graph, FileKind.GOAL_GRAPH)
+    problems += find_other_kind(faults, FileKind.FAULTS) if faults is not None else []
+    if problems:
+        raise DefinitionError(problems)
+    library = open_library(graph)
     try:
         if faults is not None:
             read_faults(faults)
@@ -196,13 +242,15 @@ def check_order(
     return compiled
 
 
-def start_planes(order: RunOrder, goal: GoalId, graph: Path, faults: Path | None, workspace: Workspace) -> list[Plane]:
+def start_planes(
+    request: RunRequest, goal: GoalId, graph: Path, faults: Path | None, workspace: Workspace
+) -> list[Plane]:
     """Start the runtime first: it warms up while the agent compiles."""
-    watch = start_watch(workspace, faults=faults, pictures=order.pictures)
-    agent = [str(graph), "--workspace", str(workspace.root), "--seed", str(order.seed), "--goal", goal]
-    agent += ["--verify", order.verify] if order.verify is not None else []
-    agent += ["--memory", order.memory] if order.memory is not None else []
-    agent += [part for override in order.overrides or () for part in ("--set", override)]
+    watch = start_watch(workspace, faults=faults, pictures=request.pictures)
+    agent = [str(graph), "--workspace", str(workspace.root), "--seed", str(request.seed), "--goal", goal]
+    agent += ["--verify", request.verify] if request.verify is not None else []
+    agent += ["--memory", request.memory] if request.memory is not None else []
+    agent += [part for override in request.overrides or () for part in ("--set", override)]
     return [watch, Plane("agent", agent, workspace.logs)]
 
 
