@@ -15,7 +15,7 @@ import sys
 import textwrap
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin
 
 import typer
 from typer.core import TyperGroup
@@ -53,12 +53,12 @@ COMMANDS = {  # name -> module and function; the first line of its docstring is 
     "resume": "stopping:resume",
     "estop": "stopping:estop",
     "edit": "editing:edit",
-    "amend": "amending:amend",
+    "amend": "deciding:amend",
     "judge": "editing:judge",
     "doctor": "doctor:examine_machine",
     "codes": "showing:show_codes",
-    "approve": "approving:approve",
-    "deny": "approving:deny",
+    "approve": "deciding:approve",
+    "deny": "deciding:deny",
     "mcp": "mcp_server:serve",
     "forecasts": "forecasts:show_forecasts",
     "verify": "verification:verify",
@@ -148,8 +148,9 @@ def _root(
 
 
 def with_json(command: Callable[..., object]) -> Callable[..., object]:
-    """The command with `--json`: where it has no such option, the lines that it prints become a list."""
+    """The command with `--json`, its reply printed; of one without a reply or option, printed lines become a list."""
     from phyagentos.cli.arguments import AsJson
+    from phyagentos.cli.reply import Reply
 
     signature = inspect.signature(command)
     if "as_json" in signature.parameters:
@@ -157,12 +158,13 @@ def with_json(command: Callable[..., object]) -> Callable[..., object]:
 
     @functools.wraps(command)
     def call(*, as_json: bool, **arguments: object) -> object:
-        if not as_json:
-            return command(**arguments)
-        with contextlib.redirect_stdout(io.StringIO()) as text:
-            code = command(**arguments)
-        print_json({"exit_code": code or 0, "result": text.getvalue().splitlines()})
-        return code
+        if get_origin(signature.return_annotation) is not Reply and as_json:
+            with contextlib.redirect_stdout(io.StringIO()) as text:
+                code = command(**arguments)
+            print_json({"exit_code": code or 0, "result": text.getvalue().splitlines()})
+            return code
+        reply = command(**arguments)
+        return reply.print(as_json=as_json) if isinstance(reply, Reply) else reply
 
     own = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=AsJson)
     call.__dict__["__signature__"] = signature.replace(parameters=[*signature.parameters.values(), own])

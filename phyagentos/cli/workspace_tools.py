@@ -20,14 +20,13 @@ from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.mission.report import build_report, report_session
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.agent.tools.registry import Answer, Level, Tool
-from phyagentos.assembly.approved_goals import as_file
 from phyagentos.assembly.project import admit_python, open_library, parse_overrides
-from phyagentos.cli.memory import recall
 from phyagentos.cli.outcome import Exit
 from phyagentos.cli.preflight import check_sessions, read_order
-from phyagentos.cli.stopping import end, request, stop_all
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, relocate
+from phyagentos.operations import recall, stop
+from phyagentos.operations.approve import as_file
 from phyagentos.operations.compile import describe_graph
 from phyagentos.operations.lint import lint_file
 from phyagentos.operations.plan import PlannedGraph, plan
@@ -40,7 +39,6 @@ from phyagentos.protocol.documents.schema import read_text, read_yaml
 from phyagentos.protocol.sessions.agent_calls import CallFiles
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
-from phyagentos.protocol.sessions.memory_entries import Standing as EntryState
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.subjects import get_session
@@ -160,23 +158,22 @@ class WorkspaceTools:
     @_tool()
     def recall(self, words: _Words = "") -> Answer:
         """Lessons and facts that earlier verdicts taught, about all of these words."""
-        version, entries = recall(self.root, words.split())
-        return Answer({"version": version, "entries": [each for each in entries if each.state is EntryState.ACTIVE]})
+        return Answer(asdict(recall.recall(self.root, words.split())))
 
     @_tool(is_stop=True, is_destructive=True)
     def cancel(self, subject: _Word, reason: _Words = "") -> Answer:
         """End a goal, a session or `all`: the robot is halted. It cannot be taken up again."""
-        return Answer({"done": end(subject, self.root, clean(reason), self.by)})
+        return Answer(asdict(stop.cancel(subject, self.root, reason=clean(reason), by=self.by)))
 
     @_tool(is_stop=True)
     def pause(self, session: _Word = "all", reason: _Words = "") -> Answer:
         """Let a session, or all, rest at the end of its present motion. Only a person lets it go on."""
-        return Answer({"done": request("pause", session, self.root, clean(reason), self.by)})
+        return Answer(asdict(stop.pause(session, self.root, reason=clean(reason), by=self.by)))
 
     @_tool(is_stop=True, is_destructive=True)
     def estop(self, reason: Any = "") -> Answer:
         """Stop every robot of the workspace at once. Only a person resets it."""
-        return Answer({"done": stop_all(self.root, clean(str(reason))[:500], self.by)})
+        return Answer(asdict(stop.estop(self.root, reason=clean(str(reason))[:500], by=self.by)))
 
     def _compile(self, text: str, overrides: Mapping[str, str]) -> tuple[GoalGraph, Any]:
         """The graph, and its bundle: all that would run, needing no other file."""

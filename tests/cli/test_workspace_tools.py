@@ -187,5 +187,5 @@ def test_look_why_and_recall_answer_with_plain_data(registry, workspace):
     look = registry.call("look", {}).facts
     assert look["standing"].goals == {}
     assert refuse(registry, "why").code == "UNKNOWN_GOAL"
-    assert registry.call("recall", {"words": "red cube"}).facts["entries"] == []
+    assert registry.call("recall", {"words": "red cube"}).facts["entries"] == ()
     assert msgspec.json.encode(look)

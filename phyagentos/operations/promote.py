@@ -2,42 +2,62 @@
 
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from phyagentos.agent.memory.memory import Memory
-from phyagentos.agent.memory.methodological import Correction
+import msgspec
+
 from phyagentos.agent.memory.sequences import Composition, Start, compose, find_starts
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.planes import start_watch
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.operations.recall import find_entry, open_memory
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_skill_registry
-from phyagentos.protocol.capabilities.skill_runtimes import Learned, read_skill
+from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.workspace.workspace import Workspace
 
 Lint = Callable[[Path], Sequence[Problem]]
 
 
-def promote(
-    memory: Memory, lesson: Correction, workspace: Workspace, project: Path, name: str, *, trials: int, lint: Lint
-) -> list[Path]:
-    """Write the skill that a lesson has proved into a project, once it has passed its regression test.
+class Promoted(msgspec.Struct, frozen=True, kw_only=True):
+    """A skill that was made of a lesson: the known starts that it succeeded on, and the files that were written."""
+
+    skill: str
+    entry: str
+    trials: int
+    files: tuple[Path, ...]
+
+
+class Revoked(msgspec.Struct, frozen=True, kw_only=True):
+    """A promoted skill that was taken out of a project, and the entry that it was made of, which stays."""
+
+    skill: str
+    entry: str
+
+
+def promote(root: Path, entry: str, project: Path, name: str, *, trials: int = 3, lint: Lint) -> Promoted:
+    """Write the skill that a lesson of a workspace has proved into a project, once it has passed its regression test.
 
     The test is the skill on the latest `trials` starts on which the sequence was verified, with the settings of the
     workspace, each judged as any session. Nothing is written where one fails.
 
     Raises:
-        DefinitionError: `NOT_PROMOTED`; `WOULD_OVERWRITE`; every problem of the files.
+        DefinitionError: `UNKNOWN_ENTRY`; `NOT_PROMOTED`; `WOULD_OVERWRITE`; every problem of the files.
     """
-    starts = find_starts(lesson, memory.read_all())[-trials:]
-    skills = read_skill_registry(workspace.skill_registry)
-    composed = compose(name, lesson, skills, starts, memory=memory.snapshot)
+    with open_memory(root) as memory:
+        find_entry(memory, entry, root)
+        lesson, workspace = memory.experience.corrections.get(entry), Workspace.open(root)
+        if lesson is None:
+            raise DefinitionError.of("NOT_PROMOTED", str(root), entry, "a lesson about what has to come first")
+        starts = find_starts(lesson, memory.read_all())[-trials:]
+        skills = read_skill_registry(workspace.skill_registry)
+        composed = compose(name, lesson, skills, starts, memory=memory.snapshot)
     if len(starts) < trials:
         expected = f"{trials} starts on which the whole sequence was verified"
-        raise DefinitionError.of("NOT_PROMOTED", lesson.id, f"{len(starts)} of them", expected)
+        raise DefinitionError.of("NOT_PROMOTED", entry, f"{len(starts)} of them", expected)
     texts = {Path("trees", f"{name}.yaml"): composed.render_tree()}
     texts[Path("skills", name, "SKILL.md")] = composed.render_skill()
     if there := [project / path for path in texts if (project / path).exists()]:
@@ -48,10 +68,10 @@ def promote(
             raise DefinitionError(problems)
         for start in starts:
             _try(composed, start, workspace, Path(folder))
-    return _write(project, texts)
+    return Promoted(skill=name, entry=entry, trials=trials, files=_write(project, texts))
 
 
-def revoke(project: Path, name: str) -> Learned:
+def revoke(project: Path, name: str) -> Revoked:
     """Take a learned skill and its tree out of a project; raises `NOT_PROMOTED` for one that people wrote."""
     path = Library((project,)).get_skill(name)
     skill, _ = read_skill(path)
@@ -59,14 +79,14 @@ def revoke(project: Path, name: str) -> Learned:
         raise DefinitionError.of("NOT_PROMOTED", str(path), "a skill that was written by hand", "one that was promoted")
     shutil.rmtree(path.parent)
     (project / "trees" / f"{skill.tree}.yaml").unlink(missing_ok=True)
-    return skill.learned
+    return Revoked(skill=name, entry=skill.learned.entry)
 
 
-def _write(root: Path, texts: dict[Path, str]) -> list[Path]:
+def _write(root: Path, texts: Mapping[Path, str]) -> tuple[Path, ...]:
     for path, text in texts.items():
         (root / path).parent.mkdir(parents=True, exist_ok=True)
         (root / path).write_text(text)
-    return [root / path for path in texts]
+    return tuple(root / path for path in texts)
 
 
 def _try(composed: Composition, start: Start, workspace: Workspace, folder: Path) -> None:
