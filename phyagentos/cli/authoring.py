@@ -1,6 +1,5 @@
 """Commands for people who write goals and skills: `init`, `lint` and `compile`."""
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,62 +7,56 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from phyagentos.assembly.project import get_file, parse_overrides
-from phyagentos.cli.arguments import AsJson, Overrides, RunPython
-from phyagentos.cli.outcome import ExitCode, print_found, print_json, print_note, print_problems, print_result
-from phyagentos.protocol.documents.durable_files import require_empty
+from phyagentos.cli.arguments import Overrides, RunPython
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.reply import Reply
 
 if TYPE_CHECKING:
     from phyagentos.operations.compile import CompiledGraph
 
-TEMPLATES = Path(__file__).with_name("scaffold")
 
-
-def init(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is missing or empty.")]) -> None:
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is missing or empty.")],
+) -> Reply[object]:
     """Make a place of your own: a goal graph, a scene and a skill that run at once."""
-    require_empty(folder)
-    shutil.copytree(TEMPLATES, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__", ".*"))
-    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-        print_note(f"wrote {path}")
-    print_result(f"next: paos lint {folder} && paos run {folder / 'goal_graphs' / 'first.yaml'}")
+    from phyagentos.operations.init import init
+
+    found = init(folder)
+    return Reply(
+        found, f"next: paos lint {folder} && paos run {found.graph}", [f"wrote {each}" for each in found.files]
+    )
 
 
 def lint(
     paths: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Files, or folders to walk.")],
     run_python: RunPython = False,
-    as_json: AsJson = False,
-) -> int:
+) -> Reply[object]:
     """Check authored files and report every problem with file, line and column."""
     from phyagentos.bench.matrix import compile_suite
     from phyagentos.operations.lint import lint_paths
 
     found = lint_paths(paths, runs_python=run_python, check_suite=compile_suite)
-    if as_json:
-        print_json(found)
-    count = print_problems(found.problems)
-    for warning in found.warnings:
-        print_note(f"warning: {warning}")
-    if not found.checked:
-        print_note("no authored file found")
-        return ExitCode.INVALID_INPUT
-    files = f"{len(found.checked)} file{'s' if len(found.checked) != 1 else ''}"
-    if count:
-        print_note(f"{files} checked, {count} problem{'s' if count != 1 else ''}")
-        return ExitCode.INVALID_INPUT
-    (print_note if as_json else print_result)(f"{files} checked, no problem")
-    return ExitCode.GOAL_MET
+    problems = list(dict.fromkeys(str(each).replace("\n", " ") for each in found.problems))
+    notes = [*problems, *(f"warning: {each}" for each in found.warnings)]
+    files = f"{len(found.checked)} file{'s' if len(found.checked) != 1 else ''} checked"
+    if found.checked and not problems:
+        return Reply(found, f"{files}, no problem", notes)
+    last = (
+        f"{files}, {len(problems)} problem{'s' if len(problems) != 1 else ''}" if problems else "no authored file found"
+    )
+    return Reply(found, notes=[*notes, last], code=ExitCode.INVALID_INPUT)
 
 
 def compile_graph(
     graph: Annotated[Path, typer.Argument(help="A goal graph: a file, or a name of `paos list graphs`.")],
     set_: Overrides = None,
     mermaid: Annotated[bool, typer.Option("--mermaid", help="The DAG as a Mermaid flowchart.")] = False,
-    as_json: AsJson = False,
-) -> None:
+) -> Reply[object]:
     """Show the DAG and the sessions that a goal graph would make; start nothing."""
     from phyagentos.operations import compile as compiling
 
     found = compiling.compile_graph(get_file(graph, "goal_graphs"), parse_overrides(set_))
-    print_found(found, found.mermaid if mermaid else "\n".join(_render(found)), as_json=as_json)
+    return Reply(found, found.mermaid if mermaid else "\n".join(_render(found)))
 
 
 def _render(graph: "CompiledGraph") -> Iterator[str]:

@@ -7,8 +7,9 @@ import typer
 from msgspec.structs import asdict
 
 from phyagentos.assembly.project import admit_python
-from phyagentos.cli.arguments import AsJson, TrustPython, choose_newest
-from phyagentos.cli.outcome import ExitCode, print_found, print_note, print_result
+from phyagentos.cli.arguments import TrustPython, choose_newest
+from phyagentos.cli.outcome import ExitCode, print_note, print_result
+from phyagentos.cli.reply import Reply
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.tasks import Relation
 from phyagentos.store.subjects import get_session
@@ -20,20 +21,19 @@ Space = Annotated[Path, _IN]
 Subject = Annotated[str, typer.Argument(metavar="SESSION|NODE|GOAL", help=f"The latest goal without. {_SHORT}")]
 
 
-def why(workspace: Space, subject: Subject = "", as_json: AsJson = False) -> None:
+def why(workspace: Space, subject: Subject = "") -> Reply[object]:
     """Explain a verdict: the layer, the leaf and the number that decided it; of a goal or node, the first cause."""
     from phyagentos.operations.why import why
 
     found = why(workspace, subject)
-    print_found(found, "\n".join(found.explanation), as_json=as_json)
+    return Reply(found, "\n".join(found.explanation))
 
 
 def show_graph(
     workspace: Space,
     goal: Annotated[str, typer.Argument(metavar="GOAL", help="Its id; not needed where there is one goal.")] = "",
     mermaid: Annotated[bool, typer.Option("--mermaid", help="As a Mermaid flowchart.")] = False,
-    as_json: AsJson = False,
-) -> None:
+) -> Reply[object]:
     """Show a goal's graph as it stands: every attempt at a node, and what comes before it."""
     from phyagentos.operations.goal_graph import show_graph
 
@@ -45,7 +45,7 @@ def show_graph(
         before = [name if how is Relation.AFTER else f"{name} ({how})" for name, how in relations.items()]
         after = f"  after {', '.join(before)}" if before else ""
         lines.append(f"  {step.name:<{width}}  {step.state:<11}{after}".rstrip())
-    print_found(found, found.mermaid if mermaid else "\n".join(lines), as_json=as_json)
+    return Reply(found, found.mermaid if mermaid else "\n".join(lines))
 
 
 def show_context(
@@ -53,16 +53,13 @@ def show_context(
     goal: Annotated[str, typer.Argument(metavar="GOAL", help="Its id; the latest one without.")] = "",
     for_: Annotated[str, typer.Option("--for", help="plan, verify or repair.")] = "plan",
     budget: Annotated[int, typer.Option(help="Most tokens of the text, of three bytes each.")] = 8_000,
-    as_json: AsJson = False,
-) -> None:
+) -> Reply[object]:
     """Print what a model would be shown: request, world, open nodes, verdicts, capabilities, lessons, limits."""
     from phyagentos.operations.model_context import read_context
 
     found = read_context(workspace, goal, purpose=for_, budget_tokens=budget)
     facts = asdict(found) | {"tokens": found.tokens, "sha256": found.sha256}
-    print_found(facts, found.text, as_json=as_json)
-    if not as_json:
-        print_note(f"{found.tokens} of {budget} tokens, sha256 {found.sha256}")
+    return Reply(facts, found.text, [f"{found.tokens} of {budget} tokens, sha256 {found.sha256}"])
 
 
 def rerun(session: Id, workspace: Space, trust_python: TrustPython = False) -> int:

@@ -59,7 +59,7 @@ def mermaid(
     elif subject in open_library().names_of_trees() or Path(subject).suffix in {".yaml", ".yml"}:
         show_tree(subject, mermaid=True)
     else:
-        show_graph(workspace or choose_newest(), subject, mermaid=True, as_json=False)
+        show_graph(workspace or choose_newest(), subject, mermaid=True).print(as_json=False)
 
 
 def html(

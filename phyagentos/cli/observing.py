@@ -6,24 +6,24 @@ from typing import Annotated
 import msgspec
 import typer
 
-from phyagentos.cli.arguments import AsJson
 from phyagentos.cli.explaining import Space
-from phyagentos.cli.outcome import print_found, print_result
+from phyagentos.cli.outcome import print_result
+from phyagentos.cli.reply import Reply
 from phyagentos.operations.logs import iter_log_lines
 from phyagentos.operations.status import WorkspaceStatus, list_runs, read_status
 
 
-def status(workspace: Space, as_json: AsJson = False) -> None:
+def status(workspace: Space) -> Reply[WorkspaceStatus]:
     """Show how a workspace stands: its runtime, emergency stop, goals, sessions, and what each worker does."""
     found = read_status(workspace)
-    print_found(found, "\n".join(_render(found)), as_json=as_json)
+    return Reply(found, "\n".join(_render(found)))
 
 
-def runs(as_json: AsJson = False) -> None:
+def runs() -> Reply[tuple[WorkspaceStatus, ...]]:
     """List the workspaces of this folder, the newest first, and those that run elsewhere."""
     found = list_runs()
     none = "no workspace in workspaces/; `paos run GRAPH` makes one"
-    print_found(found, "\n".join(next(_render(each)) for each in found) or none, as_json=as_json)
+    return Reply(found, "\n".join(next(_render(each)) for each in found) or none)
 
 
 def logs(

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from phyagentos.assembly.project import get_file
-from phyagentos.cli.arguments import AsJson
-from phyagentos.cli.outcome import ExitCode, print_found, print_note
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.reply import Reply
 
 if TYPE_CHECKING:
     from phyagentos.agent.planning.planned import Step, Unsolvable
@@ -22,21 +22,19 @@ def plan(
     seed: Annotated[int, typer.Option(help="Of the scene's start.", min=0)] = 0,
     workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help=_WORKSPACE)] = None,
     mermaid: Annotated[bool, typer.Option("--mermaid", help="The order as a Mermaid flowchart.")] = False,
-    as_json: AsJson = False,
-) -> int:
+) -> Reply[object]:
     """Plan a goal by the effects of skills: sessions, their order, and why; start nothing."""
     from phyagentos.operations import plan as planning
 
     found = planning.plan(get_file(goal, "goal_graphs"), seed=seed, workspace=workspace)
     if not isinstance(found, planning.PlannedGraph):
-        print_found(found, render_missing(found), as_json=as_json)
-        return ExitCode.GOAL_NOT_MET
+        return Reply(found, render_missing(found), code=ExitCode.GOAL_NOT_MET)
+    notes = []
     if output is not None and found.graph:
         output.write_text(found.graph, encoding="utf-8")
-        print_note(f"wrote {output}; next: paos run {output}")
+        notes.append(f"wrote {output}; next: paos run {output}")
     text = "\n".join(iter_plan(found.goal, found.objective, found.sessions, found.accept))
-    print_found(found, found.mermaid if mermaid and found.mermaid else text, as_json=as_json)
-    return ExitCode.GOAL_MET
+    return Reply(found, found.mermaid if mermaid and found.mermaid else text, notes)
 
 
 def iter_plan(goal: str, objective: str, sessions: "Sequence[Step]", accept: Sequence[str]) -> Iterator[str]:

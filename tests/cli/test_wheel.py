@@ -59,7 +59,7 @@ def test_the_wheel_carries_every_authored_file(wheel, folder):
 
 def test_the_wheel_carries_the_scaffold_the_type_marker_and_the_page(wheel):
     carried = zipfile.ZipFile(wheel).namelist()
-    assert "phyagentos/cli/scaffold/goal_graphs/first.yaml" in carried
+    assert "phyagentos/operations/scaffold/goal_graphs/first.yaml" in carried
     assert "phyagentos/py.typed" in carried
     page = [path for folder in ("static", "templates") for path in (ROOT / "phyagentos" / "view" / folder).iterdir()]
     assert {path.relative_to(ROOT).as_posix() for path in page} <= set(carried)
