@@ -1,4 +1,4 @@
-"""`paos edit`: SESSIONS.md in an editor, without concurrent rendering. `paos judge`: verdicts of sessions by hand."""
+"""`paos edit`: SESSIONS.md in an editor, without concurrent rendering."""
 
 import os
 import shlex
@@ -10,18 +10,14 @@ from typing import Annotated
 
 import typer
 
-from phyagentos.agent.judging.review import judge_goalless_sessions
-from phyagentos.assembly.verification import build_verifier
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.edits.merge import Merge
 from phyagentos.store.edits.reading import decode
 from phyagentos.store.edits.rejections import format_refusal
-from phyagentos.store.journal import Journal, choose_partition
+from phyagentos.store.journal import choose_partition
 from phyagentos.store.views.history import History
 
 DEFAULT_EDITOR = "vi"
@@ -39,19 +35,6 @@ def edit(
         merged = _edit_copy(edits, history, place.sessions_document.name, _choose_editor(editor))
         _publish(edits, history)
     return _report(merged, place.sessions_document.name, place.rejected_document)
-
-
-def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path()) -> int:
-    """Judge the executed sessions without a goal, which no agent looks at."""
-    place, clock = Workspace.open(workspace), SystemClock()
-    verifier = build_verifier(place, clock)
-    with closing(Journal(place.root, side=Side.AGENT, by="paos judge", clock=clock)) as journal:
-        judged = judge_goalless_sessions(place, journal, verifier)
-    for id, attempt in judged:
-        print_result(f"{id}: {attempt.verdict}  {attempt.reason}")
-    if not judged:
-        print_note("no session by hand waits for a verdict")
-    return ExitCode(any(attempt.verdict is not Verdict.SUCCESS for _, attempt in judged))  # GOAL_NOT_MET where any is
 
 
 def _edit_copy(edits: EditIntake, history: History, name: str, command: list[str]) -> Merge:

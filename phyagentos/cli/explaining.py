@@ -1,4 +1,4 @@
-"""Commands about sessions and goals that ran: `why`, `graph`, `context`, `rerun`."""
+"""Commands about sessions and goals that ran: `why`, `graph`, `context`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,13 +6,9 @@ from typing import Annotated
 import typer
 from msgspec.structs import asdict
 
-from phyagentos.assembly.project import admit_python
-from phyagentos.cli.arguments import TrustPython, choose_newest
-from phyagentos.cli.outcome import ExitCode, print_note, print_result
+from phyagentos.cli.arguments import choose_newest
 from phyagentos.cli.reply import Reply
-from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.tasks import Relation
-from phyagentos.store.subjects import get_session
 
 _SHORT = "The part after the goal is enough."
 Id = Annotated[str, typer.Argument(metavar="SESSION", help=f"A session id. {_SHORT}")]
@@ -60,18 +56,3 @@ def show_context(
     found = read_context(workspace, goal, purpose=for_, budget_tokens=budget)
     facts = asdict(found) | {"tokens": found.tokens, "sha256": found.sha256}
     return Reply(facts, found.text, [f"{found.tokens} of {budget} tokens, sha256 {found.sha256}"])
-
-
-def rerun(session: Id, workspace: Space, trust_python: TrustPython = False) -> int:
-    """Run a session once more from its own documents and compare the bits of the terminal state."""
-    from phyagentos.assembly.rerun import rerun_session
-
-    id = get_session(session, read_ledger(workspace, session).sessions)
-    admit_python(workspace, is_trusted=trust_python, announce=print_note)
-    repetition = rerun_session(workspace, id)
-    if repetition.differences:
-        print_result("\n".join([f"{id} came out differently:", *repetition.differences]))
-    else:
-        print_result(f"{id}: identical, bit for bit ({repetition.execution.ticks} commands)")
-    print_note(f"second bundle in {repetition.workspace}")
-    return ExitCode.GOAL_NOT_MET if repetition.differences else ExitCode.GOAL_MET

@@ -54,9 +54,7 @@ def promote(
     trials: Annotated[int, typer.Option(help="Known starts that it must succeed on first.", min=1)] = 3,
 ) -> Reply[Promoted]:
     """Make a skill of a sequence of sessions that has proved itself; nothing is written unless it passes again."""
-    from phyagentos.operations.lint import lint_file
-
-    found = promotion.promote(workspace, entry, into, name, trials=trials, lint=lint_file)
+    found = promotion.promote(workspace, entry, into, name, trials=trials)
     return Reply(found, f"{name}: success on {trials} known starts; wrote {', '.join(map(str, found.files))}")
 
 

@@ -1,10 +1,11 @@
 """What a command answers: the struct of its operation, the same for people, and an exit code. `app` prints it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_result
+from phyagentos.errors import Problem
 
 Found_co = TypeVar("Found_co", covariant=True)
 
@@ -39,3 +40,8 @@ class Reply(Generic[Found_co]):
         for note in self.notes:
             print_note(note)
         return self.code
+
+
+def list_problems(problems: Iterable[Problem]) -> list[str]:
+    """Each problem on a line, duplicates once."""
+    return [str(problem).replace("\n", " ") for problem in dict.fromkeys(problems)]

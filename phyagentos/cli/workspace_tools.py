@@ -22,10 +22,9 @@ from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposa
 from phyagentos.agent.tools.registry import Answer, Level, Tool
 from phyagentos.assembly.project import admit_python, open_library, parse_overrides
 from phyagentos.cli.outcome import Exit
-from phyagentos.cli.preflight import check_sessions, read_order
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, relocate
-from phyagentos.operations import recall, stop
+from phyagentos.operations import preflight, recall, stop
 from phyagentos.operations.approve import as_file
 from phyagentos.operations.compile import describe_graph
 from phyagentos.operations.lint import lint_file
@@ -119,8 +118,9 @@ class WorkspaceTools:
         """Check each session of a goal graph against its robot, which does not move."""
         with self._one_preflight, _as_graph(graph) as file:
             admit_python(self.root, is_trusted=False)
-            reports = check_sessions(read_order(file, self.root, seed, _read_overrides(overrides)))
-        return Answer({"fits": all(each["fits"] for each in reports), "sessions": reports})
+            texts = [f"{key}={value}" for key, value in overrides.items()]
+            found = preflight.check(str(file), self.root, seed=seed, overrides=texts)
+        return Answer({"fits": not found.refused, "sessions": found.sessions})
 
     @_tool(Level.PROPOSE)
     def propose(self, graph: _Text, reason: _Words, overrides: _Overrides = _NONE, seed: _Seed = 0) -> Answer:

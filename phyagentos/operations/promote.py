@@ -2,7 +2,7 @@
 
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
@@ -11,15 +11,14 @@ from phyagentos.agent.memory.sequences import Composition, Start, compose, find_
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.planes import start_watch
 from phyagentos.clock import SystemClock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
+from phyagentos.operations.lint import lint_file
 from phyagentos.operations.recall import find_entry, open_memory
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_skill_registry
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.workspace.workspace import Workspace
-
-Lint = Callable[[Path], Sequence[Problem]]
 
 
 class Promoted(msgspec.Struct, frozen=True, kw_only=True):
@@ -38,7 +37,7 @@ class Revoked(msgspec.Struct, frozen=True, kw_only=True):
     entry: str
 
 
-def promote(root: Path, entry: str, project: Path, name: str, *, trials: int = 3, lint: Lint) -> Promoted:
+def promote(root: Path, entry: str, project: Path, name: str, *, trials: int = 3) -> Promoted:
     """Write the skill that a lesson of a workspace has proved into a project, once it has passed its regression test.
 
     The test is the skill on the latest `trials` starts on which the sequence was verified, with the settings of the
@@ -64,7 +63,7 @@ def promote(root: Path, entry: str, project: Path, name: str, *, trials: int = 3
         raise DefinitionError.of("WOULD_OVERWRITE", str(there[0]), "a file", "a name that is free", "Choose another.")
     with tempfile.TemporaryDirectory(prefix="paos-") as folder:
         _write(Path(folder), texts)
-        if problems := [problem for path in texts for problem in lint(Path(folder) / path)]:
+        if problems := [problem for path in texts for problem in lint_file(Path(folder) / path)]:
             raise DefinitionError(problems)
         for start in starts:
             _try(composed, start, workspace, Path(folder))

@@ -8,9 +8,9 @@ import yaml
 from phyagentos.agent.goals.selector import ANY
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.review import judge_again
-from phyagentos.assembly.rerun import perceive_again
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.clock import SystemClock
+from phyagentos.operations.verify import perceive_again
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.sessions.looks import find_look_problems

@@ -1,50 +1,80 @@
-"""`export bt-xml` and `import`: behaviour trees to and from Groot2 and whatever else reads BehaviorTree.CPP 4."""
+"""Behaviour trees drawn, and exchanged with Groot2 and whatever else reads BehaviorTree.CPP 4."""
 
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import msgspec
 import yaml
 
-from phyagentos.assembly.project import open_library
-from phyagentos.cli.arguments import RunPython
-from phyagentos.cli.outcome import print_result
+from phyagentos.assembly.project import find_project, open_library
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.export.bt_xml import NodeModel, Port, render_trees
-from phyagentos.export.bt_xml_reader import read_trees
+from phyagentos.pictures.trees import Drawing, draw_tree, render_mermaid, render_svg
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.capabilities.trees import parse_tree, read_tree
 from phyagentos.protocol.documents.schema import Located
 
 if TYPE_CHECKING:
+    from phyagentos.export.bt_xml import NodeModel
     from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 
 
-def bt_xml(
-    tree: Annotated[str, typer.Argument(help="Name of a tree or of a skill, or the YAML file of a tree.")],
-    run_python: RunPython = False,
-) -> None:
-    """Print a behaviour tree and its subtrees as XML of BehaviorTree.CPP 4, with a model of every leaf."""
+class DrawnTree(msgspec.Struct, frozen=True, kw_only=True):
+    """A behaviour tree, subtrees included, as nodes, as a Mermaid flowchart and as SVG."""
+
+    root: Drawing
+    mermaid: str
+    svg: str
+
+
+class ExportedTree(msgspec.Struct, frozen=True, kw_only=True):
+    """A behaviour tree and its subtrees as XML of BehaviorTree.CPP 4, with a model of every leaf."""
+
+    tree: str
+    xml: str
+
+
+class ImportedTrees(msgspec.Struct, frozen=True, kw_only=True):
+    """The files that were written; none where every tree was in the library already."""
+
+    files: tuple[Path, ...]
+
+
+def draw(tree: str) -> DrawnTree:
+    """Draw a tree, by its name or its YAML file, from declared ports alone; raises DefinitionError `UNKNOWN_TREE`."""
+    path = Path(tree)
+    is_file = _is_file(tree)
+    library = Library.open(find_project(path), Path.cwd()) if is_file else Library.open(Path.cwd())
+    root = draw_tree(read_tree(path if is_file else library.get_tree(tree)), library)
+    return DrawnTree(root=root, mermaid=render_mermaid(root), svg=render_svg(root))
+
+
+def export_bt_xml(tree: str, *, runs_python: bool = False) -> ExportedTree:
+    """Write a tree, meant by its name, by that of a skill, or by its YAML file, as XML.
+
+    `behaviours.py` of skills are executed only where it `runs_python`. Raises DefinitionError of the trees.
+    """
+    from phyagentos.export.bt_xml import render_trees
     from phyagentos.runtime.execution.tree_check import read_sound_trees
 
     library = open_library(Path(tree))
-    registry = _open_registry(library, runs_python=run_python)
-    trees = read_sound_trees(find_tree(tree, library), library, registry)
-    print_result(render_trees(list(trees.values()), dict(iter_leaf_models(registry))))
+    registry, name = _open_registry(library, runs_python=runs_python), find_tree(tree, library)
+    trees = read_sound_trees(name, library, registry)
+    return ExportedTree(tree=name, xml=render_trees(list(trees.values()), dict(iter_leaf_models(registry))))
 
 
-def import_tree(
-    file: Annotated[Path, typer.Argument(metavar="TREE.xml", help="A file of BehaviorTree.CPP 4.")],
-    to: Annotated[Path, typer.Option("--to", metavar="DIR", help="A project: its trees/ gets what is new.")] = Path(),
-    run_python: RunPython = False,
-) -> None:
-    """Write the behaviour trees of a file that Groot2 saved as YAML."""
+def import_trees(file: Path, to: Path, *, runs_python: bool = False) -> ImportedTrees:
+    """Write the trees of a file that Groot2 saved into `trees/` of the project `to`, as YAML.
+
+    Raises DefinitionError with every problem that `paos lint` would find; `WOULD_OVERWRITE`.
+    """
+    from phyagentos.export.bt_xml_reader import read_trees
+
     library = Library.open(to, Path.cwd())
     read, problems = read_trees(file)
-    trees, found = _check(read, library, _open_registry(library, runs_python=run_python))
+    trees, found = _check(read, library, _open_registry(library, runs_python=runs_python))
     if problems or found:
         raise DefinitionError((*problems, *found))
     known = {name: read_tree(library.get_tree(name)).located.data for name in library.names_of_trees() if name in trees}
@@ -52,16 +82,20 @@ def import_tree(
     if there := [path for path in new if path.exists()]:
         raise DefinitionError.of("WOULD_OVERWRITE", str(there[0]), "another tree", "a name that is free")
     _write(new)
-    print_result("\n".join(map(str, new)) or "every tree of the file is in the library already")
+    return ImportedTrees(files=tuple(new))
 
 
 def find_tree(argument: str, library: Library) -> str:
     """The name of the tree that is meant by its name, by its file, or by a skill that it carries out."""
-    if Path(argument).suffix in {".yaml", ".yml"}:
+    if _is_file(argument):
         return read_tree(Path(argument)).header.tree
     if argument not in library.names_of_trees() and argument in library.names_of_skills():
         return read_skill(library.get_skill(argument))[0].tree
     return argument
+
+
+def _is_file(argument: str) -> bool:
+    return Path(argument).suffix in {".yaml", ".yml"}
 
 
 def _open_registry(library: Library, *, runs_python: bool) -> "LeafRegistry":
@@ -70,8 +104,9 @@ def _open_registry(library: Library, *, runs_python: bool) -> "LeafRegistry":
     return (build_registry if runs_python else read_registry)(library)
 
 
-def iter_leaf_models(registry: "LeafRegistry") -> Iterator[tuple[str, NodeModel]]:
+def iter_leaf_models(registry: "LeafRegistry") -> Iterator[tuple[str, "NodeModel"]]:
     """What a TreeNodesModel says of every leaf that is known; a question that ends at once is a condition."""
+    from phyagentos.export.bt_xml import NodeModel, Port
     from phyagentos.runtime.execution.leaf import Leaf, Role
     from phyagentos.runtime.execution.tree_check import PORT_TYPES
 

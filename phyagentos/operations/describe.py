@@ -1,24 +1,24 @@
-"""`paos describe`: leaves, skills, predicates, faults and settings, from the declarations that the code itself uses.
+"""Leaves, skills, predicates, faults and settings, from the declarations that the code itself uses.
 
 The same as Markdown are the pages of `docs/reference/`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
-import typer
 
 from phyagentos.assembly.project import open_library
-from phyagentos.cli.arguments import AsJson
-from phyagentos.cli.outcome import print_found
-from phyagentos.cli.schemas import build_schema, iter_structures, list_fields
 from phyagentos.errors import DefinitionError
+from phyagentos.operations.schema_fields import iter_structures, list_fields
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, read_skill
+from phyagentos.protocol.documents.schema import Authored
+from phyagentos.protocol.documents.struct_schema import build_authored_schema
 from phyagentos.protocol.predicates.library import PredicateDefinition, get_predicate_library
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
+from phyagentos.protocol.world.faults import FaultFile
 
 _TYPES: dict[type, str] = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 
@@ -41,20 +41,18 @@ class Described(msgspec.Struct, frozen=True):
     rows: tuple[Row, ...]
 
 
-def describe(
-    kind: Annotated[str, typer.Argument(metavar="leaf|skill|predicate|fault|setting")] = "",
-    name: Annotated[str, typer.Argument(help="Which, or a field of it; every one, a line each, without.")] = "",
-    as_json: AsJson = False,
-) -> None:
-    """Describe a leaf, skill, predicate, fault or setting by its own declaration."""
+def describe(kind: str, name: str = "") -> tuple[Described, ...]:
+    """Each leaf, skill, predicate, fault or setting that is called so, or has a row of this name; every one without.
+
+    Raises DefinitionError `UNKNOWN_NAME` for a kind or a name.
+    """
     if kind not in KINDS:
         raise DefinitionError.unknown("UNKNOWN_NAME", "paos describe", kind, KINDS)
     every = list(KINDS[kind](open_library()))
     found = [each for each in every if name in {"", each.name, *(row.name for row in each.rows)}]
     if not found:
         raise DefinitionError.unknown("UNKNOWN_NAME", f"paos describe {kind}", name, [each.name for each in every])
-    whole, lines = map(_render_text, found), (f"{each.name:<20} {each.summary}" for each in found)
-    print_found(found, "\n\n".join(whole) if name else "\n".join(lines), as_json=as_json)
+    return tuple(found)
 
 
 def _iter_leaves(library: Library) -> Iterator[Described]:
@@ -97,25 +95,19 @@ def _describe_predicate(each: PredicateDefinition) -> Described:
     return Described(each.name, each.description, (form, *arguments))
 
 
-def _iter_structures(kinds: Iterable[str]) -> Iterator[Described]:
+def _iter_structures(models: Mapping[str, type[Authored]]) -> Iterator[Described]:
     """The structures of authored files, each under its name in lower case: `slip`, `perception`."""
-    for kind in kinds:
-        schema = build_schema(kind)
-        definitions = schema.get("$defs", {})
+    for file, model in models.items():
+        schema, definitions = build_authored_schema(model)
         for title, each in iter_structures(schema, definitions):
             rows = tuple(Row("field", name, *row) for name, row in list_fields(each, definitions).items())
-            yield Described(title.lower(), f"{each.get('description', '').removesuffix('.')} ({kind}.yaml)", rows)
-
-
-def _render_text(each: Described) -> str:
-    rows = (f"  {row.part:<11} {row.name:<20} {row.takes:<12} {row.default:<10} {row.meaning}" for row in each.rows)
-    return "\n".join([f"{each.name}: {each.summary}", *map(str.rstrip, rows)])
+            yield Described(title.lower(), f"{each.get('description', '').removesuffix('.')} ({file})", rows)
 
 
 KINDS: dict[str, Callable[[Library], Iterable[Described]]] = {
     "leaf": _iter_leaves,
     "skill": lambda library: map(_describe_skill, map(library.get_skill, library.names_of_skills())),
     "predicate": lambda _: map(_describe_predicate, get_predicate_library()),
-    "fault": lambda _: _iter_structures(["faults"]),
-    "setting": lambda _: _iter_structures(Path(each).stem for each in SETTINGS_FILES),
+    "fault": lambda _: _iter_structures({"faults.yaml": FaultFile}),
+    "setting": lambda _: _iter_structures(SETTINGS_FILES),
 }

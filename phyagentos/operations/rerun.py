@@ -1,60 +1,56 @@
-"""A recorded session once more: `paos rerun` carries it out, `paos verify --from-frames` perceives its looks again.
-
-The latter uses neither a simulator nor ground truth: the only model loaded is the robot's own, to mask it in pictures.
-"""
+"""A recorded session once more, from its own documents, and where its bits differ."""
 
 import hashlib
 import math
 import shutil
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
+import msgspec
 
 from phyagentos.assembly.paths import RECORDED_FAULTS, choose_folder
-from phyagentos.assembly.processes import open_world_model
-from phyagentos.assembly.runtime_plane import open_worker
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.registries import get_registered_target, read_target_registry
-from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
-from phyagentos.protocol.sessions.looks import LOOKS, PREFIX, LookEntry, read_looks
+from phyagentos.protocol.sessions.looks import LOOKS, PREFIX
 from phyagentos.protocol.sessions.session import Execution, SessionId, SessionStatus
-from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, compute_file_hash
+from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.perception.look import RecordedFrames
-from phyagentos.runtime.perception.look_file import read_look
-from phyagentos.runtime.perception.perceived_world import PerceivedWorld
-from phyagentos.runtime.preflight.settings import read_settings
-from phyagentos.runtime.supervision.workers import Worker
-from phyagentos.runtime.worker.orders import Check, Checked, Finished, Renew, Run
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import choose_partition
+from phyagentos.store.subjects import get_session
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from phyagentos.runtime.supervision.workers import Worker
 
 _ARRAYS = (evidence.INITIAL, evidence.TERMINAL, evidence.TRAJECTORY)
 _TEXTS = (evidence.SCENE_XML, evidence.TRACE, evidence.HOLDS, evidence.EXECUTION)
 
 
-@dataclass(frozen=True, slots=True)
-class Rerun:
+class Rerun(msgspec.Struct, frozen=True, kw_only=True):
     """A session, repeated: the workspace of the second bundle, and where it differs from the first, bit for bit."""
 
+    session: str
     workspace: Path
     execution: Execution
     differences: tuple[str, ...]
 
 
-def rerun_session(root: Path, session: str) -> Rerun:
+def rerun(root: Path, name: str) -> Rerun:
     """Repeat one recorded session from its own workspace, and compare the two bundles bit by bit.
 
+    The Python of the workspace's skills is run: see `admit_python` before.
+
     Raises:
-        DefinitionError: `NOT_EXECUTED`; `NO_SNAPSHOT` without a recorded start; `WORLD_SHARED` for a session in a world
-            of several targets; `TARGET_UNKNOWN` where its target is no more. Nothing was started.
+        DefinitionError: `UNKNOWN_SESSION`; `NOT_EXECUTED`; `NO_SNAPSHOT` without a recorded start; `WORLD_SHARED` for a
+            session in a world of several targets; `TARGET_UNKNOWN` where its target is no more. Nothing was started.
         ExecutionError: When the repetition cannot be carried out.
     """
-    recorded = Workspace.open(root)
+    recorded, session = Workspace.open(root), get_session(name, read_ledger(root, name).sessions)
     status = find_session(recorded, session)
     folder = recorded.evidence_of(SessionId(session))
     _refuse_without_start(folder)
@@ -66,10 +62,12 @@ def rerun_session(root: Path, session: str) -> Rerun:
     shutil.copyfile(folder / evidence.FAULTS, repeated.root / RECORDED_FAULTS)
     if (answers := recorded.loops / session).is_dir():  # what an outside agent decided then
         shutil.copytree(answers, repeated.loops / session)
+    from phyagentos.assembly.runtime_plane import open_worker
+
     with open_worker(repeated, status.contract.target) as worker:
         finished = _order(worker, status, folder)
     differences = find_differences(folder, repeated.evidence_of(SessionId(session)))
-    return Rerun(workspace=repeated.root, execution=finished, differences=tuple(differences))
+    return Rerun(session=session, workspace=repeated.root, execution=finished, differences=tuple(differences))
 
 
 def _refuse_without_start(folder: Path) -> None:
@@ -95,8 +93,10 @@ def _refuse_shared(workspace: Workspace, status: SessionStatus) -> None:
         raise DefinitionError.of("WORLD_SHARED", status.contract.id, found, "a session in a world of one target", hint)
 
 
-def _order(worker: Worker, status: SessionStatus, folder: Path) -> Execution:
+def _order(worker: "Worker", status: SessionStatus, folder: Path) -> Execution:
     """Have a worker check and run a recorded session from its recorded start."""
+    from phyagentos.runtime.worker.orders import Check, Checked, Finished, Renew, Run
+
     session, epoch = status.contract, max(status.epoch, 1)
     check = Check(session=session, epoch=epoch, restore=str(folder / evidence.INITIAL))
     run = Run(session=session, epoch=epoch, evidence=f"evidence/{session.id}")
@@ -154,6 +154,8 @@ def _read(path: Path) -> bytes:
 
 
 def _compare_arrays(name: str, recorded: Path, repeated: Path) -> list[str]:
+    import numpy as np
+
     with np.load(recorded) as first, np.load(repeated) as second:
         if first.files != second.files:
             return [f"{name}: has {second.files}, recorded were {first.files}"]
@@ -167,38 +169,4 @@ def _compare_arrays(name: str, recorded: Path, repeated: Path) -> list[str]:
 def _describe(first: "np.ndarray", second: "np.ndarray") -> str:
     if first.shape != second.shape:
         return f": shape {second.shape}, recorded was {first.shape}"
-    return f", by up to {float(np.max(np.abs(first - second))):.3g}"
-
-
-def perceive_again(workspace: Workspace, status: SessionStatus) -> list[tuple[LookEntry, Environment]]:
-    """Each look that a session's bundle names, and the world as perception makes it of that look now.
-
-    Raises:
-        ExecutionError: `LOOK_MISSING` or `EVIDENCE_UNREADABLE`, which name the file; `LOOK_DIFFERS` where perception
-            now reads something else than it did.
-        DefinitionError: `SETTINGS_CHANGED` where the settings are not those of the session.
-    """
-    execution, target = status.execution, status.contract.target
-    folder = workspace.root / execution.evidence if execution is not None else workspace.evidence / status.contract.id
-    entries = read_looks(folder)
-    if not entries:
-        found = "its sensing was truth, its target has no camera, or an earlier version recorded it"
-        raise ExecutionError("LOOK_MISSING", f"{folder / LOOKS}: no look was recorded; {found}")
-    recorded = read_yaml(folder / evidence.CONTRACT).data.get("settings_sha256", {})
-    found = "another file than the session ran with"
-    hint = f"Restore it, or judge on the snapshots: `paos verify {folder.name}` without --from-frames."
-    changed = [
-        Problem("SETTINGS_CHANGED", str(path), found, f"sha256 {recorded[path.name]}", hint)
-        for path in (workspace.perception, workspace.sensors)
-        if path.name in recorded and compute_file_hash(path) != recorded[path.name]
-    ]
-    if changed:
-        raise DefinitionError(changed)
-    looks = {entry.file: read_look(folder / entry.file, entry.sha256) for entry in entries}
-    profile = get_registered_target(workspace.target_registry, target)
-    eyes = RecordedFrames(next(iter(looks.values())))
-    world = open_world_model(workspace, target, profile, eyes, read_settings(workspace, target))
-    if not isinstance(world, PerceivedWorld):
-        raise ExecutionError("LOOK_DIFFERS", f"{workspace.perception}: sensing is truth, the session's was perceived")
-    worlds = {file: world.repeat(look) for file, look in looks.items()}
-    return [(entry, worlds[entry.file]) for entry in entries]
+    return f", by up to {float(abs(first - second).max()):.3g}"
