@@ -60,7 +60,6 @@ COMMANDS = {  # name -> module and function; the first line of its docstring is 
     "approve": "approving:approve",
     "deny": "approving:deny",
     "mcp": "mcp_server:serve",
-    "forecasts": "forecasts:show_forecasts",
     "verify": "verification:verify",
 }
 EXPORTS = ("bt_xml", "html", "lerobot", "mcap", "mermaid", "rrd", "video")

@@ -6,6 +6,11 @@ import msgspec
 import mujoco
 import numpy as np
 import pytest
+from rollout_forecaster.estimate import believe_scene, stand_up_sunk
+from rollout_forecaster.forecaster import BATCH, RolloutForecaster
+from rollout_forecaster.playback import Playback, SharedPrefix, find_cause
+from rollout_forecaster.rehearsal import Rehearser
+from rollout_forecaster.uncertainty import ImaginedStart, draw_start
 from scipy.spatial.transform import Rotation
 
 from phyagentos.clock import SystemClock
@@ -18,13 +23,8 @@ from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.execution.leaf_registry import build_registry
-from phyagentos.runtime.lookahead.estimate import believe_scene, stand_up_sunk
 from phyagentos.runtime.lookahead.forecaster import Case
-from phyagentos.runtime.lookahead.rehearsal import Rehearser
-from phyagentos.runtime.lookahead.rollout_forecaster import BATCH, RolloutForecaster
-from phyagentos.runtime.lookahead.rollouts import Playback, SharedPrefix, find_cause
 from phyagentos.runtime.lookahead.service import ForecastService
-from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_start
 from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner

@@ -27,9 +27,9 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.execution.holds import HoldMonitor
-from phyagentos.runtime.lookahead.estimate import SETTLE_S, Array
-from phyagentos.runtime.lookahead.rehearsal import STATE_STEPS, Rehearsal, Stage
-from phyagentos.runtime.lookahead.uncertainty import ImaginedStart
+from rollout_forecaster.estimate import SETTLE_S, Array
+from rollout_forecaster.rehearsal import STATE_STEPS, Rehearsal, Stage
+from rollout_forecaster.uncertainty import ImaginedStart
 
 SAMPLE_S = 0.1  # conditions are sampled as in a real session, at 10 Hz of simulated time
 _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
