@@ -43,7 +43,7 @@ TRACE = {"SUCCESS", "FAILURE"}  # py_trees' own words
 
 
 def find_names() -> tuple[set[str], set[str]]:
-    """Every upper-case constant of the package and of the kit of rollouts, and the endings of those that are put together."""
+    """Every upper-case constant of the package and the kit of rollouts, and the endings of those put together."""
     names, endings = set(), set()
     for path in (*PACKAGE.rglob("*.py"), *ROLLOUTS.rglob("*.py")):
         if path.name in {"codes.py", "code_tables.py"} and path.parent == PACKAGE:
