@@ -100,8 +100,8 @@ def _watch(states: Array, rehearsal: Rehearsal, stage: Stage) -> Rollout:
             held.append(terminal.targets[session.target].holding)
         else:
             _enter(state, physics)
-            physics.look()
-            held.append(physics.read_target(physics.find_touching()).holding)
+            physics.queries.look()
+            held.append(physics.queries.read_target(physics.queries.find_touching()).holding)
     return Rollout(held=tuple(held), initial=initial, terminal=_look(states[-1], stage), violated=violated)
 
 
@@ -170,7 +170,7 @@ class SharedPrefix:
 
     def __init__(self, rehearsal: Rehearsal, settle_steps: int) -> None:
         self._model = rehearsal.stage.physics.model
-        self._bodies = [self._model.body(entity.name).id for entity in rehearsal.stage.physics.entities]
+        self._bodies = [self._model.body(entity.name).id for entity in rehearsal.stage.physics.scene.entities]
         index = 0 if rehearsal.session.hold else self._find_near(rehearsal.states) - -(-settle_steps // STATE_STEPS)
         self.steps = max(0, index) * STATE_STEPS
         self._state = rehearsal.states[index] if index > 0 else None

@@ -237,7 +237,9 @@ def test_a_drawn_thing_lies_where_it_was_drawn_after_the_head_start(rehearser, s
     mujoco.mj_setState(drawn.model, ahead, put, mujoco.mjtState.mjSTATE_FULLPHYSICS)
 
     assert np.array_equal(before.qpos[coin : coin + 7], ahead.qpos[coin : coin + 7])
-    assert not np.allclose(before.qpos[stage.physics.q_address], ahead.qpos[stage.physics.q_address], atol=0.01)
+    assert not np.allclose(
+        before.qpos[stage.physics.state.q_address], ahead.qpos[stage.physics.state.q_address], atol=0.01
+    )
 
 
 def test_a_condition_that_must_hold_all_through_is_watched_from_the_beginning(rehearsal):
