@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from phyagentos.assembly.paths import RECORDED_FAULTS, choose_folder
-from phyagentos.assembly.processes import open_world_model
 from phyagentos.assembly.runtime_plane import open_worker
+from phyagentos.assembly.worker_process import open_world_model
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.registries import get_registered_target, read_target_registry
 from phyagentos.protocol.documents.schema import read_yaml

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from phyagentos.assembly.processes import connect_to_world
+from phyagentos.assembly.worker_process import connect_to_world
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.workspace.workspace import Workspace
