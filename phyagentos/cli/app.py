@@ -87,7 +87,6 @@ SECTIONS = {  # of the help -> name -> module and function, whose first line of 
         "judge": "judging:judge",
         "rerun": "judging:rerun",
         "context": "explaining:show_context",
-        "forecasts": "forecasts:show_forecasts",
         "evidence": GROUPS,
         "store": GROUPS,
         "policy": GROUPS,

@@ -108,7 +108,7 @@ def perceive_again(workspace: Workspace, status: SessionStatus) -> list[tuple[Lo
     ]
     if changed:
         raise DefinitionError(changed)
-    from phyagentos.assembly.processes import open_world_model
+    from phyagentos.assembly.worker_process import open_world_model
     from phyagentos.runtime.perception.look import RecordedFrames
     from phyagentos.runtime.perception.look_file import read_look
     from phyagentos.runtime.perception.perceived_world import PerceivedWorld

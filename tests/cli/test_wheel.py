@@ -11,6 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("trees", "goal_graphs", "skills", "scenes", "robots", "protocol", "faults")
+KIT = ("pyproject.toml", "rollout_forecaster/forecaster.py")
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +56,12 @@ def test_the_wheel_carries_every_authored_file(wheel, folder):
     ]
     assert shipped
     assert not missing
+
+
+def test_the_wheel_carries_the_kits(wheel):
+    carried = set(zipfile.ZipFile(wheel).namelist())
+
+    assert {f"phyagentos/share/kits/rollouts/{name}" for name in KIT} <= carried
 
 
 def test_the_wheel_carries_the_scaffold_the_type_marker_and_the_page(wheel):

@@ -25,13 +25,13 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.lookahead.forecaster import LOOKAHEAD_FAILED, Case, ForecasterSite
-from phyagentos.runtime.lookahead.rehearsal import Rehearsal, Rehearser, Stage
-from phyagentos.runtime.lookahead.rollouts import Playback, find_cause, is_decided
-from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_start
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.motion.tool_bounds import read_tool_bounds
+from rollout_forecaster.playback import Playback, find_cause, is_decided
+from rollout_forecaster.rehearsal import Rehearsal, Rehearser, Stage
+from rollout_forecaster.uncertainty import ImaginedStart, draw_start
 
 ALTERNATIVES_MAX = 5  # each costs as much as the contract's own way
 BATCH = 2  # rollouts between two looks at their count, whatever the number of threads

@@ -17,8 +17,8 @@ from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.protocol.world.scenes import Body, SceneSpec
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.drivers.mujoco.physics import Physics
-from phyagentos.runtime.lookahead.estimate import Array
 from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, name_actuator
+from rollout_forecaster.estimate import Array
 
 POSITION_STD_M = {"truth": 0.0005, "perceived": 0.002}  # where the estimate states none: what a depth camera leaves
 TURN_STD_RAD = {"truth": 0.004, "perceived": 0.03}  # an edge of 4 cm whose end is seen 1 mm askew is turned by 0.03 rad

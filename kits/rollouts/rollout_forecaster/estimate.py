@@ -95,8 +95,8 @@ def settle_estimate(physics: Physics, environment: Environment, profile: TargetP
     """
     model, data, target = physics.model, physics.data, environment.targets[profile.target]
     mujoco.mj_resetData(model, data)
-    physics.place_at_home()
-    physics.write_posture(data, np.array(target.q_rad))
+    physics.actuation.place_at_home()
+    physics.state.write_posture(data, np.array(target.q_rad))
     loose = []
     for joint in range(model.njnt):
         if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
@@ -114,9 +114,9 @@ def settle_estimate(physics: Physics, environment: Environment, profile: TargetP
     stand_up_sunk(model, data, loose)
     command_m = 0.0 if target.holding else width_m
     q = np.asarray(target.q_rad, dtype=np.float64)
-    physics.set_servos(q, np.zeros_like(q), command_m)
+    physics.actuation.set_servos(q, np.zeros_like(q), command_m)
     physics.step(round(SETTLE_S / model.opt.timestep))
-    return physics.read_state()
+    return physics.state.read_state()
 
 
 def stand_up_sunk(model: mujoco.MjModel, data: mujoco.MjData, names: list[str]) -> list[str]:

@@ -27,9 +27,9 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.execution.holds import HoldMonitor
-from phyagentos.runtime.lookahead.estimate import SETTLE_S, Array
-from phyagentos.runtime.lookahead.rehearsal import STATE_STEPS, Rehearsal, Stage
-from phyagentos.runtime.lookahead.uncertainty import ImaginedStart
+from rollout_forecaster.estimate import SETTLE_S, Array
+from rollout_forecaster.rehearsal import STATE_STEPS, Rehearsal, Stage
+from rollout_forecaster.uncertainty import ImaginedStart
 
 SAMPLE_S = 0.1  # conditions are sampled as in a real session, at 10 Hz of simulated time
 _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -100,8 +100,8 @@ def _watch(states: Array, rehearsal: Rehearsal, stage: Stage) -> Rollout:
             held.append(terminal.targets[session.target].holding)
         else:
             _enter(state, physics)
-            physics.look()
-            held.append(physics.read_target(physics.find_touching()).holding)
+            physics.queries.look()
+            held.append(physics.queries.read_target(physics.queries.find_touching()).holding)
     return Rollout(held=tuple(held), initial=initial, terminal=_look(states[-1], stage), violated=violated)
 
 
@@ -170,7 +170,7 @@ class SharedPrefix:
 
     def __init__(self, rehearsal: Rehearsal, settle_steps: int) -> None:
         self._model = rehearsal.stage.physics.model
-        self._bodies = [self._model.body(entity.name).id for entity in rehearsal.stage.physics.entities]
+        self._bodies = [self._model.body(entity.name).id for entity in rehearsal.stage.physics.scene.entities]
         index = 0 if rehearsal.session.hold else self._find_near(rehearsal.states) - -(-settle_steps // STATE_STEPS)
         self.steps = max(0, index) * STATE_STEPS
         self._state = rehearsal.states[index] if index > 0 else None

@@ -30,13 +30,13 @@ from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.loop import Outcome, SessionLoop
 from phyagentos.runtime.execution.tree_loader import build_tree
 from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
-from phyagentos.runtime.lookahead.estimate import Array, BelievedWorld, believe_scene, settle_estimate
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
 from phyagentos.runtime.targets.wire import RecordedFault
+from rollout_forecaster.estimate import Array, BelievedWorld, believe_scene, settle_estimate
 
 STATE_STEPS = 25  # between two recorded states
 REST_S = 0.3  # of simulated time, within which released things come to rest
