@@ -28,7 +28,7 @@ from phyagentos.cli.outcome import ExitCode, print_json, print_note
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.store.edits.exchange import exchange
+from phyagentos.store.shared_file import exchange
 from phyagentos.store.statistics import measure_sync
 from phyagentos.store.watch import Watch
 

@@ -18,7 +18,6 @@ from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.sessions import estop
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.edits.form import AmendRequest, read_amendment
 from phyagentos.store.edits.inbox import read_request
 
 WAIT_S = 60.0  # for the answer of a command that only writes a record
@@ -108,9 +107,7 @@ def _amend(workspace: Workspace, form: Mapping[str, str]) -> Done:
     temporary = workspace.inbox / "tmp" / f"view-{hashlib.sha256(data).hexdigest()[:12]}-{os.getpid()}.yaml"
     temporary.write_bytes(data)
     try:
-        request, located = read_request(temporary)
-        if isinstance(request, AmendRequest):
-            read_amendment(located, ("limits",), request.limits, request.priority)
+        read_request(temporary)
     except DefinitionError:
         temporary.unlink()
         raise
