@@ -68,7 +68,7 @@ GROUPS = {  # name -> help, module and functions
     "tree": ("Behaviour trees.", "tree_drawing", ("show",)),
     "evidence": ("Evidence bundles.", "evidence", ("verify", "prune")),
     "export": ("Trees, goals and sessions as files for the tools of others.", "exporting", EXPORTS),
-    "store": ("The journal of a workspace.", "store", ("check", "repair", "compact", "stats")),
+    "store": ("The journal of a workspace.", "store", ("check", "repair", "compact")),
     "robot": ("Profiles of robots.", "robots", ("list_", "show", "check", "render", "new")),
     "policy": ("Policies that carry out skills.", "policies", ("serve", "replay")),
     "bench": (

@@ -1,9 +1,8 @@
-"""Reading what happened in a workspace, without changing anything but its cache."""
+"""Reading what happened in a workspace, without changing anything."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
-from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.session import SessionId
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.history import Histories, fold_partition
@@ -20,11 +19,7 @@ def read_ledger(root: Path, about: str = "", parts: Sequence[str] = ()) -> Ledge
     workspace = Workspace.open(root, *parts)
     folder = workspace.sessions / choose_partition(workspace.sessions)
     if about and folder.is_dir() and len(list_all_segments(folder)) > 1:
-        try:
-            with Histories(folder) as histories:
-                if (found := histories.fold_around(SessionId(about))) is not None:
-                    return found
-        except ExecutionError as error:
-            if error.code != "INDEX_UNAVAILABLE":  # a folder without write permission, for one
-                raise
+        with Histories(folder) as histories:
+            if (found := histories.fold_around(SessionId(about))) is not None:
+                return found
     return fold_partition(folder)

@@ -1,11 +1,10 @@
-"""`paos store`: check, repair, compact and count the journal of a workspace."""
+"""`paos store`: check, repair and compact the journal of a workspace."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import typer
 
 from phyagentos.cli.arguments import AsJson, choose_newest
@@ -15,11 +14,10 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.compaction import compact_partition
-from phyagentos.store.inspection import describe_lost, inspect_partition
 from phyagentos.store.journal import Journal, choose_partition
-from phyagentos.store.repair import Repair, repair_partition
+from phyagentos.store.recovery.inspection import inspect_partition
+from phyagentos.store.recovery.repair import Repair, repair_partition
 from phyagentos.store.segments import SystemIO
-from phyagentos.store.statistics import Statistics, compute_statistics, measure_sync
 
 _BY = "paos store"
 _LOOK_AGAIN_S = 0.2  # longer than a writer needs to cut a torn end
@@ -42,7 +40,7 @@ def check(workspace: ReadSpace, partition: Partition = None, as_json: AsJson = F
         found = inspect_partition(folder)
     if as_json:
         findings = [asdict(finding) | {"is_damage": finding.is_damage} for finding in found.findings]
-        counts = {"segments": found.segments, "records": found.records, "last_seq": found.last_seq}
+        counts = {name: getattr(found, name) for name in ("segments", "records", "last_seq", "sha256")}
         print_json({"lane": folder.name, "is_whole": found.is_whole, **counts, "findings": findings})
     else:
         for finding in found.findings:
@@ -66,7 +64,7 @@ def repair(
         Journal(folder.parent.parent, side=Side.OPERATOR, by=_BY, clock=SystemClock(), partition=folder.name).close()
     is_refused = done.is_needed and not done.is_done and not is_cut
     facts = {"lane": folder.name, "is_needed": done.is_needed, "is_done": done.is_done or is_cut, "lost": done.lost}
-    cuts, aside = [cut.describe() for cut in done.cuts], [str(path) for path in done.aside]
+    cuts, aside = [gap.describe() for gap in done.gaps], [str(path) for path in done.aside]
     facts |= {"cuts": cuts, "concerns": list(done.sessions), "aside": aside}
     print_found(facts, "\n".join(_describe_repair(done)), as_json=as_json)
     if is_refused:
@@ -85,26 +83,6 @@ def compact(workspace: Space, partition: Partition = None, as_json: AsJson = Fal
         print_note(f"archived {name}")
 
 
-def stats(
-    workspace: ReadSpace,
-    partition: Partition = None,
-    disk: Annotated[bool, typer.Option("--disk", help="Measure fdatasync on this disk as well.")] = False,
-    as_json: AsJson = False,
-) -> int:
-    """Count what the journal holds; `sha256` is the same for every reader in any language."""
-    folder = _find_partition(workspace, partition)
-    found = compute_statistics(folder)
-    times = measure_sync(folder, SystemClock()) if disk else None
-    facts, lines = msgspec.to_builtins(found), list(_describe_statistics(found))
-    if times is not None:
-        facts |= {"fdatasync": msgspec.to_builtins(times)}
-        lines.append(f"fdatasync    p50 {times.p50_ms} ms, p99 {times.p99_ms} ms ({times.count} tries)")
-    print_found(facts, "\n".join(lines), as_json=as_json)
-    if found.tail == "damaged":
-        print_note("the journal is damaged and was read up to there; see `paos store check`")
-    return ExitCode.GOAL_NOT_MET if found.tail == "damaged" else ExitCode.GOAL_MET
-
-
 def _find_partition(workspace: Path, partition: str | None) -> Path:
     sessions = Workspace.open(workspace).sessions
     folder = sessions / (partition or choose_partition(sessions))
@@ -118,26 +96,12 @@ def _describe_repair(done: Repair) -> Iterator[str]:
     if not done.is_needed:
         yield "nothing to repair"
         return
-    for cut in done.cuts:
-        what = _TORN if cut.gap.is_torn else describe_lost(cut.gap)
-        yield f"{cut.segment}:{cut.offset}: {len(cut.gap.data)} bytes, sha256 {cut.gap.sha256[:16]}…: {what}"
+    for gap in done.gaps:
+        what = _TORN if gap.is_torn else gap
+        yield f"{gap.segment}:{gap.offset}: {len(gap.data)} bytes, sha256 {gap.sha256[:16]}…: {what}"
     if not done.is_only_torn:
-        yield f"records lost: {done.lost}" + ("" if all(cut.gap.is_exact for cut in done.cuts) else " at least")
+        yield f"records lost: {done.lost}" + ("" if all(gap.is_exact for gap in done.gaps) else " at least")
         yield f"concerns: {', '.join(done.sessions) or 'nothing that can still be read'}"
-        yield f"segments written again: {', '.join(each.segment for each in done.changed) or 'none'}"
+        yield f"segments written again: {', '.join(each.survey.name for each in done.changed) or 'none'}"
     for path in done.aside:
         yield f"kept as it was: {path}"
-
-
-def _describe_statistics(found: Statistics) -> Iterator[str]:
-    aside = f", {found.set_aside} set aside" if found.set_aside else ""
-    yield f"partition    {found.lane}"
-    yield f"segments     {found.segments} live ({found.bytes} bytes){aside}"
-    yield f"archived     {found.archived_segments} ({found.archived_bytes} bytes)"
-    yield f"records      {found.records}, last {found.seq}, end {found.tail}"
-    yield f"checkpoint   {found.checkpoint_seq or 'none'}"
-    yield f"sha256       {found.sha256}"
-    yield f"goals        {found.goals}"
-    yield f"sessions     {', '.join(f'{count} {state}' for state, count in found.sessions.items()) or 'none'}"
-    if found.largest is not None:
-        yield f"largest      {found.largest.id}: {found.largest.records} records, {found.largest.bytes} bytes"
