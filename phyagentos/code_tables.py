@@ -160,7 +160,6 @@ END_TORN             A segment ends in an unacknowledged batch; the next writer 
 EVIDENCE_BUSY        Another process prunes the evidence.
 EVIDENCE_UNREADABLE  A bundle lacks a file, or holds one that cannot be read.
 EVIDENCE_UNWRITABLE  The evidence folder cannot be changed.
-INDEX_UNAVAILABLE    The index in .cache cannot be used now; it is rebuilt.
 JOURNAL_CLOSED       The journal was closed.
 JOURNAL_DAMAGED      Bytes of the journal are not as they were written.
 JOURNAL_LOCKED       Another process has held the partition's lock for ten seconds.

@@ -1,4 +1,4 @@
-"""Commands about what a workspace keeps: `evidence verify` and `prune`; `store check`, `repair`, `compact`, `stats`."""
+"""Commands about what a workspace keeps: `evidence verify` and `prune`; `store check`, `repair`, `compact`."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +12,7 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.reply import Reply, list_problems
 from phyagentos.operations import evidence, store
 from phyagentos.operations.evidence import EvidenceCheck
-from phyagentos.operations.store import JournalCheck, JournalRepair, JournalStatistics
+from phyagentos.operations.store import JournalCheck, JournalRepair
 from phyagentos.store.compaction import Compaction
 from phyagentos.store.retention import RetentionReport
 
@@ -75,20 +75,6 @@ def compact(workspace: Named, partition: Lane = None) -> Reply[Compaction]:
     return Reply(found, text, [f"archived {name}" for name in found.archived])
 
 
-def stats(
-    workspace: Read,
-    partition: Lane = None,
-    disk: Annotated[bool, typer.Option("--disk", help="Measure fdatasync on this disk as well.")] = False,
-) -> Reply[JournalStatistics]:
-    """Count what the journal holds; `sha256` is the same for every reader in any language."""
-    found = store.count_journal(workspace, partition, measures_disk=disk)
-    text = "\n".join(_describe_statistics(found))
-    if found.tail != "damaged":
-        return Reply(found, text)
-    note = "the journal is damaged and was read up to there; see `paos store check`"
-    return Reply(found, text, [note], ExitCode.GOAL_NOT_MET)
-
-
 def _describe_pruning(report: RetentionReport, *, dry_run: bool) -> Iterator[str]:
     would, late, freed = ("would take", "would be sealed", "to free") if dry_run else ("took", "sealed", "freed")
     yield from (f"{each.session}: {would} {', '.join(each.files)} ({each.rule})" for each in report.thinned)
@@ -110,19 +96,3 @@ def _describe_repair(done: JournalRepair) -> Iterator[str]:
         yield f"concerns: {', '.join(done.concerns) or 'nothing that can still be read'}"
         yield f"segments written again: {', '.join(done.written) or 'none'}"
     yield from (f"kept as it was: {path}" for path in done.aside)
-
-
-def _describe_statistics(found: JournalStatistics) -> Iterator[str]:
-    aside = f", {found.set_aside} set aside" if found.set_aside else ""
-    yield f"partition    {found.lane}"
-    yield f"segments     {found.segments} live ({found.bytes} bytes){aside}"
-    yield f"archived     {found.archived_segments} ({found.archived_bytes} bytes)"
-    yield f"records      {found.records}, last {found.seq}, end {found.tail}"
-    yield f"checkpoint   {found.checkpoint_seq or 'none'}"
-    yield f"sha256       {found.sha256}"
-    yield f"goals        {found.goals}"
-    yield f"sessions     {', '.join(f'{count} {state}' for state, count in found.sessions.items()) or 'none'}"
-    if found.largest is not None:
-        yield f"largest      {found.largest.id}: {found.largest.records} records, {found.largest.bytes} bytes"
-    if (times := found.fdatasync) is not None:
-        yield f"fdatasync    p50 {times.p50_ms} ms, p99 {times.p99_ms} ms ({times.count} tries)"

@@ -21,8 +21,8 @@ from packaging.requirements import Requirement
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.store.edits.exchange import exchange
-from phyagentos.store.statistics import measure_sync
+from phyagentos.store.shared_file import exchange
+from phyagentos.store.sync_times import measure_sync
 from phyagentos.store.watch import Watch
 
 FREE_MIN_BYTES = 1 << 30

@@ -1,4 +1,4 @@
-"""The journal of a workspace: checked, repaired, compacted and counted."""
+"""The journal of a workspace: checked, repaired and compacted."""
 
 from pathlib import Path
 from typing import Any
@@ -10,11 +10,10 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.compaction import Compaction, compact_partition
-from phyagentos.store.inspection import Finding, describe_lost, inspect_partition
 from phyagentos.store.journal import Journal, choose_partition
-from phyagentos.store.repair import Repair, repair_partition
+from phyagentos.store.recovery.inspection import Finding, inspect_partition
+from phyagentos.store.recovery.repair import Repair, repair_partition
 from phyagentos.store.segments import SystemIO
-from phyagentos.store.statistics import Statistics, SyncTimes, compute_statistics, measure_sync
 
 _BY = "paos store"
 _LOOK_AGAIN_S = 0.2  # longer than a writer needs to cut a torn end
@@ -26,6 +25,7 @@ class JournalCheck(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         damaged: How many of the findings are damage; the rest a writer mends by itself.
         last_seq: Number of the last record, lost ones counted.
+        sha256: Of headers and payloads, as far as the journal is whole: the same for every reader in any language.
     """
 
     lane: str
@@ -33,6 +33,7 @@ class JournalCheck(msgspec.Struct, frozen=True, kw_only=True):
     segments: int
     records: int
     last_seq: int
+    sha256: str
     findings: tuple[Finding, ...]
     damaged: int
 
@@ -61,12 +62,6 @@ class JournalRepair(msgspec.Struct, frozen=True, kw_only=True):
     aside: tuple[str, ...]
 
 
-class JournalStatistics(Statistics, frozen=True, kw_only=True):
-    """A partition in numbers, with those of the disk where they were measured."""
-
-    fdatasync: SyncTimes | None = None
-
-
 def check_journal(root: Path, lane: str | None = None) -> JournalCheck:
     """Read every byte of a partition; changes nothing. Raises DefinitionError `NOT_A_WORKSPACE`, `NO_JOURNAL`."""
     folder = _find_partition(root, lane)
@@ -80,6 +75,7 @@ def check_journal(root: Path, lane: str | None = None) -> JournalCheck:
         segments=found.segments,
         records=found.records,
         last_seq=found.last_seq,
+        sha256=found.sha256,
         findings=tuple(found.findings),
         damaged=sum(each.is_damage for each in found.findings),
     )
@@ -99,13 +95,6 @@ def compact_journal(root: Path, lane: str | None = None) -> Compaction:
     return compact_partition(_find_partition(root, lane), by=_BY, clock=SystemClock(), file_io=SystemIO())
 
 
-def count_journal(root: Path, lane: str | None = None, *, measures_disk: bool = False) -> JournalStatistics:
-    """What a partition holds; its hash is the same for every reader in any language."""
-    folder = _find_partition(root, lane)
-    times = measure_sync(folder, SystemClock()) if measures_disk else None
-    return JournalStatistics(**msgspec.structs.asdict(compute_statistics(folder)), fdatasync=times)
-
-
 def _find_partition(root: Path, lane: str | None) -> Path:
     sessions = Workspace.open(root).sessions
     folder = sessions / (lane or choose_partition(sessions))
@@ -117,16 +106,15 @@ def _find_partition(root: Path, lane: str | None) -> Path:
 
 def _describe_repair(lane: str, done: Repair) -> JournalRepair:
     torn = "a torn end, which was never acknowledged"
-    whats = [torn if cut.gap.is_torn else describe_lost(cut.gap) for cut in done.cuts]
     return JournalRepair(
         lane=lane,
         is_needed=done.is_needed,
         is_done=done.is_done or done.is_only_torn,
         is_only_torn=done.is_only_torn,
         lost=done.lost,
-        is_exact=all(cut.gap.is_exact for cut in done.cuts),
-        cuts=tuple(cut.describe() | {"what": what} for cut, what in zip(done.cuts, whats, strict=True)),
+        is_exact=all(gap.is_exact for gap in done.gaps),
+        cuts=tuple(gap.describe() | {"what": torn if gap.is_torn else str(gap)} for gap in done.gaps),
         concerns=tuple(done.sessions),
-        written=tuple(each.segment for each in done.changed),
+        written=tuple(each.survey.name for each in done.changed),
         aside=tuple(map(str, done.aside)),
     )

@@ -1,10 +1,10 @@
-"""Which workspaces there are, and what stands in the journal of one; changes nothing but a cache."""
+"""Which workspaces there are, and what stands in the journal of one; changes nothing."""
 
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.session import SessionId
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import MARKER, Workspace
@@ -50,11 +50,7 @@ def read_ledger(root: Path, about: str = "", parts: Sequence[str] = ()) -> Ledge
     workspace = Workspace.open(root, *parts)
     folder = workspace.sessions / choose_partition(workspace.sessions)
     if about and folder.is_dir() and len(list_all_segments(folder)) > 1:
-        try:
-            with Histories(folder) as histories:
-                if (found := histories.fold_around(SessionId(about))) is not None:
-                    return found
-        except ExecutionError as error:
-            if error.code != "INDEX_UNAVAILABLE":  # a folder without write permission, for one
-                raise
+        with Histories(folder) as histories:
+            if (found := histories.fold_around(SessionId(about))) is not None:
+                return found
     return fold_partition(folder)

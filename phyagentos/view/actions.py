@@ -18,7 +18,6 @@ from phyagentos.operations.lint import lint_file
 from phyagentos.operations.submit import submit_graph, submit_proposal
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.edits.form import AmendRequest, read_amendment
 from phyagentos.store.edits.inbox import read_request
 
 GRAPH_MAX = 1 << 18  # bytes
@@ -81,9 +80,7 @@ def _amend(root: Path, form: Form) -> object:
     temporary = inbox / "tmp" / f"view-{hashlib.sha256(data).hexdigest()[:12]}-{os.getpid()}.yaml"
     temporary.write_bytes(data)
     try:
-        request, located = read_request(temporary)
-        if isinstance(request, AmendRequest):
-            read_amendment(located, ("limits",), request.limits, request.priority)
+        read_request(temporary)
     except DefinitionError:
         temporary.unlink()
         raise

@@ -6,7 +6,8 @@ import pytest
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions import estop
 from phyagentos.protocol.sessions.stop_signals import take_signals
-from phyagentos.store.edits.inbox import plan_request
+from phyagentos.store.edits.inbox import read_request
+from phyagentos.store.edits.request_form import plan
 from phyagentos.view.actions import ACTIONS, perform
 
 
@@ -34,7 +35,7 @@ def test_an_amendment_is_a_request_that_the_inbox_takes(documents, desk):
     documents.refresh()
     perform(documents.workspace, "amend", {"session": third, "timeout_s": "12.5", "priority": "3"})
     (asked,) = (documents.workspace.inbox / "new").glob("*.yaml")
-    entry = plan_request(asked, documents.ledger.sessions)
+    entry = plan(*read_request(asked), asked.stem, documents.ledger.sessions)
     assert (entry.id, entry.ev) == (third, "amend")
     assert msgspec.to_builtins(entry.body) == {"limits": {"timeout_s": 12.5}, "priority": 3}
 

@@ -1,5 +1,6 @@
 """Checks a partition of the journal without changing a byte: every problem it has, not only the first."""
 
+import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from phyagentos.store.checkpoint import NAME as CHECKPOINT
 from phyagentos.store.checkpoint import Checkpoint, find_checkpoint, find_seen_seq
 from phyagentos.store.ledger import Image, KeptStatus, Ledger
 from phyagentos.store.records import JOURNAL_ID, Record
-from phyagentos.store.salvage import Gap, Kept, Survey, iter_surveys
+from phyagentos.store.recovery.survey import Gap, Survey, iter_surveys
 from phyagentos.store.segments import list_segments, locate_archived
 
 LOST = "lost"  # event of a record that stands for one that is gone
@@ -25,7 +26,7 @@ LOST = "lost"  # event of a record that stands for one that is gone
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is not as it should be.
+    """Something that is not as it should be.
 
     Attributes:
         code: `SEGMENT_UNREADABLE`, `SEGMENT_MISLINKED`, `RECORD_DAMAGED`, `RECORDS_MISSING`, `BODY_UNREADABLE`,
@@ -50,12 +51,19 @@ class Finding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inspection:
-    """What a check found: every problem in the order of the journal; `last_seq` counts lost records."""
+    """What a check found.
+
+    Attributes:
+        findings: Every problem in the order of the journal.
+        last_seq: Number of the last record; those that are lost count.
+        sha256: Hash of headers and payloads, as far as the journal is whole: the same for every reader.
+    """
 
     findings: Sequence[Finding]
     segments: int
     records: int
     last_seq: int
+    sha256: str
 
     @property
     def is_whole(self) -> bool:
@@ -66,22 +74,27 @@ class Inspection:
 def inspect_partition(folder: Path) -> Inspection:
     """Check every segment of a partition, archived ones too: frames, chain, bodies, lifecycle, checkpoint."""
     findings = list(_iter_doubles(folder))
-    expected = find_checkpoint(folder)
-    known_seq = find_seen_seq(folder)
-    replay = _Replay(expected)
+    replay = _Replay(find_checkpoint(folder))
+    digest, is_whole = hashlib.sha256(), True
     segments = records = last_seq = 0
-    for survey in iter_surveys(folder, known_seq=known_seq):
+    for survey in iter_surveys(folder, known_seq=find_seen_seq(folder)):
         segments, last_seq = segments + 1, survey.last_seq
         findings += iter_frame_findings(survey)
+        is_whole &= survey.front == survey.expected
         for piece in survey.pieces:
             if isinstance(piece, Gap):
-                replay.note_loss(piece.first_seq + piece.lost - 1)
+                replay.note_loss(piece.last_seq)
+                is_whole = False
                 continue
-            records += len(piece.records)
-            for offset, record in piece.records:
-                findings += [Finding(code, survey.name, offset, what) for code, what in replay.judge(record)]
+            records += 1
+            if is_whole:
+                digest.update(piece.data)
+            problems = replay.judge(piece.record)
+            findings += [Finding(code, survey.name, piece.offset, what) for code, what in problems]
     findings += replay.judge_checkpoint(folder)
-    return Inspection(findings=findings, segments=segments, records=records, last_seq=last_seq)
+    return Inspection(
+        findings=findings, segments=segments, records=records, last_seq=last_seq, sha256=digest.hexdigest()
+    )
 
 
 def iter_frame_findings(survey: Survey) -> Iterator[Finding]:
@@ -91,33 +104,21 @@ def iter_frame_findings(survey: Survey) -> Iterator[Finding]:
         yield Finding("SEGMENT_UNREADABLE", survey.name, 0, what)
     elif survey.front is None:
         yield Finding("SEGMENT_MISLINKED", survey.name, 0, "the front matter is not that of a journal segment")
-    elif survey.front != survey.expected:
+    else:
         for name in ("lane", "name", "first_seq", "prev", "prev_sha256"):
             found, expected = getattr(survey.front, name), getattr(survey.expected, name)
-            if found == expected:
-                continue
-            what = "; one of the two files is not as it was sealed" if name == "prev_sha256" else ""
-            yield Finding("SEGMENT_MISLINKED", survey.name, 0, f"{name} is {found}, expected {expected}{what}")
-    for piece in survey.pieces:
-        if isinstance(piece, Kept):
-            continue
-        if piece.is_torn:
-            what = f"{len(piece.data)} bytes of a batch that was never acknowledged; the next writer cuts them"
-            yield Finding("END_TORN", survey.name, piece.offset, what)
-        elif piece.data:
-            what = f"{len(piece.data)} bytes are not as they were written; {describe_lost(piece)}"
-            yield Finding("RECORD_DAMAGED", survey.name, piece.offset, what)
+            if found != expected:
+                what = "; one of the two files is not as it was sealed" if name == "prev_sha256" else ""
+                yield Finding("SEGMENT_MISLINKED", survey.name, 0, f"{name} is {found}, expected {expected}{what}")
+    for gap in survey.gaps:
+        size = f"{len(gap.data)} bytes"
+        if gap.is_torn:
+            what = f"{size} of a batch that was never acknowledged; the next writer cuts them"
+            yield Finding("END_TORN", survey.name, gap.offset, what)
+        elif gap.data:
+            yield Finding("RECORD_DAMAGED", survey.name, gap.offset, f"{size} are not as they were written; {gap}")
         else:
-            yield Finding("RECORDS_MISSING", survey.name, piece.offset, describe_lost(piece))
-
-
-def describe_lost(gap: Gap) -> str:
-    """Which records a gap stands for, for people."""
-    if not gap.lost:
-        return "no record is missing"
-    last = gap.first_seq + gap.lost - 1
-    which = f"record {gap.first_seq} is" if gap.lost == 1 else f"records {gap.first_seq} to {last} are"
-    return f"{which} lost" + ("" if gap.is_exact else ", at least")
+            yield Finding("RECORDS_MISSING", survey.name, gap.offset, str(gap))
 
 
 class _Replay:
