@@ -22,6 +22,9 @@ import numpy as np
 from mujoco import rollout
 
 from phyagentos.protocol.predicates.builtins import MOVED_M
+from phyagentos.protocol.predicates.evaluation import evaluate
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import make_call
 from phyagentos.protocol.predicates.predicate import View, has_metric, iter_entities, parse_predicate
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
@@ -130,7 +133,7 @@ def find_cause(rollout: Rollout, nominal: Rollout, rehearsal: Rehearsal) -> str:
         return ""
     if cause := _judge_grasp(rollout, nominal):
         return cause
-    thing = rollout.initial.find_movable(session.parameters.values())
+    thing = session.find_object(rollout.initial)
     about = {name for text in failed for name in iter_entities(parse_predicate(text))}
     if any(_has_moved(name, rollout) and not _has_moved(name, nominal) for name in about - {thing}):
         return "OBJECT_MOVED"  # what was to stay where it was
@@ -151,7 +154,7 @@ def _has_been_on(load: str, thing: object, rollout: Rollout) -> bool:
     if thing not in rollout.initial.entities or load not in rollout.initial.entities:
         return False
     view = View(now=rollout.initial, initial=rollout.initial, target=None)
-    return parse_predicate(f"on({load}, {thing})").evaluate(view).truth is Truth.TRUE
+    return evaluate(make_call(Meaning.ON, load, str(thing)), view).truth is Truth.TRUE
 
 
 def _has_moved(name: object, rollout: Rollout) -> bool:
