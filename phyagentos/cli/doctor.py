@@ -161,7 +161,7 @@ def check_packages() -> Finding:
             bad.append(f"{requirement.name} {version}, needs {requirement.specifier}")
     found, fix = (
         "; ".join(bad) or f"{len(core)} packages as required",
-        "Install the project again: pip install phyagentos.",
+        "Install the project again: pip install . in the checkout, or the path of the wheel.",
     )
     return Finding.weigh("packages", found, fix, is_fine=not bad, bad=Grade.BROKEN)
 
