@@ -8,7 +8,7 @@ import pytest
 from phyagentos.errors import DefinitionError
 from phyagentos.export.video import write_mp4
 
-av = pytest.importorskip("av", reason="needs the extra `export`: pip install 'phyagentos[export]'")
+av = pytest.importorskip("av", reason="needs the extra `export`: pip install '.[export]'")
 
 
 def test_a_film_has_every_picture_at_its_rate_without_an_odd_last_row_or_column(tmp_path):
