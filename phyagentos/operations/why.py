@@ -27,11 +27,13 @@ from phyagentos.store.subjects import find_node, get_goal, get_session
 _OWN_WAY = "the skill's own way"
 
 
-class Explanation(msgspec.Struct, frozen=True, kw_only=True):
+class Explanation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What `paos why --json` prints: all that the journal says of a goal, node or session, and why it stands so."""
 
-    found: GoalStatus | NodeStatus | SessionStatus
     explanation: tuple[str, ...]
+    goal: GoalStatus | None = None
+    node: NodeStatus | None = None
+    session: SessionStatus | None = None
 
 
 def why(root: Path, subject: str = "") -> Explanation:
@@ -47,15 +49,15 @@ def explain_subject(workspace: Workspace, ledger: Ledger, subject: str = "") -> 
     latest = dict(list(ledger.goals.items())[-1:])
     goal = ledger.goals.get(GoalId(subject)) if subject else get_goal("", str(workspace.root), latest)
     holder, name = find_node(subject, ledger.goals)
-    found: GoalStatus | NodeStatus | SessionStatus
     if goal is not None:
-        found, text = goal, explain_goal(workspace, ledger, goal)
-    elif holder is not None and not holder.nodes[name].sessions:
-        found, text = holder.nodes[name], explain_node(workspace, ledger, holder, name)
-    else:
-        id = get_session(subject, ledger.sessions)
-        found, text = ledger.sessions[id], explain_session(workspace, ledger, id)
-    return Explanation(found=found, explanation=tuple(text.splitlines()))
+        lines = explain_goal(workspace, ledger, goal).splitlines()
+        return Explanation(goal=goal, explanation=tuple(lines))
+    if holder is not None and not holder.nodes[name].sessions:
+        lines = explain_node(workspace, ledger, holder, name).splitlines()
+        return Explanation(node=holder.nodes[name], explanation=tuple(lines))
+    id = get_session(subject, ledger.sessions)
+    lines = explain_session(workspace, ledger, id).splitlines()
+    return Explanation(session=ledger.sessions[id], explanation=tuple(lines))
 
 
 def explain_session(workspace: Workspace, ledger: Ledger, id: SessionId) -> str:

@@ -154,6 +154,7 @@ MAY_START = {
     "phyagentos/bench/availability.py": "environments of others, made and looked at",
     "phyagentos/bench/episode.py": "episodes",
     "phyagentos/bench/sweep.py": "policies of a suite",
+    "phyagentos/operations/doctor.py": "a picture, tried without a screen",
     "phyagentos/runtime/channel.py": "planners",
     "phyagentos/runtime/drivers/gymnasium.py": "environments of others",
     "phyagentos/runtime/supervision/world_process.py": "worlds and workers",
