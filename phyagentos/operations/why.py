@@ -29,11 +29,13 @@ _OWN_WAY = "the skill's own way"
 Fact = tuple[str, str]  # what a line is about, and its text
 
 
-class Explanation(msgspec.Struct, frozen=True, kw_only=True):
+class Explanation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What `paos why --json` prints: all that the journal says of a goal, node or session, and why it stands so."""
 
-    found: GoalStatus | NodeStatus | SessionStatus
     explanation: tuple[str, ...]
+    goal: GoalStatus | None = None
+    node: NodeStatus | None = None
+    session: SessionStatus | None = None
 
 
 def why(root: Path, subject: str = "") -> Explanation:
@@ -49,13 +51,13 @@ def explain_subject(workspace: Workspace, ledger: Ledger, subject: str = "") -> 
     latest = dict(list(ledger.goals.items())[-1:])
     goal = ledger.goals.get(GoalId(subject)) if subject else get_goal("", str(workspace.root), latest)
     if goal is not None:
-        return Explanation(found=goal, explanation=(*_explain_goal(workspace, ledger, goal),))
+        return Explanation(goal=goal, explanation=(*_explain_goal(workspace, ledger, goal),))
     holder, name = find_node(subject, ledger.goals)
     if holder is not None and not holder.nodes[name].sessions:
         lines = _explain_node(workspace, ledger, holder, name)
-        return Explanation(found=holder.nodes[name], explanation=(*lines,))
+        return Explanation(node=holder.nodes[name], explanation=(*lines,))
     status = ledger.sessions[get_session(subject, ledger.sessions)]
-    return Explanation(found=status, explanation=(*_explain_session(workspace, ledger, status),))
+    return Explanation(session=status, explanation=(*_explain_session(workspace, ledger, status),))
 
 
 def _explain_goal(workspace: Workspace, ledger: Ledger, goal: GoalStatus) -> Iterator[str]:
