@@ -5,7 +5,7 @@ planning, and one of the things that `*` stands for. Nothing is known of its for
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import count
 
 import cv2
@@ -68,15 +68,13 @@ def find_strangers(
         shape, rotation, position = box
         cut_m = CUT_STD_M if _is_cut(is_cut[cluster], camera[cluster]) else 0.0
         size_std_m = float(np.linalg.norm((SIDE_STD_M, SIDE_NOISE * noise_m, cut_m)))
-        nearest = min(before, key=lambda name: math.dist(before[name].pose.position_m, position), default="")
-        if not nearest or math.dist(before[nearest].pose.position_m, position) > SAME_M:
-            nearest = next(name for name in map(f"{PREFIX}{{}}".format, count(1)) if name not in {*entities, *found})
-        was = before.pop(nearest, None)
+        name = _find_name(position, before) or _make_name({*entities, *found})
+        was = before.pop(name, None)
         is_still = was is not None and math.dist(was.pose.position_m, position) < STILL_M
         red, green, blue = (np.median(rgb[cluster], axis=0) / 255.0).round(4).tolist()
         is_whole = not cut_m and len(cluster) >= FORM_POINTS
-        found[nearest] = Entity(
-            name=nearest,
+        found[name] = Entity(
+            name=name,
             kind=UNNAMED,
             pose=as_pose(rotation, position),
             shapes=(shape,),
@@ -95,6 +93,17 @@ def find_strangers(
         )
     left = (_miss(entity, views) for entity in before.values() if not _is_named(entity, named))
     return found | {entity.name: entity for entity in left if entity is not None}
+
+
+def _find_name(position_m: Array, before: Mapping[str, Entity]) -> str:
+    """Name of the unnamed entity that a place is of; empty where it is of none."""
+    away_m = {name: math.dist(entity.pose.position_m, position_m) for name, entity in before.items()}
+    nearest = min(away_m, key=away_m.__getitem__, default="")
+    return nearest if nearest and away_m[nearest] <= SAME_M else ""
+
+
+def _make_name(taken: Collection[str]) -> str:
+    return next(name for name in map(f"{PREFIX}{{}}".format, count(1)) if name not in taken)
 
 
 def _is_cut(is_at_edge: NDArray[np.bool_], camera: NDArray[np.intp]) -> bool:

@@ -97,12 +97,11 @@ class SimulatedCamera:
         low, high = self.settings.range_m
         shot = Shot(lens, true, high, still=self._still, whole=whole, corner=crop[:2] if crop else (0, 0))
         if every == 1:
-            picture = self._cast((data, begin), shot)
-            rgb, depth = spoil(picture, self.noise, lens.fx, (low, high), rng)
+            picture, focal_px = self._cast((data, begin), shot), lens.fx
         else:
-            lens = lens.thin(every)
+            lens, focal_px = lens.thin(every), 0.0
             picture = self._cast_some((data, begin), shot, lens, every, rng)
-            rgb, depth = spoil(picture, self.noise, 0.0, (low, high), rng)
+        rgb, depth = spoil(picture, self.noise, focal_px, (low, high), rng)
         claimed = claimed or nominal
         return Frame(
             camera=self.name,
