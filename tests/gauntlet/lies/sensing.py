@@ -172,7 +172,7 @@ SABOTAGES = (
     Sabotage(
         name="silence_keeps_facts_young",
         lie="A look for which no camera answered shows what the look before showed.",
-        edits=(Edit("phyagentos.runtime.perception.pipeline", "lose_sight(felt, focus)", "felt"),),
+        edits=(Edit("phyagentos.runtime.perception.pipeline", "lose_sight(felt, look.focus)", "felt"),),
         tests=(f"{BELIEF_TESTS}::test_a_look_of_silent_cameras_leaves_everything_that_moves_hidden",),
     ),
     Sabotage(
