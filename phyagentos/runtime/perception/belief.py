@@ -14,7 +14,7 @@ from phyagentos.geometry import as_pose, compute_rotation, compute_rotation_vect
 from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import LIFTED_M, Change, Entity, Pose, Region, Shape, Status, TargetState
 from phyagentos.runtime.perception.articulated import place_articulated
-from phyagentos.runtime.perception.association import Match, associate, exchange_doubts
+from phyagentos.runtime.perception.association import Match, associate, exchange_uncertainties
 from phyagentos.runtime.perception.contents import count_balls, find_bearing
 from phyagentos.runtime.perception.fitting import SURE_POINTS, Fit, choose_symmetric, is_upright, stand_up
 from phyagentos.runtime.perception.fixed_things import find_part, measure_fixed
@@ -23,7 +23,7 @@ from phyagentos.runtime.perception.grip import Hand, carry, check_hand, find_hel
 from phyagentos.runtime.perception.inventory import ALIKE, Inventory, ObjectModel
 from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solids import Array, Solids
-from phyagentos.runtime.perception.views import CameraView, Cloud, Views, compute_sight
+from phyagentos.runtime.perception.views import CameraView, Cloud, Views, compute_visibility
 
 SOURCE, FILLING = "rgbd", "rgbd filling"
 RIM_M = 0.008  # of a vessel: how far its filling may stand out, and how far its pose may be off
@@ -82,7 +82,7 @@ def update_belief(
             entities[name] = found if before else msgspec.structs.replace(found, still_since_s=None)
         elif entity is not None:
             entities[name] = _miss(thing, entity, views)
-    entities = exchange_doubts(entities, matches.keys() & loose.keys())
+    entities = exchange_uncertainties(entities, matches.keys() & loose.keys())
     seen = {name: entity for name, entity in entities.items() if entity.observed_at_s == time_s}
     if not held and not focus and (taken := find_held(seen, state, inventory, hand)) is not None:
         was = before.get(taken.name, taken).pose.position_m  # a worker that was lost may have gripped it unseen
@@ -166,7 +166,7 @@ def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, 
     What is averaged is what the pixels give: whether that is upright is concluded from the average, each time anew.
     """
     looks, freely, position, other_rad = 1, found.freely, found.position_m, found.other_tilt_rad
-    stds = (doubt := found.doubt.of_measured(thing.template.size_std_m)).total
+    stds = (uncertainty := found.uncertainty.of_measured(thing.template.size_std_m)).total
     speed, since_s = 0.0, time_s
     if entity is None:
         freely = freely @ thing.symmetries[int((freely @ thing.symmetries)[:, 2, 2].argmax())]
@@ -182,10 +182,10 @@ def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, 
             since_s = entity.observed_at_s if entity.still_since_s is None else entity.still_since_s
         if entity.looks and is_still:
             looks = min(entity.looks + 1, FUSE_MAX)
-            gain = doubt.compute_gain(before)
+            gain = uncertainty.compute_gain(before)
             position = np.array(entity.pose.position_m) + gain[0] * moved
             freely = turn(gain[1] * turned) @ was
-            stds, kept_rad = doubt.fuse(before), _find_other_tilt(entity)
+            stds, kept_rad = uncertainty.fuse(before), _find_other_tilt(entity)
             other_rad = other_rad if _shows_more(evidence, entity.evidence) else max(other_rad, kept_rad)
         elif entity.looks and SPEED_S[0] <= time_s - entity.observed_at_s <= SPEED_S[1]:
             speed = float(np.linalg.norm(moved)) / (time_s - entity.observed_at_s)
@@ -238,7 +238,7 @@ def _is_still(moved: Array, turned: Array, stds: Array) -> bool:
 
 
 def _find_other_tilt(entity: Entity) -> float:
-    """The part of a stated doubt of the tilt that comes from another pose that fits as well [rad]."""
+    """The part of a stated uncertainty of the tilt that comes from another pose that fits as well [rad]."""
     square = entity.tilt_std_rad**2 - entity.turn_std_rad**2 - sum(each * each for each in entity.lean_rad)
     return 2.0 * math.sqrt(max(square, 0.0))
 
@@ -276,9 +276,9 @@ def _point_at(view: CameraView, seen: Cloud, index: int) -> str:
 
 def _miss(thing: ObjectModel, entity: Entity, views: Views) -> Entity:
     rotation = compute_rotation(entity.pose.quaternion_wxyz)
-    sight = compute_sight(thing, rotation, np.array(entity.pose.position_m), views)
-    shown = sight.confirmed + sight.contradicted
-    if shown > SEEN_FRACTION * (shown + sight.hidden) and sight.contradicted_fraction > GONE_FRACTION:
+    visibility = compute_visibility(thing, rotation, np.array(entity.pose.position_m), views)
+    shown = visibility.confirmed + visibility.contradicted
+    if shown > SEEN_FRACTION * (shown + visibility.hidden) and visibility.contradicted_fraction > GONE_FRACTION:
         return msgspec.structs.replace(entity, status=Status.GONE, visible=False, confidence=0.1, looks=0)
     return msgspec.structs.replace(entity, status=Status.HIDDEN, confidence=round(KEPT_SHARE * entity.confidence, 3))
 
@@ -392,7 +392,7 @@ def _rate(found: Fit, before: float) -> float:
     """
     if found.is_kept:
         return before
-    shown = 1.0 - found.sight.contradicted_fraction
+    shown = 1.0 - found.visibility.contradicted_fraction
     fitting = float(np.exp(-((found.rms_m / 0.006) ** 2)))
     enough = min(1.0, found.count / SURE_POINTS)
     possible = float(np.exp(-((found.sunk_m / SUNK_DOUBT_M) ** 2)))

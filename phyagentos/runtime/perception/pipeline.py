@@ -29,8 +29,8 @@ from phyagentos.runtime.perception.sensor_health import (
     has_moved_in_view,
     note_displaced,
 )
-from phyagentos.runtime.perception.strangers import find_strangers, is_stranger
 from phyagentos.runtime.perception.supports import measure_supports, replace_surface
+from phyagentos.runtime.perception.unknown_objects import find_unknown_objects, is_unknown_object
 from phyagentos.runtime.perception.views import CameraView, drop_stray, find_cloud, make_view
 from phyagentos.runtime.targets.wire import Frame, Frames
 
@@ -138,8 +138,8 @@ class Pipeline:
             others = tuple(frame for frame in believed if frame.camera != camera)
             displaced = note_displaced(health, camera, "its depth disagrees with the other cameras", look.time_s)
             return self._update(look, others, displaced)
-        named = {name: entity for name, entity in after.items() if not is_stranger(name)}
-        after = named | find_strangers(believed, views, robots, inventory.map, after)
+        named = {name: entity for name, entity in after.items() if not is_unknown_object(name)}
+        after = named | find_unknown_objects(believed, views, robots, inventory.map, after)
         return name_described(after, look.scene.described), health
 
     def assess(

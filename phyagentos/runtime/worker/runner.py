@@ -40,7 +40,7 @@ from phyagentos.runtime.worker.recorder import Bundles, Recorder
 LOOK_ON_S = 2.0  # of simulated time: the most that is waited for things to rest and for marginal criteria to be decided
 _UNSEEN = frozenset({FailureCode.OBJECT_GONE, FailureCode.NOT_VISIBLE})  # the reason comes with the pictures
 SETTLE_S = 0.3  # of simulated time, within which released things come to rest
-Beat = Callable[..., None]
+PublishHeartbeat = Callable[..., None]
 """Publishes what a session does, as `HeartbeatWriter.beat`."""
 
 
@@ -77,7 +77,7 @@ class SessionRunner:
         *,
         evidence: str,
         cancel: Cancel,
-        beat: Beat,
+        beat: PublishHeartbeat,
         await_lease: Callable[[], None] = lambda: None,
     ) -> Execution:
         """Carry out one session and leave its bundle; never raises for what the world, a leaf or a tree did.
@@ -157,7 +157,13 @@ class SessionRunner:
         return self._close_unmoved(order.session, outcome, recorder, order.evidence)
 
     def _open(
-        self, session: Session, epoch: int, plan: Mapping[str, Any], recorder: Recorder, cancel: Cancel, beat: Beat
+        self,
+        session: Session,
+        epoch: int,
+        plan: Mapping[str, Any],
+        recorder: Recorder,
+        cancel: Cancel,
+        beat: PublishHeartbeat,
     ) -> SessionLoop:
         """Take authority, observe, record, build the skill."""
 

@@ -17,7 +17,7 @@ import numpy as np
 from phyagentos.geometry import as_pose, turn
 from phyagentos.protocol.settings.sensors import CameraSettings, NoiseLevel, Sensors
 from phyagentos.protocol.world.seeds import compute_seed
-from phyagentos.runtime.drivers.mujoco.camera_noise import blur, draw_places, spoil
+from phyagentos.runtime.drivers.mujoco.camera_noise import add_sensor_noise, blur, draw_places
 from phyagentos.runtime.drivers.mujoco.ray_cast import RayCaster
 from phyagentos.runtime.drivers.mujoco.rendering import GraphicsCaster
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import Picture, Shot
@@ -101,7 +101,7 @@ class SimulatedCamera:
         else:
             lens, focal_px = lens.thin(every), 0.0
             picture = self._cast_some((data, begin), shot, lens, every, rng)
-        rgb, depth = spoil(picture, self.noise, focal_px, (low, high), rng)
+        rgb, depth = add_sensor_noise(picture, self.noise, focal_px, (low, high), rng)
         claimed = claimed or nominal
         return Frame(
             camera=self.name,
