@@ -65,7 +65,7 @@ def move(build_bench, build_session, doubles, profile):
     def move(target=None, distance_rad=0.3, **changes):
         bench = build_bench(target or doubles.PerfectTarget(profile, [doubles.build_cube()]))
         bench.target.q = bench.target.q + distance_rad
-        tap = bench.handle._connection = Tap(bench.handle._connection)
+        tap = bench.handle.link.connection = Tap(bench.handle.link.connection)
         execution = bench.run(build_session(skill="home", parameters={}, **changes))
         return tap, bench, execution
 
@@ -227,7 +227,7 @@ def test_fingers_move_while_the_worker_records(build_bench, build_session, plant
         monkeypatch.setattr(TargetSessionHandle, "can_run_ahead", property(lambda _, can=can_run_ahead: can))
         bench = build_bench(doubles.PerfectTarget(profile, [doubles.build_cube()]), library=library)
         bench.target.width_m = 0.04
-        tap = bench.handle._connection = Tap(bench.handle._connection)
+        tap = bench.handle.link.connection = Tap(bench.handle.link.connection)
         execution = bench.run(build_session(skill="planted", parameters={}, id=f"tidy-1.n{number}"))
         ticks.append(execution.ticks)
 

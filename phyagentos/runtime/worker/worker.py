@@ -55,7 +55,7 @@ class WorkerLoop:
     ) -> None:
         self._control, self._gate = control, gate
         self._handle, self._world = target.handle, target.world
-        self._handle.is_ending = self._is_ending
+        self._handle.link.is_ending = self._is_ending
         self._handle.is_pausing = lambda: self._is_paused
         self._examiner, self._runner, self._heartbeat = examiner, runner, heartbeat
         self._workspace, self._sealer = workspace, Sealer(workspace.evidence)
