@@ -25,7 +25,7 @@ from phyagentos.runtime.motion.requests import (
     Timing,
     Trajectory,
 )
-from phyagentos.runtime.perception.world_model import TrueWorld
+from phyagentos.runtime.perception.world_model import GroundTruthWorldModel
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.recorder import Bundles
@@ -307,7 +307,7 @@ class Bench:
         self.runner = SessionRunner(
             target=Embodiment(
                 handle=self.handle,
-                world=TrueWorld("panda", self.handle, profile=profile),
+                world=GroundTruthWorldModel("panda", self.handle, profile=profile),
                 profile=profile,
                 limits=limits,
             ),

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from phyagentos.geometry import compute_rotation, compute_rotation_vector
 from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import Entity, SensorHealth, Status
-from phyagentos.runtime.perception.doubt import FREE
 from phyagentos.runtime.perception.fitting import Patch, refine
 from phyagentos.runtime.perception.inventory import Inventory, ObjectModel
+from phyagentos.runtime.perception.pose_uncertainty import FREE
 from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solid_distance import project
 from phyagentos.runtime.perception.solids import Array

@@ -36,7 +36,7 @@ class Need:
 
 
 @dataclass(frozen=True, slots=True)
-class Glance:
+class ConfirmationCapture:
     """Frames that are taken at the end of a period, while the next one is on its way.
 
     `window` shows the things that are to be confirmed where they are believed to be, None without any; `probe` shows
@@ -88,15 +88,15 @@ class WorldModel(ABC):
             ExecutionError: `NO_SCENE` before `enter`; `TARGET_LOST`.
         """
 
-    def plan_glance(self, things: frozenset[str], time_s: float) -> Glance | None:
+    def plan_confirmation(self, things: frozenset[str], time_s: float) -> ConfirmationCapture | None:
         """The frames that may confirm these things at `time_s`, the end of the period that was sent last.
 
         None where the world has to stand for a look.
         """
-        return None if things else Glance(things, window=None, probe=None)
+        return None if things else ConfirmationCapture(things, window=None, probe=None)
 
-    def read_glance(self, glance: Glance, frames: Sequence[Frames]) -> Environment | None:
-        """The world at the latest step, confirmed by the frames of a glance, in the order of its captures.
+    def read_confirmation(self, confirmation: ConfirmationCapture, frames: Sequence[Frames]) -> Environment | None:
+        """The world at the latest step, confirmed by the frames of a confirmation, in the order of its captures.
 
         None in doubt: the things are to be observed while the world stands.
         """
@@ -160,7 +160,7 @@ class WorldModel(ABC):
         return world
 
 
-class TrueWorld(WorldModel):
+class GroundTruthWorldModel(WorldModel):
     """Reports what the handle's observations hold: the simulator's ground truth, or a robot that has no camera."""
 
     def __init__(

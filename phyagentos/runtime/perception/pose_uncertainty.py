@@ -27,7 +27,7 @@ FREE = np.ones(6)
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
+class PoseUncertainty:
     """Standard deviations (2,) of a pose in one look: of its position [m] and of its turn [rad].
 
     `common` is the part that all looks have in common.
@@ -36,10 +36,10 @@ class Doubt:
     total: Array
     common: Array
 
-    def of_measured(self, size_std_m: float) -> "Doubt":
+    def of_measured(self, size_std_m: float) -> "PoseUncertainty":
         """The same for a thing whose own sides are known to this deviation [m]: its middle is off by half of it."""
         parts = np.array([size_std_m / 2.0, 0.0])
-        return Doubt(np.hypot(self.total, parts), np.hypot(self.common, parts))
+        return PoseUncertainty(np.hypot(self.total, parts), np.hypot(self.common, parts))
 
     def compute_gain(self, before: Array) -> Array:
         """(2,) weights of this look in the mean with those before, whose deviations are `before` (2,)."""
@@ -57,7 +57,7 @@ class Doubt:
         return fused
 
 
-def compute_doubt(
+def compute_uncertainty(
     distance_m: Array,
     gradient: Array,
     arm_m: Array,
@@ -68,8 +68,8 @@ def compute_doubt(
     huber_m: float,
     path: Array | None = None,
     cameras: int = 1,
-) -> Doubt:
-    """The doubt of a fit.
+) -> PoseUncertainty:
+    """The uncertainty of a fit.
 
     Args:
         distance_m: (n,) of its points.
@@ -80,7 +80,7 @@ def compute_doubt(
         width_m: Of the thing.
         free: (6,) is 1 for each free motion of the fit; what is not free is known as well as the map is.
         huber_m: Distances beyond this are weighted down.
-        path: (6,) the only motion of a part of a mechanism, for one metre along it; then the doubt is that along it.
+        path: (6,) the only motion of a part of a mechanism, for one metre along it, which the result is about then.
         cameras: That see it: each has a calibration of its own.
     """
     jacobian, weighted = linearise(distance_m, gradient, np.ascontiguousarray(arm_m), rotation, np.arange(6), huber_m)
@@ -106,4 +106,4 @@ def compute_doubt(
     left = np.array([max(np.linalg.eigvalsh(part)[-1], 0.0) for part in parts])  # (2,) variances that the points leave
     left *= (1.0, SHIFTED if path is None else 1.0)
     common = np.hypot(np.array([bias_m, bias_turn * bias_m]), MAP_STDS * is_map)
-    return Doubt(np.sqrt(left + common**2), common)
+    return PoseUncertainty(np.sqrt(left + common**2), common)

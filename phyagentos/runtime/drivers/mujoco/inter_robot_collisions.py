@@ -43,7 +43,7 @@ class _Place:
     centers_m: Array
 
 
-class Encounters:
+class InterRobotCollisions:
     """The robots of one episode, by name."""
 
     def __init__(self, robots: Mapping[str, Physics]) -> None:

@@ -5,7 +5,7 @@ planning, and one of the things that `*` stands for. Nothing is known of its for
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import count
 
 import cv2
@@ -17,10 +17,10 @@ from phyagentos.geometry import as_pose, compute_rotation, turn
 from phyagentos.protocol.world.descriptions import OR, inscribe, name_color
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Shape, ShapeKind, Status
 from phyagentos.runtime.perception.clusters import find_clusters
-from phyagentos.runtime.perception.doubt import SIGMA
 from phyagentos.runtime.perception.forms import sample_surface
+from phyagentos.runtime.perception.pose_uncertainty import SIGMA
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
-from phyagentos.runtime.perception.views import CameraView, Views, measure_points, measure_sight
+from phyagentos.runtime.perception.views import CameraView, Views, measure_points, measure_visibility
 from phyagentos.runtime.targets.wire import Frame
 
 PREFIX, SOURCE = "unknown_", "rgbd unexplained"
@@ -31,9 +31,9 @@ LINK_M = 0.02
 POINTS_MIN, SIDE_MIN_M, SIDE_MAX_M = 12, 0.012, 0.5  # fewer points are noise, larger clusters the room
 SAME_M, STILL_M = 0.05, 0.015  # between the middles of one stranger in two looks, and of one that stays
 STANDS_M, STEP_M = SIDE_MAX_M, 0.002  # nothing hovers: it stands on what is so far below its lowest seen point
-SIDE_STD_M, SIDE_NOISE = 0.0025, 1.4  # doubt of a side: of its outline, and per noise of depth
+SIDE_STD_M, SIDE_NOISE = 0.0025, 1.4  # uncertainty of a side: of its outline, and per noise of depth
 PLACE = 0.8  # of the middle, in doubts of a side
-CUT_PX, CUT_STD_M = 2, 0.03  # this near to the edge of a picture the rest may be outside of it, which adds this doubt
+CUT_PX, CUT_STD_M = 2, 0.03  # this near to the edge of a picture the rest may be outside of it, adds this uncertainty
 CUT_PERCENT = 2  # of the points at either end of a side, which may be stray
 BULGE, BLUR = 1.5, 1.2  # noises of depth by which the highest points are above the top, and an outline is too wide
 STD_RAD = 0.2
@@ -44,15 +44,15 @@ FORM_POINTS, FORM_M = 60, 0.003  # fewer points show no form; nor do such that a
 FORM_OFF = 0.75  # a form is surely another one where that is so much nearer to the points
 
 
-def find_strangers(
+def find_unknown_objects(
     frames: Sequence[Frame], views: Views, robots: Sequence[Solids], map_solids: Solids, entities: Mapping[str, Entity]
 ) -> dict[str, Entity]:
     """The unnamed entities after a look at everything; `entities` are the belief, with the strangers before it.
 
     `robots` are its solids in the world at the time of each frame.
     """
-    named = [entity for name, entity in entities.items() if not is_stranger(name)]
-    before = {name: entity for name, entity in entities.items() if is_stranger(name)}
+    named = [entity for name, entity in entities.items() if not is_unknown_object(name)]
+    before = {name: entity for name, entity in entities.items() if is_unknown_object(name)}
     known = [Solids.place(each) for each in named if each.shapes and each.status is not Status.GONE]
     parts = [_find_unexplained(*each, map_solids, known) for each in zip(frames, views, robots, strict=True)]
     points, rgb = (np.concatenate([part[i] for part in parts] or [np.zeros((0, 3))]) for i in (0, 1))
@@ -68,15 +68,13 @@ def find_strangers(
         shape, rotation, position = box
         cut_m = CUT_STD_M if _is_cut(is_cut[cluster], camera[cluster]) else 0.0
         size_std_m = float(np.linalg.norm((SIDE_STD_M, SIDE_NOISE * noise_m, cut_m)))
-        nearest = min(before, key=lambda name: math.dist(before[name].pose.position_m, position), default="")
-        if not nearest or math.dist(before[nearest].pose.position_m, position) > SAME_M:
-            nearest = next(name for name in map(f"{PREFIX}{{}}".format, count(1)) if name not in {*entities, *found})
-        was = before.pop(nearest, None)
+        name = _find_name(position, before) or _make_name({*entities, *found})
+        was = before.pop(name, None)
         is_still = was is not None and math.dist(was.pose.position_m, position) < STILL_M
         red, green, blue = (np.median(rgb[cluster], axis=0) / 255.0).round(4).tolist()
         is_whole = not cut_m and len(cluster) >= FORM_POINTS
-        found[nearest] = Entity(
-            name=nearest,
+        found[name] = Entity(
+            name=name,
             kind=UNNAMED,
             pose=as_pose(rotation, position),
             shapes=(shape,),
@@ -97,13 +95,24 @@ def find_strangers(
     return found | {entity.name: entity for entity in left if entity is not None}
 
 
+def _find_name(position_m: Array, before: Mapping[str, Entity]) -> str:
+    """Name of the unnamed entity that a place is of; empty where it is of none."""
+    away_m = {name: math.dist(entity.pose.position_m, position_m) for name, entity in before.items()}
+    nearest = min(away_m, key=away_m.__getitem__, default="")
+    return nearest if nearest and away_m[nearest] <= SAME_M else ""
+
+
+def _make_name(taken: Collection[str]) -> str:
+    return next(name for name in map(f"{PREFIX}{{}}".format, count(1)) if name not in taken)
+
+
 def _is_cut(is_at_edge: NDArray[np.bool_], camera: NDArray[np.intp]) -> bool:
     """Whether no camera shows the whole of a cluster, of whose points (n,) some are at the edge of a picture."""
     seen = [is_at_edge[camera == index] for index in np.unique(camera)]
     return not any(len(own) >= POINTS_MIN and not own.any() for own in seen)
 
 
-def is_stranger(name: str) -> bool:
+def is_unknown_object(name: str) -> bool:
     """Whether this is the name of an entity outside the inventory."""
     return name.startswith(PREFIX)
 
@@ -195,5 +204,5 @@ def _is_empty(entity: Entity, views: Views) -> bool:
     """Whether cameras see through its place."""
     samples, normals = sample_surface(Solids.of(entity.shapes))
     rotation = compute_rotation(entity.pose.quaternion_wxyz)
-    sight = measure_sight(samples, normals, rotation, np.array(entity.pose.position_m), views)
-    return sight.contradicted_fraction > GONE_FRACTION
+    visibility = measure_visibility(samples, normals, rotation, np.array(entity.pose.position_m), views)
+    return visibility.contradicted_fraction > GONE_FRACTION

@@ -8,7 +8,7 @@ import pytest
 
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.drivers.mujoco.encounters import CLEARANCE_M, sample
+from phyagentos.runtime.drivers.mujoco.inter_robot_collisions import CLEARANCE_M, sample
 from phyagentos.runtime.targets import wire
 from tests.runtime.targets.test_shared_world import EXAMPLE, Table
 
