@@ -1,11 +1,10 @@
 """Equal files of two bundles are one, and no bundle is changed by what happens to another."""
 
-import errno
 import os
+from pathlib import Path
 
 import pytest
 
-from phyagentos.runtime.worker import bundle_files
 from phyagentos.runtime.worker.bundle_files import BundleFiles
 
 
@@ -55,55 +54,13 @@ def test_a_file_that_is_written_again_leaves_the_other_bundle_as_it_is(two):
     assert (folder / "b.json").read_bytes() == b"latest\n"
 
 
-def test_a_file_that_was_opened_ahead_has_name_mode_and_bytes_like_any_other(two):
-    _, folder, files = two
-    files.prepare()
-    files.write("b.json", b"{}\n")
-    (folder / "plain").write_bytes(b"{}\n")
-
-    assert sorted(path.name for path in folder.iterdir()) == ["b.json", "plain"]
-    assert (folder / "b.json").read_bytes() == b"{}\n"
-    assert (folder / "b.json").stat().st_mode == (folder / "plain").stat().st_mode
-    assert (folder / "b.json").stat().st_nlink == 1
-
-
-def test_files_opened_ahead_replace_and_are_shared_as_others_are(two, tmp_path):
-    _, folder, files = two
-    files.prepare()
-    for number in range(2 * bundle_files.SPARE_FILES):
-        files.write("b.json", b"%d\n" % number)
-    (tmp_path / "g.c").mkdir()
-    files.prepare()
-    third = BundleFiles(tmp_path / "g.c", files)
-    third.write("c.json", (folder / "b.json").read_bytes())
-    third.write("d.json", b"new\n")
-
-    assert (folder / "b.json").read_bytes() == b"15\n"
-    assert (tmp_path / "g.c" / "c.json").samefile(folder / "b.json")
-    assert (tmp_path / "g.c" / "d.json").read_bytes() == b"new\n"
-
-
-def test_where_files_cannot_be_named_later_they_are_created(two, monkeypatch):
-    _, folder, files = two
-    files.prepare()
-
-    def refuse(*_, **__):
-        raise OSError(errno.EXDEV, "another file system")
-
-    monkeypatch.setattr(os, "link", refuse)
-    files.write("b.json", b"{}\n")
-    files.write("b.json", b"[]\n")
-
-    assert (folder / "b.json").read_bytes() == b"[]\n"
-
-
 def test_without_links_every_bundle_has_its_own_files(two, monkeypatch):
     before, folder, files = two
 
     def refuse(*_):
         raise PermissionError("no links here")
 
-    monkeypatch.setattr(bundle_files.os, "link", refuse)
+    monkeypatch.setattr(Path, "hardlink_to", refuse)
     files.write("b.json", b"[]\n")
 
     assert (folder / "b.json").read_bytes() == b"[]\n"

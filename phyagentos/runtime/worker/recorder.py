@@ -221,11 +221,6 @@ class Bundles:
             recorder.write_file(f"{PREFIX}{camera}.png", png)
         return f". Looked at, in {evidence}: {', '.join(f'{PREFIX}{camera}.png' for camera in pictures)}"
 
-    def prepare(self) -> None:
-        """Open files for the next bundle; it takes a moment, so nothing should wait for it."""
-        if self._latest is not None:
-            self._latest.prepare()
-
 
 @cache
 def read_fingerprint() -> bytes:

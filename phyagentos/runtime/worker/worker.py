@@ -107,7 +107,6 @@ class WorkerLoop:
                 self._control.send_bytes(orders.encode(finished))
                 self._unsealed.append(order.evidence)
                 self._unpublished = order.session.scene
-                self._runner.bundles.prepare()  # while the next order is on its way
                 self._publish_environment(PUBLISH_PERIOD_S)
             elif isinstance(order, orders.Reconcile):
                 self._control.send_bytes(orders.encode(self._reconcile(order)))
