@@ -68,7 +68,7 @@ def run_mission(order: Order) -> int:
         except PlaneEnded as error:
             if error.exit_code in {ExitCode.INVALID_INPUT, ExitCode.REJECTED}:
                 raise Exit(ExitCode(error.exit_code), "\n".join(error.printed)) from error
-            raise Exit(ExitCode.INTERNAL_ERROR, str(error).removeprefix(f"{error.code}: ")) from error
+            raise Exit(ExitCode.INTERNAL_ERROR, error.message) from error
     code = ExitCode.INTERRUPTED if interrupts.count else compute_exit_code(fold)
     report = build_report(fold, workspace=fold.workspace.root, wall_s=clock.now_s() - started_s, exit_code=code)
     if order.as_json:

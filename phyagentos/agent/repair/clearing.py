@@ -15,6 +15,7 @@ from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import Statement, read_statement
 from phyagentos.protocol.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.protocol.predicates.syntax import Variable
+from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support
 
@@ -73,8 +74,8 @@ def find_blockers(miss: Miss) -> list[str]:
         return []
     own = miss.session.find_object(world)
     counted: Counter[str] = Counter()
-    for pair, count in dict(event.numbers.get("rejected", {}) if event else {}).items():
-        counted.update({name: int(count) for name in str(pair).split("|") if name in world.entities})
+    for reason, count in dict(event.numbers.get("rejected", {}) if event else {}).items():
+        counted.update({name: int(count) for name in Contact.parse(reason) or () if name in world.entities})
     if FULL in miss.codes:
         for place in miss.session.parameters.values():
             counted.update(find_filling(world, str(place)) if place != own else ())

@@ -19,9 +19,10 @@ from phyagentos.agent.repair.regressions import find_lost_preconditions
 from phyagentos.agent.repair.repetition import MOTION_CONFLICT
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.predicates.library import Meaning
-from phyagentos.protocol.predicates.meaning import state
+from phyagentos.protocol.predicates.meaning import normalize_text, state
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.sessions.strategy import SiteLabel
 from phyagentos.protocol.sessions.trace import Role, find_label
 
 SLOWER = 0.5  # physics: at half speed a slippery 0.5 kg cube stays in the fingers in 59 of 60 transports
@@ -86,7 +87,7 @@ def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
         strategy = strategy.avoid(grasp=grasp)
         reasons.append(f"another grasp than {grasp}")
     if cause in _AVOID_SITE and (label := find_label(miss.trace, Role.PLAN_SITE)):
-        site = label.partition(".")[0]  # the place is at fault, whichever way the hand was turned
+        site = SiteLabel.parse(label).site  # the place is at fault, whichever way the hand was turned
         strategy = strategy.avoid(site=site)
         reasons.append(f"another site than {site}")
     if cause is Cause.ADAPTER_REFUSED:  # the world is the same, and so would be the answer to the same way
@@ -128,12 +129,13 @@ def revise_requires(miss: Miss, of_skill: Collection[str]) -> tuple[tuple[str, .
     """
     session = miss.session
     lost = find_lost_preconditions(session, miss.world) if miss.world else ()
-    dropped = tuple(predicate.text for predicate in lost if predicate.is_lasting and predicate.text in of_skill)
+    past = (predicate.text for predicate in lost if predicate.is_lasting)
+    dropped = tuple(text for text in past if normalize_text(text) in of_skill)
     reasons = [f"{text} is no longer required: it was true before the parent and is not now" for text in dropped]
     requires = [text for text in session.requires if text not in dropped]
     name = find_object(session, miss.initial)
     seen = state(Meaning.VISIBLE, name) if name else ""
-    if seen and seen not in requires:
+    if seen and seen not in map(normalize_text, requires):
         requires.append(seen)
         reasons.append(f"{seen} is required: the child locates it anew")
     return tuple(requires), tuple(reasons)
@@ -142,17 +144,16 @@ def revise_requires(miss: Miss, of_skill: Collection[str]) -> tuple[tuple[str, .
 def keep_requires(case: Case) -> tuple[str, ...]:
     """Preconditions of the node that every skill keeps."""
     of_skill = find_of_skill(case.session, case.catalogue)
-    return tuple(text for text in revise_requires(case.miss, of_skill)[0] if text not in of_skill)
+    return tuple(text for text in revise_requires(case.miss, of_skill)[0] if normalize_text(text) not in of_skill)
 
 
 def find_of_skill(session: Session, catalogue: Catalogue) -> frozenset[str]:
-    """Preconditions that stem from the skill, the target by its own name or called `target`."""
+    """Preconditions that stem from the skill, normalized, the target by its own name or called `target`."""
     values = {**session.parameters, "target": session.target}
     texts = (substitute(text, values) for text in catalogue.skills[session.skill].requires)
     bound = [parse_predicate(text, template=True) for text in texts]
-    return frozenset(
-        text for each in bound for text in (each.text, each.rename_targets({"target": session.target}).text)
-    )
+    both = (text for each in bound for text in (each.text, each.rename_targets({"target": session.target}).text))
+    return frozenset(map(normalize_text, both))
 
 
 def keep_means(own: Choice, miss: Miss, catalogue: Catalogue) -> Choice | None:

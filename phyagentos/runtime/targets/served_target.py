@@ -153,7 +153,7 @@ class ServedTarget:
                     reply = self._authority.check(request.session, request.epoch) or self._bring_to_rest(request)
         except ExecutionError as error:
             code = "ESTOPPED" if error.code == "ABORTED" and self.look_for_stops() else error.code
-            reply = wire.Refused(code, str(error).removeprefix(f"{error.code}: "))
+            reply = wire.Refused(code, error.message)
         except DefinitionError as error:
             reply = wire.Refused(error.problems[0].code, str(error))
         except (OSError, ValueError, TypeError, msgspec.ValidationError) as error:
