@@ -23,7 +23,7 @@ from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.agent.repair.regressions import find_lost_preconditions, find_regressions
 from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_requires
 from phyagentos.protocol.predicates.library import Meaning
-from phyagentos.protocol.predicates.meaning import read_meanings
+from phyagentos.protocol.predicates.meaning import normalize_text, read_meanings
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Session, SessionStatus
@@ -288,10 +288,12 @@ class Recovery:
     def _find_restorers(self, node: str, lost: Set[str]) -> dict[str, str]:
         """Finished nodes before one that had achieved what it needs and lacks now -> the lack."""
         before = self.facts.dag.find_before(node) if self.restores and lost else ()
+        finished, wanted = self.facts.find_finished(), {*map(normalize_text, lost)}
+        again = {name: wanted.intersection(map(normalize_text, each.accept)) for name, each in finished.items()}
         return {
-            name: f"{node} needs {', '.join(sorted(lost & set(session.accept)))} again"
-            for name, session in self.facts.find_finished().items()
-            if name in before and lost & set(session.accept) and self.facts.has_replans(name)
+            name: f"{node} needs {', '.join(sorted(found))} again"
+            for name, found in again.items()
+            if name in before and found and self.facts.has_replans(name)
         }
 
 
