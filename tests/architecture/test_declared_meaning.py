@@ -25,7 +25,7 @@ OF_TYPES = {"place", "posture"}  # what a parameter takes, see `Parameter.type`
 ELSEWHERE = {  # the same word for something else
     "agent/goals/checks.py": OF_TYPES,
     "agent/judging/diagnosis.py": {"metric"},  # the kind of a criterion
-    "agent/planning/operators.py": OF_TYPES,
+    "agent/planning/operators.py": {"posture"},
     "cli/schemas.py": {"object"},  # of JSON Schema
     "export/mcap_log.py": {"at"},  # when a line was written
     "protocol/capabilities/skill_runtimes.py": OF_TYPES,
@@ -33,7 +33,7 @@ ELSEWHERE = {  # the same word for something else
     "protocol/documents/schema.py": {"on"},
     "runtime/policies/policy_runtime.py": {"fail"},  # what a composite is to do
     "runtime/preflight/arguments.py": OF_TYPES,
-    "runtime/preflight/policy_checks.py": OF_TYPES,
+    "runtime/preflight/policy_checks.py": {"place"},
     "runtime/worker/agent_loop.py": {"wait"},  # a call of an agent
     "store/views/environment.py": {"moved"},  # a change of the world
     "protocol/sessions/trace.py": {  # bundles that were recorded before leaves declared a role

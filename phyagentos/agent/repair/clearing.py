@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from phyagentos.agent.goals.selector import Choice, find_lacks
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, propose
-from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.case import Case, UnmetObjective
 from phyagentos.geometry import Vector
 from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
 from phyagentos.protocol.capabilities.targets import TargetProfile
@@ -67,7 +67,7 @@ def propose_moving(
         yield from _iter_ways(case, world, target, name, spot, tried)
 
 
-def find_blockers(miss: Miss) -> list[str]:
+def find_blockers(miss: UnmetObjective) -> list[str]:
     """Movable entities that obstruct the planner or fill the destination; the commonest first."""
     world, event = miss.world, miss.failed_leaf
     if world is None:

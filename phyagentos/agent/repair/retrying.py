@@ -11,7 +11,7 @@ from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.diagnosis import DISTURBED_M, find_object
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, propose
-from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.case import Case, UnmetObjective
 from phyagentos.agent.repair.clearing import FULL
 from phyagentos.agent.repair.clearing import PURPOSE as PREPARES
 from phyagentos.agent.repair.looking import LEAD, LOOKS_MAX, PURPOSE
@@ -78,7 +78,7 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
     yield _begin_anew(case, retry)
 
 
-def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
+def revise(miss: UnmetObjective, of_skill: Collection[str] = ()) -> Revision:
     """The revision for a cause with the same skill; `of_skill` are preconditions from the skill."""
     parent, cause = miss.session, miss.cause
     strategy = parent.strategy
@@ -108,7 +108,7 @@ def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
     return Revision(parent=parent.id, strategy=strategy, requires=requires, reasons=(*reasons, *changes))
 
 
-def _find_grasp_in_the_way(miss: Miss) -> str:
+def _find_grasp_in_the_way(miss: UnmetObjective) -> str:
     """The grasp of a thing that could be taken and not be brought to its place; empty where no grasp would be.
 
     A site is planned for what is held: what fails then, or on the way to it, may be the hand's. What was set down
@@ -122,7 +122,7 @@ def _find_grasp_in_the_way(miss: Miss) -> str:
     return find_label(since, Role.PLAN_GRASP)
 
 
-def revise_requires(miss: Miss, of_skill: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def revise_requires(miss: UnmetObjective, of_skill: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Preconditions of the child, and why they changed.
 
     Former places of the skill are dropped, the node's own stay, and the object must be visible.
@@ -156,7 +156,7 @@ def find_of_skill(session: Session, catalogue: Catalogue) -> frozenset[str]:
     return frozenset(map(normalize_text, both))
 
 
-def keep_means(own: Choice, miss: Miss, catalogue: Catalogue) -> Choice | None:
+def keep_means(own: Choice, miss: UnmetObjective, catalogue: Catalogue) -> Choice | None:
     """Skill, target and parameters of a session where its child's are not those of the node; None where they are."""
     session = miss.session
     aim = _aim(miss, catalogue.skills[session.skill])
@@ -166,7 +166,7 @@ def keep_means(own: Choice, miss: Miss, catalogue: Catalogue) -> Choice | None:
     return Choice(skill=session.skill, target=session.target, parameters={**session.parameters, **aim}, reasons=why)
 
 
-def _aim(miss: Miss, skill: SkillRuntime) -> Mapping[str, Any]:
+def _aim(miss: UnmetObjective, skill: SkillRuntime) -> Mapping[str, Any]:
     """By what a policy is shown a thing aside: by what its tool has missed it [m], where the thing stayed."""
     key = skill.policy.execution.aim if skill.policy is not None else ""
     if not key or miss.bundle is None:
