@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from phyagentos.geometry import as_pose, compute_rotation, compute_rotation_vector, turn
-from phyagentos.protocol.sessions.looks import format_pointer
+from phyagentos.protocol.sessions.looks import Pointer
 from phyagentos.protocol.world.environment import LIFTED_M, Change, Entity, Pose, Region, Shape, Status, TargetState
 from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.association import Match, associate, exchange_uncertainties
@@ -245,9 +245,8 @@ def _find_other_tilt(entity: Entity) -> float:
 
 def _shows_more(evidence: Collection[str], before: Collection[str]) -> bool:
     """Whether a look shows a thing to all the cameras that saw it and another one, and in half as many pixels again."""
-    now, then = ({each.partition("@")[0]: each.rsplit(",", 2)[1:] for each in part} for part in (evidence, before))
-    areas = [sum(int(width) * int(height) for width, height in part.values()) for part in (now, then)]
-    return now.keys() > then.keys() and areas[0] > SHOWS_MORE * areas[1]
+    now, then = ({each.camera: each.area_px for each in Pointer.parse_all(part)} for part in (evidence, before))
+    return now.keys() > then.keys() and sum(now.values()) > SHOWS_MORE * sum(then.values())
 
 
 def _see(thing: ObjectModel, entity: Entity | None, match: Match, cloud: Cloud, views: Views, time_s: float) -> Entity:
@@ -271,7 +270,7 @@ def _point_at(view: CameraView, seen: Cloud, index: int) -> str:
     pixels = seen.pixels[seen.view_index == index]
     (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
     box = (view.origin_px[0] + left, view.origin_px[1] + top, right - left + 1, bottom - top + 1)
-    return format_pointer(view.camera, view.time_s, box)
+    return str(Pointer(view.camera, view.time_s, box))
 
 
 def _miss(thing: ObjectModel, entity: Entity, views: Views) -> Entity:

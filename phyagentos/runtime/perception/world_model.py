@@ -13,7 +13,7 @@ from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.sessions.looks import format_picture, get_picture, shows
+from phyagentos.protocol.sessions.looks import Pointer, name_picture, shows
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.descriptions import name_described
 from phyagentos.protocol.world.environment import Environment
@@ -124,8 +124,8 @@ class WorldModel(ABC):
         """The known looks that show the pixels of this world's pointers."""
         pointers = {pointer for entity in world.entities.values() for pointer in entity.evidence}
         found: dict[int, Look] = {}
-        for pointer in sorted(pointers):
-            looks = reversed(self._pictures.get(get_picture(pointer), []))
+        for pointer in Pointer.parse_all(sorted(pointers)):
+            looks = reversed(self._pictures.get(pointer.picture, []))
             if look := next((look for look in looks if shows(look.captures, pointer)), None):
                 found[id(look)] = look
         return list(found.values())
@@ -134,10 +134,11 @@ class WorldModel(ABC):
         """Remember a look; of earlier pictures, those that the belief still points at."""
         self.latest_look = look
         for frame in (frame for _, frames in look.captures for frame in frames.frames):
-            self._pictures.setdefault(format_picture(frame.camera, frame.time_s), []).append(look)
+            self._pictures.setdefault(name_picture(frame.camera, frame.time_s), []).append(look)
         if not look.things:
             self.looks.append(look)
-            pointed = {get_picture(each) for entity in belief.entities.values() for each in entity.evidence}
+            entities = belief.entities.values()
+            pointed = {each.picture for entity in entities for each in Pointer.parse_all(entity.evidence)}
             self._pictures = {name: looks for name, looks in self._pictures.items() if name in pointed}
 
     @property

@@ -63,9 +63,7 @@ SABOTAGES = (
     Sabotage(
         name="child_without_parent",
         lie="A child session is compiled as if nothing had gone before it.",
-        edits=(
-            Edit("phyagentos.agent.goals.compiler", "parent=revision.parent if revision else None,", "parent=None,"),
-        ),
+        edits=(Edit("phyagentos.agent.goals.compiler", "parent=revision.parent,", "parent=None,"),),
         tests=("tests/agent/test_compiler.py::test_every_attempt_has_a_seed_and_an_id_of_its_own",),
     ),
     Sabotage(
