@@ -16,10 +16,10 @@ from typing import Any
 
 from msgspec.structs import astuple
 
-from phyagentos.cli.describing import KINDS
 from phyagentos.cli.schemas import names_of_schemas, render_schema
-from phyagentos.cli.showing import RETRIES
 from phyagentos.codes import CODES, Actor, Phase
+from phyagentos.operations.describe import KINDS
+from phyagentos.operations.listing import RETRIES
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.registries import render_skills, render_targets
 from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME

@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from phyagentos.cli.describing import KINDS
 from phyagentos.cli.schemas import names_of_schemas, render_fields
+from phyagentos.operations.describe import KINDS
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.store.document_registry import FORMATS
 from tools.record import find_figures, make_record

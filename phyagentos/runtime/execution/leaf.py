@@ -20,6 +20,7 @@ from py_trees.ports_utils import is_instance_of_type
 from phyagentos.errors import PhyAgentOSError
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.execution.first_motions import Foreseen, foresee_by_role
 
 __all__ = ["FailureCode", "Leaf", "LeafError", "PortInformation", "Role", "Status"]
 
@@ -107,6 +108,14 @@ class Leaf(Behaviour):
         for port, declared in self.OUTPUT_PORTS.items():
             if declared.has_default:
                 self.write(port, copy.deepcopy(declared.default_value))
+
+    @classmethod
+    def foresee(cls, wired: Mapping[str, Any], path: str) -> Foreseen:
+        """What it surely does first with these inputs, for a dry run; override it where its role does not say it.
+
+        Inputs that only the running tree knows are None or absent; `path` is its own.
+        """
+        return foresee_by_role(cls.ROLE, wired, path)
 
     def on_start(self) -> Status:
         """First tick of an activation."""

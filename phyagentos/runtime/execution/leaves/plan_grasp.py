@@ -1,5 +1,6 @@
 """Ask for ways to take hold of an object."""
 
+from phyagentos.protocol.predicates.meaning import find_relation
 from phyagentos.protocol.world.mechanisms import find_hinge
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import BESIDE, CandidatePlanningLeaf
@@ -65,7 +66,7 @@ class PlanGrasp(CandidatePlanningLeaf):
             along=(axis[0], axis[1], axis[2]) if axis is not None and abs(axis[2]) < LEVEL_SINE else None,
             then=None
             if destination is None
-            else Destination(destination, self.read("relation"), point, self._get_up()),
+            else Destination(destination, find_relation(self.read("relation")), point, self._get_up()),
         )
 
     def on_found(self, answer: Approaches) -> Status:

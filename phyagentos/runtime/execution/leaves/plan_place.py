@@ -1,5 +1,6 @@
 """Ask for ways to put a held object somewhere."""
 
+from phyagentos.protocol.predicates.meaning import find_relation
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.leaves.plan_room import list_removable
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
@@ -38,7 +39,7 @@ class PlanPlace(ApproachPlanningLeaf):
             world=self.world(),
             payload=payload,
             destination=place,
-            relation=self.read("relation"),
+            relation=find_relation(self.read("relation")),
             q_rad=self.context.commands.q_rad,
             seed=self.context.draw_seed(self.path),
             near=None if near is None else (float(near[0]), float(near[1]), float(near[2])),

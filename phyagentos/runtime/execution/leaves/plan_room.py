@@ -1,6 +1,7 @@
 """Ask what has to go before there is room for an object where it is put."""
 
 from phyagentos.geometry import Vector
+from phyagentos.protocol.predicates.meaning import find_relation
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support
@@ -33,7 +34,7 @@ class PlanRoom(PlanningLeaf[Approaches]):
         """One request, where the destination holds anything that may be moved."""
         now, name, near = self.context.world.observe(BELIEF), self.read("object"), self.find("near")
         point = None if near is None else (float(near[0]), float(near[1]), float(near[2]))
-        then = Destination(self.read("destination"), self.read("relation"), point)
+        then = Destination(self.read("destination"), find_relation(self.read("relation")), point)
         if not (things := list_removable(self.context.session, now, name, then.name)):
             return self._leave()
         q_rad, seed = self.context.commands.q_rad, self.context.draw_seed(self.path)
