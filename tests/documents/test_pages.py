@@ -17,6 +17,8 @@ from tools.write_reference import BEGIN, END, renew_pages
 
 from .values import check_schema
 
+pytestmark = pytest.mark.slow
+
 NAMES = {file: file.rpartition(".")[0].lower() for file in (*FORMATS, *SETTINGS_FILES)}
 
 

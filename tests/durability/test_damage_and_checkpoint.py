@@ -14,6 +14,8 @@ from . import damages, second_reader
 from .patient import Patient
 from .workloads import LANE, fold, list_live, make_submit
 
+pytestmark = pytest.mark.slow
+
 WORKLOAD = ("batch", "claim", "archive", "batch", "claim", "rotate", "submit", "checkpoint", "batch")
 
 
