@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from phyagentos.runtime.lookahead.rollouts import Rollout, find_cause
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
@@ -33,7 +34,6 @@ from phyagentos.protocol.predicates.relations import compute_relations
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.runtime.lookahead.rollouts import Rollout, find_cause
 from phyagentos.runtime.preflight.arguments import iter_contradictions, iter_name_problems
 from tests.agent.test_diagnosis import make_bundle
 from tests.agent.test_repair import HEMMED_IN, ROOT, failed_before, make_box, make_case, make_table_world, met

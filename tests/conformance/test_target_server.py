@@ -27,6 +27,8 @@ from phyagentos.runtime.targets.handshake import Hello, greet, make_key, mint
 from phyagentos.runtime.targets.websocket import connect_websocket
 from tests.monitors.silence import LogMonitor
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 KIT = ROOT / "kits" / "target_server"
 SLIDE = ROOT / "examples" / "05_any_body" / "slide.py"

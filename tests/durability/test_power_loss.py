@@ -20,6 +20,8 @@ from .disk_model import Recorder, Step, build_image, read_folder
 from .interception import intercept
 from .workloads import COMMANDS, LANE, NOON_S, Bench, fold, identify, list_live, make_submit
 
+pytestmark = pytest.mark.slow
+
 WORKLOADS = [names for length in (1, 2, 3) for names in itertools.product(COMMANDS, repeat=length)]
 CHANCES = (0.0, 1.0, 0.5, 0.2, 0.8)
 LATER_S = NOON_S + 10 * 86_400.0

@@ -1,14 +1,14 @@
-"""Lies about what was achieved: of the verifier, of its judges, of the evidence before them and of the mission."""
+"""Mutants about what was achieved: of the verifier, of its judges, of the evidence before them and of the mission."""
 
-from tests.gauntlet.sabotage import Edit, Sabotage
+from tests.mutants.mutant import Edit, Mutant
 
 VERIFIER = "phyagentos.agent.judging.verifier"
 EVIDENCE = "phyagentos.protocol.sessions.evidence"
 
-SABOTAGES = (
-    Sabotage(
+MUTANTS = (
+    Mutant(
         name="verifier_always_success",
-        lie="Whatever the criteria say, the verdict is success.",
+        claim="Whatever the criteria say, the verdict is success.",
         edits=(
             Edit(
                 VERIFIER,
@@ -21,9 +21,9 @@ SABOTAGES = (
             "test_fingers_that_closed_on_air_are_a_missed_grasp_although_the_skill_completed",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="unknown_counted_as_true",
-        lie="What nobody could see counts as met.",
+        claim="What nobody could see counts as met.",
         edits=(
             Edit(
                 VERIFIER,
@@ -33,9 +33,9 @@ SABOTAGES = (
         ),
         tests=("tests/agent/test_verifier.py::test_unknown_is_never_a_success",),
     ),
-    Sabotage(
+    Mutant(
         name="no_criteria_is_success",
-        lie="A contract that asks for nothing has been met.",
+        claim="A contract that asks for nothing has been met.",
         edits=(
             Edit(
                 VERIFIER,
@@ -47,9 +47,9 @@ SABOTAGES = (
         ),
         tests=("tests/agent/test_verifier.py::test_a_contract_without_criteria_is_never_a_success",),
     ),
-    Sabotage(
+    Mutant(
         name="controller_decides",
-        lie="An execution that reports completion has met its objective.",
+        claim="An execution that reports completion has met its objective.",
         edits=(
             Edit(
                 VERIFIER,
@@ -61,9 +61,9 @@ SABOTAGES = (
         ),
         tests=("tests/agent/test_mission.py::test_a_skill_that_reports_success_and_moves_nothing_fails",),
     ),
-    Sabotage(
+    Mutant(
         name="criteria_swapped",
-        lie="Every node is judged by the acceptance of the first one of its goal.",
+        claim="Every node is judged by the acceptance of the first one of its goal.",
         edits=(
             Edit(
                 "phyagentos.agent.goals.compiler",
@@ -73,9 +73,9 @@ SABOTAGES = (
         ),
         tests=("tests/agent/test_compiler.py::test_outputs_fill_parameters_with_values_and_predicates_with_text",),
     ),
-    Sabotage(
+    Mutant(
         name="stale_snapshot",
-        lie="The world before the session is handed over as the world after it.",
+        claim="The world before the session is handed over as the world after it.",
         edits=(
             Edit(
                 EVIDENCE, "after=_decode(data.get(AFTER), Environment)", "after=_decode(data.get(BEFORE), Environment)"
@@ -83,15 +83,15 @@ SABOTAGES = (
         ),
         tests=("tests/cli/test_verify.py::test_a_judgement_is_added_and_the_verdict_stays",),
     ),
-    Sabotage(
+    Mutant(
         name="old_facts_pass_for_fresh",
-        lie="A fact that was observed long before the end counts as one of the end.",
+        claim="A fact that was observed long before the end counts as one of the end.",
         edits=(Edit("phyagentos.protocol.world.environment", "if not age_s <= allowed_s:", "if not age_s <= 5.0:"),),
         tests=("tests/agent/test_judges.py::test_acceptance_needs_facts_that_were_observed_at_the_end",),
     ),
-    Sabotage(
+    Mutant(
         name="whatever_covers_bears",
-        lie="A hidden thing is under what is seen above its place, at whatever height that is.",
+        claim="A hidden thing is under what is seen above its place, at whatever height that is.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.contents",
@@ -101,9 +101,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/perception/test_bearing.py::test_what_is_not_sure_to_rest_on_it_shows_nothing",),
     ),
-    Sabotage(
+    Mutant(
         name="edges_hold_what_they_do_not",
-        lie="A thing whose middle may be past an edge, by what the measurement may be off, surely stands.",
+        claim="A thing whose middle may be past an edge, by what the measurement may be off, surely stands.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
@@ -113,9 +113,9 @@ SABOTAGES = (
         ),
         tests=("tests/protocol/test_predicate_doubt.py::test_a_middle_near_an_edge_is_not_surely_over_it",),
     ),
-    Sabotage(
+    Mutant(
         name="slopes_are_level",
-        lie="What hovers over a slope touches it where its lowest point is as high as the slope below its middle.",
+        claim="What hovers over a slope touches it where its lowest point is as high as the slope below its middle.",
         edits=(
             Edit(
                 "phyagentos.protocol.world.entity_geometry",
@@ -125,9 +125,9 @@ SABOTAGES = (
         ),
         tests=("tests/protocol/test_predicate_builtins.py::test_on_a_slope_contact_is_measured_across_its_surface",),
     ),
-    Sabotage(
+    Mutant(
         name="a_doubtful_pose_shows_a_turn",
-        lie="A thing has turned by what its pose differs from one of several that had fitted as well.",
+        claim="A thing has turned by what its pose differs from one of several that had fitted as well.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
@@ -140,9 +140,9 @@ SABOTAGES = (
             "test_a_thing_of_which_another_pose_fits_as_well_is_not_known_to_have_turned",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="hidden_counts_as_seen",
-        lie="What is hidden is where it was last seen.",
+        claim="What is hidden is where it was last seen.",
         edits=(
             Edit(
                 "phyagentos.protocol.world.environment",
@@ -156,18 +156,18 @@ SABOTAGES = (
             "test_what_was_hidden_for_a_moment_must_be_confirmed_and_for_longer_it_is_unknown",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="hidden_stretch_is_bridged",
-        lie="However long a hold condition was not seen, it held meanwhile.",
+        claim="However long a hold condition was not seen, it held meanwhile.",
         edits=(Edit("phyagentos.runtime.execution.holds", "BRIDGED_S = 1.5", "BRIDGED_S = 60.0"),),
         tests=(
             "tests/runtime/execution/test_holds.py::"
             "test_what_was_hidden_for_a_moment_must_be_confirmed_and_for_longer_it_is_unknown",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="constraint_forgotten",
-        lie="A constraint that a session could not see is not asked for again.",
+        claim="A constraint that a session could not see is not asked for again.",
         edits=(
             Edit(
                 "phyagentos.agent.judging.goal_judgement",
@@ -177,9 +177,9 @@ SABOTAGES = (
         ),
         tests=("tests/agent/test_worlds_apart.py::test_a_constraint_must_be_seen_true_at_the_end_of_the_goal",),
     ),
-    Sabotage(
+    Mutant(
         name="worst_sample_dropped",
-        lie="Of a hold condition only the last sample is kept.",
+        claim="Of a hold condition only the last sample is kept.",
         edits=(
             Edit(
                 "phyagentos.runtime.execution.holds",
@@ -189,15 +189,15 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/execution/test_holds.py::test_the_worst_sample_is_kept_with_its_time",),
     ),
-    Sabotage(
+    Mutant(
         name="replan_budget_ignored",
-        lie="There is always one more attempt.",
+        claim="There is always one more attempt.",
         edits=(Edit(VERIFIER, "has_budget = history.replans < history.max_replans", "has_budget = True"),),
         tests=("tests/agent/test_verifier.py::test_a_spent_budget_turns_a_replan_into_a_failure",),
     ),
-    Sabotage(
+    Mutant(
         name="undone_node_stays_done",
-        lie="What the world has undone since counts as done.",
+        claim="What the world has undone since counts as done.",
         edits=(
             Edit(
                 "phyagentos.agent.mission.goal_controller",
@@ -209,18 +209,18 @@ SABOTAGES = (
             "tests/agent/test_mission.py::test_a_finished_node_that_the_world_undid_is_done_again_before_the_verdict",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="goal_budget_ignored",
-        lie="Sessions are submitted beyond what the goal's budget pays for.",
+        claim="Sessions are submitted beyond what the goal's budget pays for.",
         edits=(
             Edit("phyagentos.agent.repair.case", "        if self.sessions < 1:\n", "        if False:\n"),
             Edit("phyagentos.agent.repair.case", "if sessions + self.needed > self.sessions:", "if False:"),
         ),
         tests=("tests/agent/test_recovery_missions.py::test_nothing_is_submitted_beyond_the_budget_of_the_goal",),
     ),
-    Sabotage(
+    Mutant(
         name="own_word_is_a_measurement",
-        lie="What a skill says of itself counts as measured.",
+        claim="What a skill says of itself counts as measured.",
         edits=(
             Edit(
                 "phyagentos.agent.judging.judges.metrics",
@@ -233,21 +233,21 @@ SABOTAGES = (
             "test_a_controllers_own_word_counts_only_where_the_goal_asks_for_what_was_reported",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="fault_that_never_struck",
-        lie="Every fault that was planted counts as struck.",
+        claim="Every fault that was planted counts as struck.",
         edits=(Edit("phyagentos.assembly.planted_faults", 'missing.append(f"{fault.kind} of {body}")', "pass"),),
         tests=("tests/cli/test_planted_faults.py::test_a_fault_that_never_struck_is_named",),
     ),
-    Sabotage(
+    Mutant(
         name="refused_way_again",
-        lie="The very way that the target has refused is tried again.",
+        claim="The very way that the target has refused is tried again.",
         edits=(Edit("phyagentos.agent.repair.retrying", "if cause is Cause.ADAPTER_REFUSED:", "if False:"),),
         tests=("tests/agent/test_verifier.py::test_the_strategy_answers_the_cause",),
     ),
-    Sabotage(
+    Mutant(
         name="goal_time_bounds_nothing",
-        lie="A session runs on when the simulated time of its goal is spent.",
+        claim="A session runs on when the simulated time of its goal is spent.",
         edits=(
             Edit(
                 "phyagentos.protocol.sessions.session",
@@ -261,9 +261,9 @@ SABOTAGES = (
             "tests/runtime/test_runner.py::test_the_limit_that_decides_ends_a_session_and_is_named",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="goal_time_granted_twice",
-        lie="Sessions side by side may each take all that is left of the goal's simulated time.",
+        claim="Sessions side by side may each take all that is left of the goal's simulated time.",
         edits=(
             Edit(
                 "phyagentos.agent.mission.goal_controller",
@@ -275,9 +275,9 @@ SABOTAGES = (
             "tests/agent/test_recovery_missions.py::test_sessions_begin_side_by_side_only_while_each_has_its_whole_time",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="miss_without_a_cause",
-        lie="What was not met is recorded without a cause.",
+        claim="What was not met is recorded without a cause.",
         edits=(
             Edit(
                 "phyagentos.protocol.sessions.verdicts",
@@ -287,9 +287,9 @@ SABOTAGES = (
         ),
         tests=("tests/agent/test_verifier.py::test_a_miss_without_a_cause_cannot_be_made",),
     ),
-    Sabotage(
+    Mutant(
         name="done_node_is_missed",
-        lie="A node that is done counts as missed, because a look for the goal's sake was refused.",
+        claim="A node that is done counts as missed, because a look for the goal's sake was refused.",
         edits=(
             Edit(
                 "phyagentos.agent.mission.recovery",
@@ -302,9 +302,9 @@ SABOTAGES = (
             "test_what_the_goal_asks_of_a_thing_that_was_never_perceived_stays_unknown_and_says_so",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="looked_at_for_ever",
-        lie="What cannot be told is looked at once more, however often that was done.",
+        claim="What cannot be told is looked at once more, however often that was done.",
         edits=(
             Edit(
                 "phyagentos.agent.repair.looking",
@@ -314,18 +314,18 @@ SABOTAGES = (
         ),
         tests=("tests/agent/test_repair.py::test_what_cannot_be_told_is_looked_at_first_and_no_more_than_twice",),
     ),
-    Sabotage(
+    Mutant(
         name="blocked_goal_is_met",
-        lie="A goal is met although one of its nodes was never done, because nothing speaks against it.",
+        claim="A goal is met although one of its nodes was never done, because nothing speaks against it.",
         edits=(Edit("phyagentos.agent.judging.goal_judgement", "    if blocked:\n", "    if blocked and missed:\n"),),
         tests=(
             "tests/agent/test_mission.py::"
             "test_a_goal_with_a_blocked_node_is_not_met_though_nothing_speaks_against_its_acceptance",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="review_decides",
-        lie="A judgement that was added afterwards takes the place of the one that decided.",
+        claim="A judgement that was added afterwards takes the place of the one that decided.",
         edits=(
             Edit(
                 "phyagentos.protocol.sessions.session",
@@ -335,15 +335,15 @@ SABOTAGES = (
         ),
         tests=("tests/cli/test_verify.py::test_everybody_sees_the_verdict_and_every_judgement",),
     ),
-    Sabotage(
+    Mutant(
         name="prediction_outvotes_observation",
-        lie="What look-ahead expected weighs as much as what was observed afterwards.",
+        claim="What look-ahead expected weighs as much as what was observed afterwards.",
         edits=(Edit(VERIFIER, "    return observed or criteria\n", "    return criteria\n"),),
         tests=("tests/agent/test_judges.py::test_a_prediction_never_outvotes_what_was_observed",),
     ),
-    Sabotage(
+    Mutant(
         name="agent_reads_faults",
-        lie="The diagnosis looks up what was injected and tells it as its own finding.",
+        claim="The diagnosis looks up what was injected and tells it as its own finding.",
         edits=(
             Edit(
                 VERIFIER,
@@ -358,9 +358,9 @@ SABOTAGES = (
             "test_the_agent_judges_diagnoses_and_repairs_without_opening_what_was_injected",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="met_before_without_rest",
-        lie="What was seen once in its place before a session counts as met, although it may still move.",
+        claim="What was seen once in its place before a session counts as met, although it may still move.",
         edits=(
             Edit(
                 "phyagentos.runtime.execution.criteria",
@@ -370,9 +370,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/test_runner.py::test_what_is_met_already_is_not_acted_on[cube2-99.0-True-]",),
     ),
-    Sabotage(
+    Mutant(
         name="refused_session_acts_as_its_replan",
-        lie="What the dry run refused is carried out by the next attempt, which has none.",
+        claim="What the dry run refused is carried out by the next attempt, which has none.",
         edits=(
             Edit(
                 "phyagentos.runtime.preflight.examination",
@@ -382,9 +382,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/test_preflight_dry_run.py::test_every_attempt_passes_the_same_dry_run",),
     ),
-    Sabotage(
+    Mutant(
         name="same_plan_in_the_same_world",
-        lie="A plan that failed is another one the second time, although nothing has moved.",
+        claim="A plan that failed is another one the second time, although nothing has moved.",
         edits=(
             Edit(
                 "phyagentos.agent.repair.repetition",
@@ -397,9 +397,9 @@ SABOTAGES = (
             "test_a_claim_that_a_look_found_false_is_asked_again_only_of_another_world[moved0-give up]",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="undecided_once_more",
-        lie="What the stated number of looks did not decide is decided by doing it again.",
+        claim="What the stated number of looks did not decide is decided by doing it again.",
         edits=(
             Edit(
                 "phyagentos.agent.repair.retrying",
@@ -409,9 +409,9 @@ SABOTAGES = (
         ),
         tests=("tests/agent/test_repair.py::test_what_two_looks_did_not_decide_ends_there",),
     ),
-    Sabotage(
+    Mutant(
         name="unseen_hold_forgotten_by_the_replan",
-        lie="A hold condition that a session could not see is asked of its replan against a world after the harm.",
+        claim="A hold condition that a session could not see is asked of its replan against a world after the harm.",
         edits=(Edit(VERIFIER, "judge.judge(bundle)), *history.carried]", "judge.judge(bundle))]"),),
         tests=(
             "tests/agent/test_recovery_missions.py::"

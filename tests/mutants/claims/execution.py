@@ -1,32 +1,32 @@
-"""Lies of leaves and of what carries them out: success without a deed, chance that no seed holds."""
+"""Mutants of leaves and of what carries them out: success without a deed, chance that no seed holds."""
 
-from tests.gauntlet.sabotage import Edit, Sabotage
+from tests.mutants.mutant import Edit, Mutant
 
-SABOTAGES = (
-    Sabotage(
+MUTANTS = (
+    Mutant(
         name="kept_thing_moved_out",
-        lie="To make room a session moves out what the goal says must stay.",
+        claim="To make room a session moves out what the goal says must stay.",
         edits=(Edit("phyagentos.runtime.execution.leaves.plan_room", " and each not in session.kept", ""),),
         tests=(
             "tests/runtime/test_preflight_dry_run.py::"
             "test_what_the_tree_moves_out_of_the_destination_is_no_obstacle[more1-False]",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="what_comes_is_forgotten",
-        lie="A place is called good although what the goal brings there next finds no room beside it.",
+        claim="A place is called good although what the goal brings there next finds no room beside it.",
         edits=(Edit("phyagentos.runtime.motion.placements", "if space.walled else []", "if False else []"),),
         tests=("tests/runtime/motion/test_placements.py::test_room_is_left_for_what_still_comes",),
     ),
-    Sabotage(
+    Mutant(
         name="leaf_always_succeeds",
-        lie="`verify_grasp` finds the object between the fingers whatever they touch.",
+        claim="`verify_grasp` finds the object between the fingers whatever they touch.",
         edits=(Edit("phyagentos.runtime.execution.leaves.verify_grasp", "if name in held:", "if True:"),),
         tests=("tests/runtime/test_runner.py::test_a_grasp_on_air_fails_with_its_code",),
     ),
-    Sabotage(
+    Mutant(
         name="failing_leaf_is_a_success",
-        lie="A session whose tree failed is told as completed.",
+        claim="A session whose tree failed is told as completed.",
         edits=(
             Edit(
                 "phyagentos.runtime.execution.tree_runtime",
@@ -36,9 +36,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/test_runner.py::test_a_grasp_on_air_fails_with_its_code",),
     ),
-    Sabotage(
+    Mutant(
         name="seed_ignored",
-        lie="A scene is drawn from the noise of the machine instead of its seed.",
+        claim="A scene is drawn from the noise of the machine instead of its seed.",
         edits=(
             Edit(
                 "phyagentos.runtime.models.scene",
@@ -48,9 +48,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/targets/test_scenes.py::test_a_seed_makes_the_scene[tabletop/cubes_and_trays]",),
     ),
-    Sabotage(
+    Mutant(
         name="one_seed_for_every_attempt",
-        lie="A child draws the very numbers with which its parent failed.",
+        claim="A child draws the very numbers with which its parent failed.",
         edits=(
             Edit(
                 "phyagentos.agent.goals.compiler",
@@ -60,15 +60,15 @@ SABOTAGES = (
         ),
         tests=("tests/agent/test_compiler.py::test_every_attempt_has_a_seed_and_an_id_of_its_own",),
     ),
-    Sabotage(
+    Mutant(
         name="child_without_parent",
-        lie="A child session is compiled as if nothing had gone before it.",
+        claim="A child session is compiled as if nothing had gone before it.",
         edits=(Edit("phyagentos.agent.goals.compiler", "parent=revision.parent,", "parent=None,"),),
         tests=("tests/agent/test_compiler.py::test_every_attempt_has_a_seed_and_an_id_of_its_own",),
     ),
-    Sabotage(
+    Mutant(
         name="precondition_not_asked",
-        lie="A session starts although what it requires does not hold in the world.",
+        claim="A session starts although what it requires does not hold in the world.",
         edits=(
             Edit(
                 "phyagentos.runtime.preflight.arguments",
@@ -78,9 +78,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/test_preflight.py::test_names_and_preconditions_are_judged_on_the_live_world",),
     ),
-    Sabotage(
+    Mutant(
         name="joints_not_compared",
-        lie="A target with six joints is taken for the one with seven that the profile describes.",
+        claim="A target with six joints is taken for the one with seven that the profile describes.",
         edits=(
             Edit(
                 "phyagentos.runtime.preflight.needs",
@@ -90,9 +90,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/test_preflight.py::test_a_live_target_that_is_not_what_it_was_said_to_be_is_refused",),
     ),
-    Sabotage(
+    Mutant(
         name="bridge_inverse_wrong",
-        lie="Quaternions are written with their real part last where it belongs first.",
+        claim="Quaternions are written with their real part last where it belongs first.",
         edits=(
             Edit(
                 "phyagentos.runtime.actions.bridges.rotations",
@@ -105,9 +105,9 @@ SABOTAGES = (
             "test_every_bridge_of_any_chain_is_undone_or_is_a_projection",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="side_not_asked",
-        lie="Any side may fire any event of a session: the agent claims, the runtime gives a verdict.",
+        claim="Any side may fire any event of a session: the agent claims, the runtime gives a verdict.",
         edits=(
             Edit(
                 "phyagentos.protocol.sessions.lifecycle",
@@ -117,17 +117,17 @@ SABOTAGES = (
         ),
         tests=("tests/protocol/test_lifecycle.py::test_every_row_is_refused_to_every_side_that_it_does_not_name",),
     ),
-    Sabotage(
+    Mutant(
         name="lifted_from_below",
-        lie="A hand with a finger under the plate that it has put down leaves upwards, and takes it along.",
+        claim="A hand with a finger under the plate that it has put down leaves upwards, and takes it along.",
         edits=(
             Edit("phyagentos.runtime.motion.poses", "UP if abs(T[2, 1]) < UNDER_SINE else RISE * UP - T[:3, 2]", "UP"),
         ),
         tests=("tests/runtime/motion/test_grasps.py::test_a_hand_with_a_finger_underneath_leaves_sideways",),
     ),
-    Sabotage(
+    Mutant(
         name="old_contact_excuses_new",
-        lie="A motion that began in contact may press as hard for as long as it lasts.",
+        claim="A motion that began in contact may press as hard for as long as it lasts.",
         edits=(
             Edit(
                 "phyagentos.runtime.execution.planning",
@@ -140,9 +140,9 @@ SABOTAGES = (
             "test_a_guarded_motion_stops_when_the_target_feels_more_than_allowed_and_than_where_it_began",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="base_moved_by_hand",
-        lie="A base is put where it should be; its wheels turn for show.",
+        claim="A base is put where it should be; its wheels turn for show.",
         edits=(
             Edit(
                 "phyagentos.runtime.drivers.mujoco.actuation",
@@ -153,9 +153,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/models/test_bases.py::test_motors_without_torque_move_no_base",),
     ),
-    Sabotage(
+    Mutant(
         name="dock_without_heading",
-        lie="A base that stands in its bay is docked, wherever it looks.",
+        claim="A base that stands in its bay is docked, wherever it looks.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
@@ -165,15 +165,15 @@ SABOTAGES = (
         ),
         tests=("tests/protocol/test_predicate_builtins.py::test_docked_in_a_region_means_within_it_and_headed_as_it",),
     ),
-    Sabotage(
+    Mutant(
         name="ground_holds_feet",
-        lie="The ground holds a foot as well as it bears it: what would pull is counted on.",
+        claim="The ground holds a foot as well as it bears it: what would pull is counted on.",
         edits=(Edit("phyagentos.runtime.drivers.mujoco.legs", "shares, _ = nnls(", "shares, *_ = np.linalg.lstsq("),),
         tests=("tests/runtime/targets/test_legs.py::test_forces_of_the_ground_push_within_friction_and_add_up",),
     ),
-    Sabotage(
+    Mutant(
         name="lying_is_standing",
-        lie="A body that fell stands: only how high its trunk is counts.",
+        claim="A body that fell stands: only how high its trunk is counts.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",

@@ -1,11 +1,11 @@
-"""Lies of the store: what was acknowledged is not there, what was judged is rewritten, what was edited lost."""
+"""Mutants of the store: what was acknowledged is not there, what was judged is rewritten, what was edited lost."""
 
-from tests.gauntlet.sabotage import Edit, Sabotage
+from tests.mutants.mutant import Edit, Mutant
 
-SABOTAGES = (
-    Sabotage(
+MUTANTS = (
+    Mutant(
         name="durability_barrier_removed",
-        lie="A commit is told as durable although nobody waited for the disk.",
+        claim="A commit is told as durable although nobody waited for the disk.",
         edits=(
             Edit(
                 "phyagentos.store.writer",
@@ -18,9 +18,9 @@ SABOTAGES = (
             "tests/durability/test_power_loss.py::test_the_power_goes_after_one_writer_was_killed_and_another_went_on",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="start_before_the_disk",
-        lie="A session has its lease before its start is on the disk.",
+        claim="A session has its lease before its start is on the disk.",
         edits=(
             Edit(
                 "phyagentos.runtime.supervision.target_supervisor",
@@ -30,18 +30,18 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/test_starts.py::test_a_session_has_its_first_lease_only_when_its_start_is_on_the_disk",),
     ),
-    Sabotage(
+    Mutant(
         name="first_lease_not_awaited",
-        lie="A worker begins a session before it has a lease.",
+        claim="A worker begins a session before it has a lease.",
         edits=(Edit("phyagentos.runtime.worker.worker", "while not self._lease_until_s:", "while False:"),),
         tests=(
             "tests/runtime/test_leases.py::"
             "test_a_session_opens_its_bundle_and_takes_no_authority_before_its_first_lease",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="crc_not_checked",
-        lie="A record is believed whatever its checksum says.",
+        claim="A record is believed whatever its checksum says.",
         edits=(
             Edit(
                 "phyagentos.store.records",
@@ -51,9 +51,9 @@ SABOTAGES = (
         ),
         tests=("tests/store/test_records.py::test_every_single_flipped_bit_is_noticed",),
     ),
-    Sabotage(
+    Mutant(
         name="lock_not_taken",
-        lie="Two writers hold the partition at the same time.",
+        claim="Two writers hold the partition at the same time.",
         edits=(
             Edit(
                 "phyagentos.store.partition_lock",
@@ -63,9 +63,9 @@ SABOTAGES = (
         ),
         tests=("tests/store/test_journal.py::test_a_lock_that_stays_taken_names_its_holder",),
     ),
-    Sabotage(
+    Mutant(
         name="attempt_rewritten",
-        lie="A later judgement takes the place of the earlier one.",
+        claim="A later judgement takes the place of the earlier one.",
         edits=(
             Edit(
                 "phyagentos.store.ledger",
@@ -75,9 +75,9 @@ SABOTAGES = (
         ),
         tests=("tests/cli/test_verify.py::test_every_further_judgement_is_appended",),
     ),
-    Sabotage(
+    Mutant(
         name="sealed_file_edited",
-        lie="A file that was changed after its bundle was sealed passes for the one that was sealed.",
+        claim="A file that was changed after its bundle was sealed passes for the one that was sealed.",
         edits=(
             Edit(
                 "phyagentos.protocol.sessions.evidence_manifest",
@@ -87,9 +87,9 @@ SABOTAGES = (
         ),
         tests=("tests/store/test_evidence_manifest.py::test_a_change_of_a_sealed_bundle_is_found",),
     ),
-    Sabotage(
+    Mutant(
         name="view_edit_lost",
-        lie="What a person saved into a rendered document while it was renewed is thrown away without a word.",
+        claim="What a person saved into a rendered document while it was renewed is thrown away without a word.",
         edits=(
             Edit(
                 "phyagentos.store.shared_file",
@@ -99,9 +99,9 @@ SABOTAGES = (
         ),
         tests=("tests/store/test_edits.py::test_a_section_that_is_added_submits_a_session",),
     ),
-    Sabotage(
+    Mutant(
         name="measured_is_commanded",
-        lie="The trajectory in the evidence tells as measured what was only commanded.",
+        claim="The trajectory in the evidence tells as measured what was only commanded.",
         edits=(
             Edit(
                 "phyagentos.runtime.worker.recorder",
@@ -113,9 +113,9 @@ SABOTAGES = (
             "tests/runtime/test_recorded_evidence.py::test_the_trajectory_holds_what_was_measured_beside_what_was_commanded",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="after_is_before",
-        lie="The recorder files the world before the session once more as the world after it.",
+        claim="The recorder files the world before the session once more as the world after it.",
         edits=(
             Edit(
                 "phyagentos.runtime.worker.recorder",
@@ -125,9 +125,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/test_recorded_evidence.py::test_the_end_of_a_bundle_is_the_world_as_it_was_left",),
     ),
-    Sabotage(
+    Mutant(
         name="old_picture_of_the_end",
-        lie="The picture of the end is that of the beginning.",
+        claim="The picture of the end is that of the beginning.",
         edits=(
             Edit(
                 "phyagentos.runtime.worker.runner",
@@ -137,9 +137,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/test_recorded_evidence.py::test_the_end_of_a_bundle_is_the_world_as_it_was_left",),
     ),
-    Sabotage(
+    Mutant(
         name="trace_without_failures",
-        lie="Every node of the tree is traced as a success.",
+        claim="Every node of the tree is traced as a success.",
         edits=(
             Edit("phyagentos.runtime.execution.tree_runtime", "status=behaviour.status.value,", 'status="SUCCESS",'),
         ),

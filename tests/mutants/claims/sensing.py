@@ -1,6 +1,6 @@
-"""Lies of perception and of look-ahead: what only the simulator knows, and pictures of another time."""
+"""Mutants of perception and of look-ahead: what only the simulator knows, and pictures of another time."""
 
-from tests.gauntlet.sabotage import Edit, Sabotage
+from tests.mutants.mutant import Edit, Mutant
 
 BELIEF_TESTS = "tests/runtime/perception/test_belief.py"
 FIXED_TESTS = "tests/runtime/perception/test_fixed_things.py"
@@ -10,10 +10,10 @@ MUG_TEST = f"{UNCHANGED_TESTS}::test_an_open_vessel_is_not_pulled_through_its_wa
 NAMING_TESTS = "tests/runtime/perception/test_naming.py"
 EXCHANGE_TESTS = "tests/protocol/test_exchanges.py"
 
-SABOTAGES = (
-    Sabotage(
+MUTANTS = (
+    Mutant(
         name="chance_names_are_facts",
-        lie="What is so of one of two things that nothing tells apart is so of the one that is named.",
+        claim="What is so of one of two things that nothing tells apart is so of the one that is named.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.evaluation",
@@ -26,18 +26,18 @@ SABOTAGES = (
             "tests/agent/test_verifier.py::test_alike_things_end_a_session_at_once_with_their_names",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="costs_without_noise",
-        lie="The assignment of least cost decides every name, however little the others cost more.",
+        claim="The assignment of least cost decides every name, however little the others cost more.",
         edits=(Edit("phyagentos.runtime.perception.naming", "NOISE_M = 0.0012", "NOISE_M = 0.0"),),
         tests=(
             f"{NAMING_TESTS}::test_costs_that_differ_by_less_than_their_noise_decide_no_name",
             f"{NAMING_TESTS}::test_a_name_that_fits_a_free_cluster_as_well_has_no_place",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="old_names_are_known",
-        lie="A thing that was named by chance once is known by that name from then on.",
+        claim="A thing that was named by chance once is known by that name from then on.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.association",
@@ -47,9 +47,9 @@ SABOTAGES = (
         ),
         tests=(f"{NAMING_TESTS}::test_a_chance_name_follows_its_thing_and_does_not_become_known",),
     ),
-    Sabotage(
+    Mutant(
         name="held_by_one_color",
-        lie="What the fingers hold shows its own colour alone: pixels of a like colour are another thing.",
+        claim="What the fingers hold shows its own colour alone: pixels of a like colour are another thing.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.belief",
@@ -62,9 +62,9 @@ SABOTAGES = (
             "test_points_on_what_the_fingers_hold_are_no_other_thing_of_a_like_color[True-0]",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="stray_pixels_are_a_thing",
-        lie="A thing out of view is where another one shows stray pixels of its colour.",
+        claim="A thing out of view is where another one shows stray pixels of its colour.",
         edits=(
             Edit("phyagentos.runtime.perception.pieces", "PURE = 0.6", "PURE = 0.0"),
             Edit("phyagentos.runtime.perception.association", "STRAY_SHARE = 0.025, 0.15", "STRAY_SHARE = 0.025, 0.0"),
@@ -72,9 +72,9 @@ SABOTAGES = (
         ),
         tests=(f"{NAMING_TESTS}::test_a_thing_out_of_view_is_not_on_another_ones_stray_pixels",),
     ),
-    Sabotage(
+    Mutant(
         name="closed_on_air_is_held",
-        lie="Fingers that press on each other hold whatever was nearest to them.",
+        claim="Fingers that press on each other hold whatever was nearest to them.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.grip",
@@ -84,9 +84,9 @@ SABOTAGES = (
         ),
         tests=(f"{BELIEF_TESTS}::test_fingers_that_touch_nothing_known_hold_nothing",),
     ),
-    Sabotage(
+    Mutant(
         name="touch_shows_what_is_held",
-        lie="A thing that was near when both fingers touched something is what they hold.",
+        claim="A thing that was near when both fingers touched something is what they hold.",
         edits=(Edit("phyagentos.protocol.predicates.builtins", "    _demand_grasp(view, entity, state)\n", ""),),
         tests=(
             "tests/protocol/test_predicate_doubt.py::"
@@ -94,9 +94,9 @@ SABOTAGES = (
             f"{BELIEF_TESTS}::test_what_the_fingers_hold_is_known_once_it_was_seen_in_the_hand_after_lifting",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="boxes_for_shapes",
-        lie="A round support ends where the box around it ends.",
+        claim="A round support ends where the box around it ends.",
         edits=(
             Edit(
                 "phyagentos.protocol.world.entity_geometry",
@@ -106,15 +106,15 @@ SABOTAGES = (
         ),
         tests=("tests/protocol/test_predicate_builtins.py::test_a_round_support_ends_where_its_disk_ends",),
     ),
-    Sabotage(
+    Mutant(
         name="near_the_top_is_on",
-        lie="What hovers a centimetre above a support stands on it.",
+        claim="What hovers a centimetre above a support stands on it.",
         edits=(Edit("phyagentos.protocol.predicates.builtins", "CONTACT_M = 0.002", "CONTACT_M = 0.010"),),
         tests=("tests/protocol/test_predicate_builtins.py::test_the_allowed_gap_is_the_stated_doubt",),
     ),
-    Sabotage(
+    Mutant(
         name="one_twin_is_watched",
-        lie="What must hold throughout is watched of the believed one of two equal things alone.",
+        claim="What must hold throughout is watched of the believed one of two equal things alone.",
         edits=(
             Edit(
                 "phyagentos.runtime.execution.holds",
@@ -127,9 +127,9 @@ SABOTAGES = (
             "test_the_twin_of_what_is_named_is_looked_at_too_since_it_may_be_the_one_that_is_meant",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="on_through_another",
-        lie="What stands on a plate stands on whatever is below the plate.",
+        claim="What stands on a plate stands on whatever is below the plate.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
@@ -142,9 +142,9 @@ SABOTAGES = (
             "test_what_stands_on_something_that_stands_on_it_is_above_and_not_on",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="rolling_is_at_rest",
-        lie="Where a thing is while it moves is where it stays.",
+        claim="Where a thing is while it moves is where it stays.",
         edits=(Edit("phyagentos.protocol.predicates.evaluation", "    if definition.at_rest:\n", "    if False:\n"),),
         tests=(
             "tests/protocol/test_predicate_builtins.py::"
@@ -152,41 +152,41 @@ SABOTAGES = (
             f"{BELIEF_TESTS}::test_what_rolls_is_known_to_rest_once_two_looks_show_it_in_one_place",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="one_look_shows_rest",
-        lie="A thing that one look shows somewhere else has come to rest there.",
+        claim="A thing that one look shows somewhere else has come to rest there.",
         edits=(
             Edit("phyagentos.runtime.perception.belief", "speed, since_s = 0.0, time_s", "speed, since_s = 0.0, 0.0"),
         ),
         tests=(f"{BELIEF_TESTS}::test_what_rolls_is_known_to_rest_once_two_looks_show_it_in_one_place",),
     ),
-    Sabotage(
+    Mutant(
         name="end_does_not_wait",
-        lie="The last look is taken while things still roll.",
+        claim="The last look is taken while things still roll.",
         edits=(Edit("phyagentos.runtime.worker.runner", "LOOK_ON_S = 2.0", "LOOK_ON_S = 0.0"),),
         tests=(
             "tests/runtime/test_runner.py::"
             "test_the_look_at_the_end_waits_a_while_for_what_the_acceptance_speaks_of_to_rest",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="silence_keeps_facts_young",
-        lie="A look for which no camera answered shows what the look before showed.",
+        claim="A look for which no camera answered shows what the look before showed.",
         edits=(Edit("phyagentos.runtime.perception.pipeline", "lose_sight(felt, look.focus)", "felt"),),
         tests=(f"{BELIEF_TESTS}::test_a_look_of_silent_cameras_leaves_everything_that_moves_hidden",),
     ),
-    Sabotage(
+    Mutant(
         name="unseen_is_nowhere",
-        lie="What no look has shown is none of the things that `*` stands for.",
+        claim="What no look has shown is none of the things that `*` stands for.",
         edits=(Edit("phyagentos.protocol.world.environment", ", *self.never_seen]", "]"),),
         tests=(
             "tests/protocol/test_predicates.py::"
             "test_a_star_ranges_over_the_inventory_and_what_no_look_has_shown_is_unknown",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="truth_leaks",
-        lie="Perceived sensing takes over what the simulator says is held.",
+        claim="Perceived sensing takes over what the simulator says is held.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.pipeline",
@@ -196,9 +196,9 @@ SABOTAGES = (
         ),
         tests=(f"{BELIEF_TESTS}::test_names_that_the_simulator_puts_into_the_state_are_not_believed",),
     ),
-    Sabotage(
+    Mutant(
         name="twins_swapped",
-        lie="Of two equal cubes each is taken for the other.",
+        claim="Of two equal cubes each is taken for the other.",
         edits=(
             Edit("phyagentos.runtime.perception.association", "        matches |= tracked\n", "        tracked = {}\n"),
             Edit(
@@ -209,9 +209,9 @@ SABOTAGES = (
         ),
         tests=(f"{BELIEF_TESTS}::test_two_identical_cubes_ten_centimetres_apart_stay_two",),
     ),
-    Sabotage(
+    Mutant(
         name="frozen_picture_is_fresh",
-        lie="The same picture with a new stamp is a new picture.",
+        claim="The same picture with a new stamp is a new picture.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.sensor_health",
@@ -221,9 +221,9 @@ SABOTAGES = (
         ),
         tests=(f"{BELIEF_TESTS}::test_a_frozen_picture_with_new_stamps_is_noticed_and_its_facts_age",),
     ),
-    Sabotage(
+    Mutant(
         name="still_picture_of_a_moving_arm_is_live",
-        lie="A camera without noise that shows the arm where it was is live.",
+        claim="A camera without noise that shows the arm where it was is live.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.sensor_health",
@@ -236,9 +236,9 @@ SABOTAGES = (
             "test_without_noise_a_frozen_picture_is_told_by_the_motion_of_the_arm_and_a_still_scene_is_no_such",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="map_without_error",
-        lie="What things stand on is where the scene file has it, whatever depth shows.",
+        claim="What things stand on is where the scene file has it, whatever depth shows.",
         edits=(
             Edit("phyagentos.runtime.perception.supports", "CONTRADICTED, AGREED = 4.0", "CONTRADICTED, AGREED = 1e9"),
         ),
@@ -247,9 +247,9 @@ SABOTAGES = (
             "test_a_table_that_is_lower_or_leans_is_measured_and_so_is_what_stands_on_it[none--0.01-0.0]",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="glance_confirms_blindly",
-        lie="A glance that does not show a thing where it is believed confirms it there.",
+        claim="A glance that does not show a thing where it is believed confirms it there.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.pipeline",
@@ -263,9 +263,9 @@ SABOTAGES = (
             "test_what_was_taken_away_is_not_believed_after_the_next_glance",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="frames_are_kept_roughly",
-        lie="Evidence keeps depths to the centimetre, which look the same and judge otherwise.",
+        claim="Evidence keeps depths to the centimetre, which look the same and judge otherwise.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.look_file",
@@ -278,9 +278,9 @@ SABOTAGES = (
             "test_pictures_and_depths_come_back_bit_for_bit_and_the_file_depends_on_the_look_alone",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="judged_again_on_the_record",
-        lie="A verdict that is formed again from frames is formed from the recorded snapshot.",
+        claim="A verdict that is formed again from frames is formed from the recorded snapshot.",
         edits=(
             Edit(
                 "phyagentos.agent.judging.review",
@@ -293,9 +293,9 @@ SABOTAGES = (
             "test_a_thing_that_is_perceived_elsewhere_changes_acceptance_verdict_and_snapshot",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="lookahead_reads_true_friction",
-        lie="The imagined world is drawn with the weight and the friction that the true one has.",
+        claim="The imagined world is drawn with the weight and the friction that the true one has.",
         edits=(
             Edit(
                 "rollout_forecaster.estimate",
@@ -309,9 +309,9 @@ SABOTAGES = (
             "test_the_imagined_world_is_the_same_whatever_the_true_one_weighs",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="a_force_without_error",
-        lie="A contact force is exact: what is measured at the bound decides.",
+        claim="A contact force is exact: what is measured at the bound decides.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
@@ -321,9 +321,9 @@ SABOTAGES = (
         ),
         tests=("tests/protocol/test_predicate_doubt.py::test_a_metric_with_an_error_is_unknown_near_its_bound",),
     ),
-    Sabotage(
+    Mutant(
         name="an_ideal_world_is_not_told",
-        lie="A verdict does not say what of its world was simpler than reality.",
+        claim="A verdict does not say what of its world was simpler than reality.",
         edits=(
             Edit(
                 "phyagentos.agent.judging.verifier",
@@ -333,9 +333,9 @@ SABOTAGES = (
         ),
         tests=("tests/agent/test_verifier.py::test_a_verdict_names_what_was_idealised_in_its_evidence",),
     ),
-    Sabotage(
+    Mutant(
         name="furniture_where_it_is_drawn",
-        lie="A fixed body of an area stands in the middle of it.",
+        claim="A fixed body of an area stands in the middle of it.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.fixed_things",
@@ -345,9 +345,9 @@ SABOTAGES = (
         ),
         tests=(f"{FIXED_TESTS}::test_fixed_bodies_of_an_area_and_of_a_frame_are_found_within_their_stated_doubt[1]",),
     ),
-    Sabotage(
+    Mutant(
         name="furniture_without_doubt",
-        lie="A fixed body stands exactly where it was measured.",
+        claim="A fixed body stands exactly where it was measured.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
@@ -357,9 +357,9 @@ SABOTAGES = (
         ),
         tests=("tests/protocol/test_predicate_doubt.py::test_a_fixed_thing_that_was_measured_has_a_doubt",),
     ),
-    Sabotage(
+    Mutant(
         name="leaning_is_upright",
-        lie="What leans by less than half a right angle is told as upright, with the doubt of its noise alone.",
+        claim="What leans by less than half a right angle is told as upright, with the doubt of its noise alone.",
         edits=(
             Edit("phyagentos.runtime.perception.pose_uncertainty", "UPRIGHT_STDS = 3.0", "UPRIGHT_STDS = 30.0"),
             Edit(
@@ -370,9 +370,9 @@ SABOTAGES = (
         ),
         tests=(f"{UNCHANGED_TESTS}::test_a_small_thing_that_leans_is_not_walked_upright_by_looking_again[7.6]",),
     ),
-    Sabotage(
+    Mutant(
         name="other_pose_forgotten",
-        lie="That another pose explained a thing as well is forgotten with the next look, whatever that shows.",
+        claim="That another pose explained a thing as well is forgotten with the next look, whatever that shows.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.belief",
@@ -385,9 +385,9 @@ SABOTAGES = (
             "test_what_another_pose_explained_as_well_is_excluded_by_a_look_that_shows_more_and_by_no_other",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="looks_wear_errors_away",
-        lie="Each look at an unchanged thing halves what its pose may be off.",
+        claim="Each look at an unchanged thing halves what its pose may be off.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.pose_uncertainty",
@@ -397,9 +397,9 @@ SABOTAGES = (
         ),
         tests=(f"{UNCHANGED_TESTS}::test_a_small_thing_that_leans_is_not_walked_upright_by_looking_again[7.6]",),
     ),
-    Sabotage(
+    Mutant(
         name="points_on_hidden_faces",
-        lie="A point belongs to the nearest face, though no camera sees it: the back of a thin wall.",
+        claim="A point belongs to the nearest face, though no camera sees it: the back of a thin wall.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.fitting",
@@ -409,15 +409,15 @@ SABOTAGES = (
         ),
         tests=(MUG_TEST,),
     ),
-    Sabotage(
+    Mutant(
         name="half_of_all_turns",
-        lie="Half a turn leaves every form as it was.",
+        claim="Half a turn leaves every form as it was.",
         edits=(Edit("phyagentos.runtime.perception.fitting", "else 4 * quarter", "else 2 * quarter"),),
         tests=(MUG_TEST,),
     ),
-    Sabotage(
+    Mutant(
         name="strangers_are_air",
-        lie="Where no thing of the inventory was found there is nothing.",
+        claim="Where no thing of the inventory was found there is nothing.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.unknown_objects",
@@ -430,33 +430,33 @@ SABOTAGES = (
             "test_a_thing_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is_gone[wood]",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="two_in_one_place",
-        lie="Two things that are alike are where a picture shows one of them in parts.",
+        claim="Two things that are alike are where a picture shows one of them in parts.",
         edits=(Edit("phyagentos.runtime.perception.separate_overlaps", "WITHIN = 0.7", "WITHIN = 7.0"),),
         tests=(
             "tests/runtime/perception/test_possible_poses.py::"
             "test_two_things_are_not_in_one_place_when_a_picture_shows_one_of_them_in_parts",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="guesses_are_facts",
-        lie="A pose that hardly fits what was seen is where the thing is.",
+        claim="A pose that hardly fits what was seen is where the thing is.",
         edits=(Edit("phyagentos.protocol.world.environment", "SURE = 0.65", "SURE = 0.0"),),
         tests=("tests/protocol/test_predicate_doubt.py::test_a_pose_that_hardly_fits_is_no_fact_until_another_look",),
     ),
-    Sabotage(
+    Mutant(
         name="cameras_never_move",
-        lie="Every camera stands where it says.",
+        claim="Every camera stands where it says.",
         edits=(Edit("phyagentos.runtime.perception.sensor_health", "TIMES = 0.005, 2.5", "TIMES = 1.0, 2.5"),),
         tests=(
             "tests/runtime/perception/test_displacement.py::"
             "test_a_camera_that_is_shifted_is_displaced_and_things_are_where_the_others_see_them",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="one_side_is_another",
-        lie="A thing that is nearly square was turned by a quarter where its measurement says so.",
+        claim="A thing that is nearly square was turned by a quarter where its measurement says so.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
@@ -466,26 +466,26 @@ SABOTAGES = (
         ),
         tests=("tests/protocol/test_predicate_doubt.py::test_a_quarter_turn_of_what_is_nearly_square_is_not_known",),
     ),
-    Sabotage(
+    Mutant(
         name="low_forecast_starts",
-        lie="A session that its look-ahead expects to fail is let through.",
+        claim="A session that its look-ahead expects to fail is let through.",
         edits=(Edit("phyagentos.runtime.lookahead.gate", "if not result.is_low:", "if result:"),),
         tests=(
             "tests/runtime/lookahead/test_gate.py::"
             "test_a_low_forecast_refuses_with_cause_and_remedy_and_leaves_its_evidence",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="planner_sees_no_wall",
-        lie="Every posture is free, whatever the arm would run into.",
+        claim="Every posture is free, whatever the arm would run into.",
         edits=(Edit("phyagentos.runtime.motion.planning_scene", "return self._data.ncon == 0", "return True"),),
         tests=(
             "tests/runtime/motion/test_planner.py::test_goals_inside_a_wall_are_refused_with_the_pair_that_touches",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="lightly_held_is_let_go",
-        lie="A thing between fingers that hardly press is told as let go of.",
+        claim="A thing between fingers that hardly press is told as let go of.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
@@ -498,42 +498,42 @@ SABOTAGES = (
             "test_fingers_as_far_apart_as_a_thing_between_them_is_wide_may_still_hold_it[0.041-0.0-unknown]",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="flat_as_stated",
-        lie="The lowest point of a thing that pixels show leaning is taken from the pose that was rounded to lie flat.",
+        claim="The lowest point of an object that pixels show leaning is that of the pose rounded to lie flat.",
         edits=(Edit("phyagentos.protocol.predicates.builtins", "doubt_m + _find_low_doubt(a, up)", "doubt_m"),),
         tests=(
             "tests/protocol/test_predicate_doubt.py::"
             "test_the_lowest_point_of_what_is_stated_to_lie_flat_is_as_doubtful_as_that[0.25-unknown]",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="stray_of_what_stays",
-        lie="A thing in plain view is placed on a few stray pixels of another one of its colour, which stays.",
+        claim="A thing in plain view is placed on a few stray pixels of another one of its colour, which stays.",
         edits=(Edit("phyagentos.runtime.perception.association", "    own += known\n", ""),),
         tests=(
             "tests/runtime/perception/test_naming.py::"
             "test_a_thing_in_view_is_not_thought_to_be_on_stray_pixels_of_one_that_stays",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="few_pixels_show_a_turn",
-        lie="A small cube that two looks of few pixels show at two angles has moved.",
+        claim="A small cube that two looks of few pixels show at two angles has moved.",
         edits=(Edit("phyagentos.protocol.predicates.builtins", "COARSE_FACTOR if doubt_rad", "1.0 if doubt_rad"),),
         tests=("tests/protocol/test_predicate_doubt.py::test_a_turn_that_few_pixels_show_is_no_turn[0.1-unknown]",),
     ),
-    Sabotage(
+    Mutant(
         name="covered_slides_up",
-        lie="What is almost covered is believed within its cover, as the pixels of its rim fit best.",
+        claim="What is almost covered is believed within its cover, as the pixels of its rim fit best.",
         edits=(Edit("phyagentos.runtime.perception.separate_overlaps", "if name in priors and", "if False and"),),
         tests=(
             "tests/runtime/perception/test_possible_poses.py::"
             "test_what_is_almost_covered_stays_where_it_was_and_does_not_slide_into_its_cover[True]",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="diverged_world_begins_anew",
-        lie="A simulation that became unstable goes on as if nothing had happened.",
+        claim="A simulation that became unstable goes on as if nothing had happened.",
         edits=(
             Edit(
                 "phyagentos.runtime.drivers.mujoco.queries",
@@ -543,9 +543,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/targets/test_world.py::test_a_simulation_that_diverges_is_told_and_does_not_begin_anew",),
     ),
-    Sabotage(
+    Mutant(
         name="pads_meet_an_edge",
-        lie="A grasp counts as good although the pads meet no more than the edge of a thing.",
+        claim="A grasp counts as good although the pads meet no more than the edge of a thing.",
         edits=(Edit("phyagentos.runtime.motion.pad_contacts", "-min(int(meets[index]), ENOUGH)", "0"),),
         tests=(
             "tests/runtime/motion/test_grasps.py::"

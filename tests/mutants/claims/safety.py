@@ -1,16 +1,16 @@
-"""Lies of the guard, of the target's own limits and of authority: what must not move moves."""
+"""Mutants of the guard, of the target's own limits and of authority: what must not move moves."""
 
-from tests.gauntlet.sabotage import Edit, Sabotage
+from tests.mutants.mutant import Edit, Mutant
 
 GUARD = "phyagentos.runtime.actions.guard"
 LIMITS = "phyagentos.runtime.drivers.mujoco.local_limits"
 AUTHORITY = "phyagentos.runtime.targets.authority"
 SERVED = "phyagentos.runtime.targets.served_target"
 
-SABOTAGES = (
-    Sabotage(
+MUTANTS = (
+    Mutant(
         name="guard_bypassed",
-        lie="Commands leave the worker without having been looked at.",
+        claim="Commands leave the worker without having been looked at.",
         edits=(
             Edit(
                 "phyagentos.runtime.actions.handle",
@@ -20,9 +20,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/test_runner.py::test_a_refused_command_never_reaches_the_wire_and_is_recorded",),
     ),
-    Sabotage(
+    Mutant(
         name="velocity_not_checked",
-        lie="The guard measures every joint as standing still.",
+        claim="The guard measures every joint as standing still.",
         edits=(
             Edit(
                 GUARD,
@@ -32,9 +32,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/actions/test_guard.py::test_any_velocity_above_its_limit_is_refused",),
     ),
-    Sabotage(
+    Mutant(
         name="nan_passes",
-        lie="The guard asks whether a bound is exceeded, which a number that is none never does.",
+        claim="The guard asks whether a bound is exceeded, which a number that is none never does.",
         edits=(
             Edit(
                 GUARD,
@@ -49,15 +49,15 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/actions/test_guard.py::test_a_single_bad_number_is_refused_as_not_finite",),
     ),
-    Sabotage(
+    Mutant(
         name="workspace_without_a_ceiling",
-        lie="The guard lets the tool out of its workspace on the far side of each axis.",
+        claim="The guard lets the tool out of its workspace on the far side of each axis.",
         edits=(Edit(GUARD, "if not low <= value <= high:", "if not low <= value:"),),
         tests=("tests/runtime/actions/test_guard.py::test_a_tool_outside_the_workspace_is_refused_with_its_axis",),
     ),
-    Sabotage(
+    Mutant(
         name="target_takes_any_motion",
-        lie="The target believes that whoever commands it has checked the motion already.",
+        claim="The target believes that whoever commands it has checked the motion already.",
         edits=(
             Edit(LIMITS, "broken = self._find_broken(q, qd, held)", 'broken = ""'),
             Edit(LIMITS, "return self._check_place(q[-1], qd[-1])", "return None"),
@@ -67,18 +67,18 @@ SABOTAGES = (
             "test_set_points_that_no_drive_should_follow_are_refused_and_move_nothing",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="deadman_off",
-        lie="An arm whose client falls silent in mid-motion may be commanded on as if nothing had happened.",
+        claim="An arm whose client falls silent in mid-motion may be commanded on as if nothing had happened.",
         edits=(Edit(SERVED, "self.note_deadman()", "pass"),),
         tests=(
             "tests/runtime/targets/test_realtime.py::"
             "test_a_stream_that_breaks_off_in_mid_motion_ends_in_a_hold_and_is_not_taken_up_again",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="estop_latch_ignored_by_guard",
-        lie="The guard takes a latched emergency stop for a released one.",
+        claim="The guard takes a latched emergency stop for a released one.",
         edits=(
             Edit(
                 GUARD,
@@ -90,18 +90,18 @@ SABOTAGES = (
             "tests/runtime/actions/test_guard_reactions.py::test_nothing_passes_while_the_emergency_stop_is_latched",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="estop_latch_ignored_by_target",
-        lie="The target never looks at the latch.",
+        claim="The target never looks at the latch.",
         edits=(Edit(SERVED, "if not self._is_estopped():", "if True:"),),
         tests=(
             "tests/runtime/targets/test_stop_on_a_full_disk.py::"
             "test_the_arm_is_at_rest_before_the_disk_is_asked_and_nothing_is_accepted_while_it_is_full",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="command_after_end",
-        lie="A session keeps its authority over the target after its end.",
+        claim="A session keeps its authority over the target after its end.",
         edits=(
             Edit(
                 AUTHORITY,
@@ -111,15 +111,15 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/targets/test_world.py::test_no_command_is_accepted_after_the_end_of_its_session",),
     ),
-    Sabotage(
+    Mutant(
         name="stale_epoch_at_target",
-        lie="The target obeys a worker whose claim has been replaced.",
+        claim="The target obeys a worker whose claim has been replaced.",
         edits=(Edit(AUTHORITY, "if epoch != self._epoch:", "if False:"),),
         tests=("tests/runtime/targets/test_world.py::test_what_is_refused_moves_nothing",),
     ),
-    Sabotage(
+    Mutant(
         name="stale_epoch_in_journal",
-        lie="The journal records what a replaced claimant says.",
+        claim="The journal records what a replaced claimant says.",
         edits=(
             Edit(
                 "phyagentos.protocol.sessions.lifecycle",
@@ -129,9 +129,9 @@ SABOTAGES = (
         ),
         tests=("tests/store/test_journal.py::test_a_claimant_of_an_earlier_epoch_is_fenced",),
     ),
-    Sabotage(
+    Mutant(
         name="fingers_are_always_open",
-        lie="The guard judges fingers as if they stood wide open.",
+        claim="The guard judges fingers as if they stood wide open.",
         edits=(
             Edit(
                 "phyagentos.runtime.motion.planning_scene",
@@ -143,9 +143,9 @@ SABOTAGES = (
             "tests/runtime/actions/test_collision.py::test_fingers_that_are_closed_pass_where_open_ones_would_touch",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="closing_fingers_meet_no_wall",
-        lie="A grasp is free when the open fingers are: what they sweep while they close is not looked at.",
+        claim="A grasp is free when the open fingers are: what they sweep while they close is not looked at.",
         edits=(
             Edit(
                 "phyagentos.runtime.motion.approaches",
@@ -155,9 +155,9 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/motion/test_grasps.py::test_a_thing_whose_walls_open_fingers_would_straddle_is_refused",),
     ),
-    Sabotage(
+    Mutant(
         name="falls_without_walls",
-        lie="A thing is let go above a container of which one side is open.",
+        claim="A thing is let go above a container of which one side is open.",
         edits=(
             Edit(
                 "phyagentos.runtime.motion.sites",
@@ -169,9 +169,9 @@ SABOTAGES = (
             "tests/runtime/motion/test_placements.py::test_nothing_falls_where_it_must_not_or_where_no_wall_keeps_it",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="standing_force_excuses_any",
-        lie="An arm that began a session in contact may press as hard as it likes.",
+        claim="An arm that began a session in contact may press as hard as it likes.",
         edits=(
             Edit(
                 "phyagentos.runtime.drivers.mujoco.joint_controller",
@@ -184,9 +184,9 @@ SABOTAGES = (
             "test_an_arm_that_rests_in_contact_may_leave_it_and_may_not_press_harder",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="announced_way_is_free",
-        lie="A motion is admitted although it crosses what another robot has announced.",
+        claim="A motion is admitted although it crosses what another robot has announced.",
         edits=(
             Edit(
                 "phyagentos.runtime.drivers.mujoco.inter_robot_collisions",
@@ -199,9 +199,9 @@ SABOTAGES = (
             "test_of_two_motions_that_cross_that_of_the_first_name_is_admitted_whichever_comes_first[0]",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="neighbour_takes_no_room",
-        lie="The planner is told of another robot, and plans through it.",
+        claim="The planner is told of another robot, and plans through it.",
         edits=(
             Edit(
                 "phyagentos.runtime.motion.planner", "if each.is_met or not is_choice]", "if each.is_met and is_choice]"
@@ -212,9 +212,9 @@ SABOTAGES = (
             "test_a_move_goes_around_the_posture_and_the_announced_way_of_another_robot",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="contact_of_robots_untold",
-        lie="Two robots touch, and no bundle says so.",
+        claim="Two robots touch, and no bundle says so.",
         edits=(Edit("phyagentos.runtime.worker.recorder", "in step.touched_n.items():", "in {}.items():"),),
         tests=("tests/runtime/test_neighbours.py::test_contacts_with_another_robot_are_events_of_the_bundle",),
     ),

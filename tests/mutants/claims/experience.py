@@ -1,13 +1,13 @@
-"""Lies of memory: what nobody verified is told as a fact, and where it was never verified."""
+"""Mutants of memory: what was never verified is given as a fact."""
 
-from tests.gauntlet.sabotage import Edit, Sabotage
+from tests.mutants.mutant import Edit, Mutant
 
 METHODS = "phyagentos.agent.memory.methodological"
 
-SABOTAGES = (
-    Sabotage(
+MUTANTS = (
+    Mutant(
         name="unverified_lesson_recalled",
-        lie="A correction that no verdict has confirmed is told as a lesson.",
+        claim="A correction that no verdict has confirmed is told as a lesson.",
         edits=(
             Edit(
                 METHODS,
@@ -20,9 +20,9 @@ SABOTAGES = (
             "test_a_correction_that_was_not_confirmed_stays_a_hypothesis_and_is_never_recalled",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="lesson_of_another_hand",
-        lie="What one hand has learned is applied with any other.",
+        claim="What one hand has learned is applied with any other.",
         edits=(
             Edit(
                 "phyagentos.agent.memory.scopes",
@@ -32,9 +32,9 @@ SABOTAGES = (
         ),
         tests=("tests/agent/memory/test_lessons.py::test_a_lesson_about_the_hand_needs_a_hand_alike",),
     ),
-    Sabotage(
+    Mutant(
         name="promotion_without_a_test",
-        lie="A way becomes the default after so many starts, however often it failed.",
+        claim="A way becomes the default after so many starts, however often it failed.",
         edits=(
             Edit(
                 "phyagentos.agent.memory.semantic",
@@ -47,9 +47,9 @@ SABOTAGES = (
             "test_a_way_that_is_not_good_enough_is_promoted_in_at_most_alpha_of_the_trials",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="memory_writes_safety",
-        lie="What memory knows of a limit is written into safety.yaml.",
+        claim="What memory knows of a limit is written into safety.yaml.",
         edits=(
             Edit(
                 "phyagentos.agent.memory.episode_recorder",
@@ -61,9 +61,9 @@ SABOTAGES = (
         ),
         tests=("tests/agent/memory/test_episode_recorder.py::test_memory_never_writes_a_setting",),
     ),
-    Sabotage(
+    Mutant(
         name="memory_believes_an_audit",
-        lie="What an audit let pass on the controller's word is remembered as verified.",
+        claim="What an audit let pass on the controller's word is remembered as verified.",
         edits=(
             Edit(
                 "phyagentos.agent.memory.episodes",
@@ -76,9 +76,9 @@ SABOTAGES = (
             "test_what_an_audit_let_pass_is_remembered_as_the_failure_that_was_found",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="prepared_success_is_the_own_way",
-        lie="What succeeded only because memory had prepared it counts as a success without any advice.",
+        claim="What succeeded only because memory had prepared it counts as a success without any advice.",
         edits=(
             Edit(
                 "phyagentos.agent.memory.episodes",
@@ -91,15 +91,15 @@ SABOTAGES = (
             "test_a_first_attempt_that_memory_prepared_counts_for_the_lesson_and_not_for_the_own_way",
         ),
     ),
-    Sabotage(
+    Mutant(
         name="accident_forgiven",
-        lie="A lesson that led to a safety event goes on advising.",
+        claim="A lesson that led to a safety event goes on advising.",
         edits=(Edit(METHODS, "    if correction.accidents:\n", "    if False:\n"),),
         tests=("tests/agent/memory/test_cautions.py::test_a_lesson_that_a_safety_event_followed_is_used_no_more",),
     ),
-    Sabotage(
+    Mutant(
         name="snapshot_moves",
-        lie="A goal that goes on is advised from what other runs have recorded since.",
+        claim="A goal that goes on is advised from what other runs have recorded since.",
         edits=(
             Edit(
                 "phyagentos.agent.memory.advisor",
