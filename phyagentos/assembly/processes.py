@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from phyagentos.assembly.drivers import build_driver_registry, choose_driver, choose_graphics, open_shared_world
+from phyagentos.assembly.drivers import DRIVERS, choose_driver, choose_graphics, open_shared_world
 from phyagentos.assembly.process_tuning import ask_for_precedence, collect_rarely
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
@@ -23,7 +23,7 @@ from phyagentos.protocol.settings.safety import TargetLimits, as_numbers
 from phyagentos.protocol.settings.sensors import WORLD
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.channel import SPIN_S, Channel, Link
-from phyagentos.runtime.targets.driver_registry import DriverSite
+from phyagentos.runtime.targets.driver_registry import DriverSite, find_driver
 from phyagentos.runtime.targets.handshake import Tokens, greet
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def serve_one(site: DriverSite, socket: str, tokens: Tokens, pace_by: Clock | No
     from phyagentos.runtime.targets.stop_listener import StopListener
 
     target, workspace = site.profile.target, site.workspace
-    driver = build_driver_registry().get(site.profile, f"{target}/target.yaml").open(site)
+    driver = find_driver(DRIVERS, site.profile, f"{target}/target.yaml").open(site)
     stops = StopListener(workspace.signals.parent, site.clock)
     log, truth = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", site.clock), reads_truth(workspace)
     served = ServedTarget(

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from phyagentos.agent.judging.judges.judge_registry import JudgeSettings
-from phyagentos.assembly.verification import list_judges
+from phyagentos.assembly.verification import JUDGES
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.evidence import HOLDS, TRAJECTORY, Bundle
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD
@@ -17,7 +17,6 @@ from phyagentos.protocol.world.environment import Entity, Environment, Interior,
 from phyagentos.protocol.world.truth import Truth
 from tests.contracts import make_contract
 
-JUDGES = list_judges()
 NOBODY = {"url": "http://127.0.0.1:9/v1", "model": "nobody", "timeout_s": 0.5}  # the port of `discard`
 SETTINGS = JudgeSettings(
     verification=Verification.model_validate({"criteria": ["metric(peak_force_n) <= 20"], "vision": NOBODY}),
@@ -53,9 +52,9 @@ def damage(folder: Path) -> None:
         (folder / name).write_bytes(b"no such thing")
 
 
-@pytest.fixture(params=sorted(JUDGES))
+@pytest.fixture(params=JUDGES.names())
 def definition(request):
-    return JUDGES[request.param]
+    return JUDGES.load(request.param)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.assembly.drivers import build_driver_registry
+from phyagentos.assembly.drivers import DRIVERS
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
@@ -21,7 +21,7 @@ from phyagentos.runtime.drivers.gymnasium import open_gymnasium
 from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.conformance import CHECKS, Subject
-from phyagentos.runtime.targets.driver_registry import DriverSite
+from phyagentos.runtime.targets.driver_registry import DriverSite, find_driver
 from phyagentos.runtime.targets.handshake import Tokens, greet, make_key, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
@@ -31,7 +31,6 @@ from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocke
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks" / "library"
 SUBJECTS = {"debug": ("counter", "counter"), "mujoco": ("panda", "tabletop/cubes_and_trays")}
 REAL = {"go2", "piper", "so101"}  # tests/drivers: on emulated buses
-REGISTRY = build_driver_registry()
 
 
 ENVIRONMENT = """
@@ -62,7 +61,7 @@ def open_driver(tmp_path):
         workspace = Workspace.create(tmp_path / name, Library.open(BENCHMARKS))
         path = workspace.library().get_target(target)
         site = DriverSite(profile=read_target(path), folder=path.parent, workspace=workspace, clock=SystemClock())
-        return lambda: REGISTRY.get(site.profile).open(site)
+        return lambda: find_driver(DRIVERS, site.profile).open(site)
 
     return make
 
@@ -108,13 +107,13 @@ def mark(name):
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-@pytest.mark.parametrize("subject", [mark(name) for name in sorted(set(REGISTRY.names()) - REAL)], indirect=True)
+@pytest.mark.parametrize("subject", [mark(name) for name in sorted(set(DRIVERS.names()) - REAL)], indirect=True)
 def test_a_driver_does_what_the_port_promises(subject, check):
     check(subject)
 
 
 def test_every_driver_of_the_registry_has_a_subject():
-    assert {*SUBJECTS, "remote", "gymnasium"} == set(REGISTRY.names()) - REAL
+    assert {*SUBJECTS, "remote", "gymnasium"} == set(DRIVERS.names()) - REAL
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
@@ -149,7 +148,7 @@ def test_a_simulation_with_a_suction_cup_is_refused_before_it_starts(open_driver
     with pytest.raises(
         DefinitionError, match="NO_DRIVER: found 'suction'; expected 'opening' or 'none', for driver 'mujoco'"
     ):
-        REGISTRY.get(profile).open(site)
+        find_driver(DRIVERS, profile).open(site)
 
 
 @pytest.mark.parametrize(

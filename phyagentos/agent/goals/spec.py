@@ -33,7 +33,7 @@ class LookaheadSpec(Authored):
     samples: int = pydantic.Field(default=16, ge=1, le=1000)
     threshold: float = pydantic.Field(default=0.7, ge=0.0, le=1.0)
     forecasters: Annotated[tuple[str, ...], pydantic.AfterValidator(check_forecasters)] = pydantic.Field(
-        default=(SHIPPED.name,), min_length=1
+        default=(SHIPPED,), min_length=1
     )
 
 

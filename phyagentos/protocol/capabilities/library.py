@@ -8,13 +8,13 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.documents.enclosure import leads_out
 
-ENTRY_POINT_GROUP = "phyagentos.libraries"
+LIBRARIES = Plugins[Callable[[], str | Path]]("phyagentos.libraries")
 BEHAVIOURS = "behaviours.py"  # a skill folder's own leaves: `def register(registry)`
 
 
@@ -34,9 +34,7 @@ class Library:
     @classmethod
     def open(cls, *projects: Path) -> "Library":
         """The library as seen from the given project folders."""
-        announced = [
-            Path(point.load()()) for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda p: p.name)
-        ]
+        announced = [Path(find_root()) for find_root in LIBRARIES.load_all().values()]
         roots: list[Path] = []
         for root in (*projects, *announced, find_shipped_root()):
             resolved = root.resolve()

@@ -1,20 +1,19 @@
 """The registry of predicates: what each is called, takes, measures, and how old its facts may be.
 
-Installed packages announce `PredicateDefinition`s by the entry point group `phyagentos.predicates` (an iterable).
+Installed packages announce a `PredicateDefinition`, or several, by the entry point group `phyagentos.predicates`.
 Importing this module registers nothing.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
-from importlib.metadata import entry_points
 
+from phyagentos.errors import DefinitionError
 from phyagentos.geometry import Vector, to_parent
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.world.entity_geometry import compute_center
 from phyagentos.protocol.world.environment import FRESH_S, Entity, Environment, Pose
-
-ENTRY_POINT_GROUP = "phyagentos.predicates"
 
 
 class FactUnknown(Exception):
@@ -135,6 +134,11 @@ class PredicateDefinition:
         return f"{self.name}({', '.join(shown)})"
 
 
+PREDICATES = Plugins[PredicateDefinition | Iterable[PredicateDefinition]](
+    "phyagentos.predicates", {"builtins": "phyagentos.protocol.predicates.builtins:BUILTINS"}
+)
+
+
 class PredicateLibrary:
     """Predicates by name."""
 
@@ -142,9 +146,10 @@ class PredicateLibrary:
         self._definitions: dict[str, PredicateDefinition] = {}
 
     def register(self, definition: PredicateDefinition) -> None:
-        """Add one predicate; raises ValueError when the name is taken."""
-        if definition.name in self._definitions:
-            raise ValueError(f"predicate {definition.name!r} is registered already")
+        """Add one predicate; raises DefinitionError `DUPLICATE_PLUGIN` when another one has its name."""
+        if (other := self._definitions.get(definition.name)) is not None:
+            found = f"{definition.name!r} of {definition.measure.__module__} and of {other.measure.__module__}"
+            raise DefinitionError.of("DUPLICATE_PLUGIN", PREDICATES.group, found, "one module for each name")
         self._definitions[definition.name] = definition
 
     def find(self, name: str) -> PredicateDefinition | None:
@@ -161,14 +166,10 @@ class PredicateLibrary:
 
 @cache
 def get_predicate_library() -> PredicateLibrary:
-    """The built-in predicates and those that installed packages announce."""
-    from phyagentos.protocol.predicates.builtins import BUILTINS
-
+    """The built-in predicates and those that installed packages announce; raises DefinitionError as `Plugins.load`."""
     library = PredicateLibrary()
-    for definition in BUILTINS:
-        library.register(definition)
-    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
-        for definition in point.load():
+    for found in PREDICATES.load_all().values():
+        for definition in (found,) if isinstance(found, PredicateDefinition) else found:
             library.register(definition)
     return library
 

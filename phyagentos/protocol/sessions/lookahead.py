@@ -13,7 +13,7 @@ from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.settings.forecasting import SHIPPED
 
 LOOKAHEAD = "lookahead.json"  # LookaheadResult; absent when none was requested
-ROLLOUTS = f"{SHIPPED.name}/1"  # name and version; before there were others, results did not say it
+ROLLOUTS = f"{SHIPPED}/1"  # name and version; before there were others, results did not say it
 
 
 class LookaheadRequest(msgspec.Struct, frozen=True, kw_only=True):
@@ -30,7 +30,7 @@ class LookaheadRequest(msgspec.Struct, frozen=True, kw_only=True):
     samples: int = 16
     threshold: float = 0.7
     seed: int = 0
-    forecasters: tuple[str, ...] = (SHIPPED.name,)
+    forecasters: tuple[str, ...] = (SHIPPED,)
     distrusted: dict[str, TrackRecord] = {}
 
 

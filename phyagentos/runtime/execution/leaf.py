@@ -67,7 +67,7 @@ class LeafError(PhyAgentOSError):
 
 
 class Leaf(Behaviour):
-    """One action or question of a skill; `ROLE` stands in every trace event.
+    """One action or question of a skill; `ROLE` stands in every trace event, unstated it moves nothing (`SENSE`).
 
     Attributes:
         path: Slash-separated names from the root of the tree.
@@ -76,7 +76,7 @@ class Leaf(Behaviour):
         activations: Number of starts.
     """
 
-    ROLE: ClassVar[Role]
+    ROLE: ClassVar[Role] = Role.SENSE
     INPUT_PORTS: Mapping[str, PortInformation] = {}
     OUTPUT_PORTS: Mapping[str, PortInformation] = {}
 

@@ -1,23 +1,22 @@
 """The explicit registry of leaves; importing a module registers nothing.
 
-Leaves come from this package, from installed packages (entry point group `phyagentos.leaves`: a function that takes
-the registry) and from a skill folder's own `behaviours.py`. Such a file is executed by `build_registry` alone, for
-workers; who only reads a project takes the names of its leaves from the text.
+Leaves come from this package, from installed packages (entry point group `phyagentos.leaves`: a subclass of `Leaf`, or
+a function that takes the registry) and from a skill folder's own `behaviours.py`. Such a file is executed by
+`build_registry` alone, for workers; who only reads a project takes the names of its leaves from the text.
 """
 
 import ast
 import importlib.util
 import operator
-from collections.abc import Iterable
-from importlib.metadata import entry_points
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Tree
-from phyagentos.runtime.execution.leaf import Leaf, Role
-
-ENTRY_POINT_GROUP = "phyagentos.leaves"
+from phyagentos.runtime.execution.leaf import Leaf
+from phyagentos.runtime.execution.leaves.builtin import BUILTIN
 
 
 class LeafRegistry:
@@ -32,11 +31,10 @@ class LeafRegistry:
         """Add a leaf.
 
         Raises:
-            DefinitionError: `DUPLICATE_LEAF` when another class has the name; `NOT_A_LEAF` without a declared role.
+            DefinitionError: `DUPLICATE_LEAF` when another class has the name; `NOT_A_LEAF`.
         """
-        if not all((issubclass(leaf, Leaf), isinstance(getattr(leaf, "ROLE", None), Role))):
-            expected = "a subclass of execution.leaf.Leaf that declares its ROLE"
-            raise DefinitionError.of("NOT_A_LEAF", name, repr(leaf), expected)
+        if not issubclass(leaf, Leaf):
+            raise DefinitionError.of("NOT_A_LEAF", name, repr(leaf), "a subclass of phyagentos.skills.Leaf")
         existing = self._classes.get(name)
         if existing is not None and existing is not leaf:
             found = f"{name!r}, already {existing.__module__}.{existing.__qualname__}"
@@ -76,6 +74,9 @@ class LeafRegistry:
         if leaf is None:
             raise DefinitionError.unknown("UNKNOWN_LEAF", "leaf registry", name, self._classes)
         return leaf
+
+
+LEAVES = Plugins[type[Leaf] | Callable[[LeafRegistry], None]]("phyagentos.leaves", BUILTIN)
 
 
 def build_registry(library: Library) -> LeafRegistry:
@@ -119,12 +120,12 @@ def read_leaf_names(path: Path) -> list[str]:
 
 def _build_installed() -> LeafRegistry:
     """Leaves of this package and of installed ones."""
-    from phyagentos.runtime.execution.leaves.builtin import register_builtin
-
     registry = LeafRegistry()
-    register_builtin(registry)
-    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
-        point.load()(registry)
+    for name, found in LEAVES.load_all().items():
+        if isinstance(found, type):
+            registry.register(name, found)
+        else:
+            found(registry)
     return registry
 
 

@@ -8,7 +8,7 @@ from msgspec import to_builtins
 from phyagentos.errors import format_names
 from phyagentos.geometry import to_child
 from phyagentos.protocol.world.environment import Entity, Pose
-from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Status
+from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.execution.loads import measure_payload
 from phyagentos.runtime.execution.trajectory_player import Progress, TrajectoryPlayer
 from phyagentos.runtime.motion.requests import (
@@ -47,6 +47,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     rests, so that it begins where the arm really is. Requests of parallel leaves follow one another in tree order.
     """
 
+    ROLE = Role.PLAN
     EXPECTED: ClassVar[type[MotionAnswer]] = Approaches  # the kind of answer that `on_answer` takes
 
     _is_asked = False
@@ -239,6 +240,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
     target feels more; where the motion begins with more, that may last until it lets go, but not grow.
     """
 
+    ROLE = Role.MOVE
     EXPECTED = Motion
 
     _player: TrajectoryPlayer | None = None

@@ -3,10 +3,10 @@
 import pytest
 
 from phyagentos.clock import SystemClock
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.calibration import TrackRecord
 from phyagentos.protocol.sessions.lookahead import Forecast, LookaheadRequest
-from phyagentos.protocol.settings.forecasting import find_forecaster
+from phyagentos.protocol.settings.forecasting import check_forecasters
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.lookahead.forecaster import Case
 from phyagentos.runtime.lookahead.gate import LookaheadGate
@@ -114,5 +114,5 @@ def test_another_version_of_a_distrusted_forecaster_is_asked_again(make_case):
 
 
 def test_a_forecaster_that_is_not_installed_is_named_with_those_that_are():
-    with pytest.raises(DefinitionError, match=r"UNKNOWN_FORECASTER: found 'rollout'.*Did you mean 'rollouts'\?"):
-        find_forecaster("rollout")
+    with pytest.raises(ValueError, match=r"UNKNOWN_FORECASTER: found 'rollout'.*Did you mean 'rollouts'\?"):
+        check_forecasters(("rollout",))

@@ -4,7 +4,7 @@ import numpy as np
 
 from phyagentos.geometry import rotate
 from phyagentos.protocol.capabilities.targets import BASE_JOINTS, YAW_MAX_RAD
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
 from phyagentos.runtime.execution.planning import MovingLeaf
 from phyagentos.runtime.motion.requests import (
     MotionRequest,
@@ -22,7 +22,6 @@ class DriveTo(MovingLeaf):
     The arm stays as it is.
     """
 
-    ROLE = Role.MOVE
     INPUT_PORTS = {
         "place": PortInformation(data_type=str, description="Name of a region, or of a thing."),
         "standoff_m": PortInformation(

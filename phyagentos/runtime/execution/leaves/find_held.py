@@ -5,7 +5,7 @@ import math
 from phyagentos.protocol.world.entity_geometry import compute_lowest
 from phyagentos.protocol.world.free_spot import find_free_spot, find_support
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
-from phyagentos.runtime.execution.tree_check import Names
+from phyagentos.runtime.execution.port_types import Names
 from phyagentos.runtime.perception.world_model import BELIEF, HAND
 
 

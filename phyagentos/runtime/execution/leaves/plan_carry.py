@@ -3,7 +3,7 @@
 from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix, compute_pose
-from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Status
 from phyagentos.runtime.execution.planning import CandidatePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import Approach, Approaches, FindLine, MotionRequest, Payload
@@ -17,7 +17,6 @@ class PlanCarry(CandidatePlanningLeaf):
     It is made of straight lines of the tool that turn about the vertical only.
     """
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "approaches": PortInformation(data_type=Approaches, description="Where it may end."),
         "payload": PortInformation(data_type=Payload, description="What is held, and how."),

@@ -4,7 +4,7 @@ import numpy as np
 
 from phyagentos.geometry import compute_matrix, compute_pose, to_parent
 from phyagentos.protocol.world.entity_geometry import compute_reach
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import MotionRequest, Payload
@@ -19,7 +19,6 @@ GOLDEN_RAD = 2.399963  # between two tries: they cover a disc evenly
 class PlanInsert(LinePlanningLeaf):
     """Straight ways with a held peg, the hand as it is turned: over the middle of a hole, or down to its floor."""
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "payload": PortInformation(data_type=Payload, description="The peg, and how it is held."),
         "socket": PortInformation(data_type=str, description="Entity whose interior is the hole."),

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 
 from phyagentos.geometry import compute_matrix, compute_pose, to_parent, turn
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
 from phyagentos.runtime.execution.planning import CandidatePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindLine, MotionRequest, Payload
@@ -22,7 +22,6 @@ TIPS_RAD = np.linspace(0.0, 1.92, 21)
 class PlanPour(CandidatePlanningLeaf):
     """Two ways with a held vessel: upright to where its edge is over a bowl, and from there about that edge."""
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "payload": PortInformation(data_type=Payload, description="The vessel, and how it is held."),
         "into": PortInformation(data_type=str, description="Entity whose interior receives what it holds."),

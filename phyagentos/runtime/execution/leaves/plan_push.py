@@ -1,7 +1,7 @@
 """Ask for a straight push of an object along its support."""
 
 from phyagentos.protocol.predicates.relations import list_inside
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
 from phyagentos.runtime.execution.planning import PlanningLeaf
 from phyagentos.runtime.motion.requests import Approaches, FindPush, MotionRequest
 from phyagentos.runtime.perception.world_model import BELIEF
@@ -10,7 +10,6 @@ from phyagentos.runtime.perception.world_model import BELIEF
 class PlanPush(PlanningLeaf[Approaches]):
     """Ways of the closed fingers: down behind the object, straight on until it stands at the goal."""
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity to push."),
         "to": PortInformation(data_type=tuple, description="Where its centre shall be, world frame [m]."),

@@ -7,7 +7,7 @@ from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, fi
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.leaves.plan_grasp import PlanGrasp
 from phyagentos.runtime.execution.planning import PlanningLeaf
-from phyagentos.runtime.execution.tree_check import Names
+from phyagentos.runtime.execution.port_types import Names
 from phyagentos.runtime.motion.requests import (
     Approaches,
     Destination,

@@ -1,7 +1,7 @@
 """Ask for a straight way of the closed fingers down onto an object."""
 
 from phyagentos.protocol.world.entity_geometry import compute_reach
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
 from phyagentos.runtime.motion.requests import FindTouch, MotionRequest
 from phyagentos.runtime.perception.world_model import BELIEF
@@ -10,7 +10,6 @@ from phyagentos.runtime.perception.world_model import BELIEF
 class PlanTouch(ApproachPlanningLeaf):
     """Ways down until the fingertips are on top of the object, where its middle shall be then."""
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity to touch."),
         "to": PortInformation(

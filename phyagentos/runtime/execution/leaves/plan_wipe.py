@@ -4,7 +4,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix, compute_pose, turn
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import Array, MotionRequest, Payload
@@ -20,7 +20,6 @@ OVERLAP_M = 0.012  # of neighbouring strokes
 class PlanWipe(LinePlanningLeaf):
     """A way to just above the nearest corner, outside of the area, or strokes to and fro from there, in contact."""
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "payload": PortInformation(data_type=Payload, description="The block, and how it is held."),
         "area": PortInformation(data_type=str, description="Region to wipe."),
