@@ -9,7 +9,7 @@ from phyagentos.store.follower import Follower
 from phyagentos.store.inspection import inspect_partition
 from phyagentos.store.repair import repair_partition
 from phyagentos.store.segments import SystemIO
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from . import damages, second_reader
 from .test_damage_and_checkpoint import KeptPatient

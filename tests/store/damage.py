@@ -6,7 +6,7 @@ from phyagentos.store.records import encode_record
 from phyagentos.store.repair import repair_partition
 from phyagentos.store.segments import SystemIO
 from phyagentos.store.statistics import HashingFollower
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .conftest import make_submit
 

@@ -16,7 +16,7 @@ from phyagentos.store.edits.reading import decode, read_sheet
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.views.sessions import END_MARK, render_sessions
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 FAST = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 TOKEN = "zqxw"

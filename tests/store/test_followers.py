@@ -19,7 +19,7 @@ from phyagentos.store.records import frame_payload, read_record
 from phyagentos.store.repair import repair_partition
 from phyagentos.store.segments import Front, SystemIO, create_segment, locate
 from phyagentos.store.statistics import HashingFollower
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .conftest import make_submit
 

@@ -18,8 +18,11 @@ from py_trees.ports import NoDataAvailable, PortInformation
 from py_trees.ports_utils import is_instance_of_type
 
 from phyagentos.errors import PhyAgentOSError
+from phyagentos.geometry import Vector
 from phyagentos.protocol.sessions.trace import Role
+from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.perception.world_model import BELIEF
 
 __all__ = ["FailureCode", "Leaf", "LeafError", "PortInformation", "Role", "Status"]
 
@@ -108,6 +111,11 @@ class Leaf(Behaviour):
             if declared.has_default:
                 self.write(port, copy.deepcopy(declared.default_value))
 
+    @property
+    def belief(self) -> Environment:
+        """The world as it is believed now: what is held has moved with the hand, nothing is looked at anew."""
+        return self.context.world.observe(BELIEF)
+
     def on_start(self) -> Status:
         """First tick of an activation."""
         raise NotImplementedError(f"{type(self).__name__} must define on_start")
@@ -179,6 +187,11 @@ class Leaf(Behaviour):
             return self.read(port)
         except NoDataAvailable:
             return None
+
+    def find_point(self, port: str) -> Vector | None:
+        """The point [m] of an optional input, or None when nothing was written to it."""
+        point = self.find(port)
+        return None if point is None else (float(point[0]), float(point[1]), float(point[2]))
 
     def write(self, port: str, value: Any) -> None:
         """Write an output; whole numbers pass as numbers."""

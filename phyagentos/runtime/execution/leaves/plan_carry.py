@@ -31,11 +31,9 @@ class PlanCarry(CandidatePlanningLeaf):
         over = raise_pose(end, over_m)
         here = compute_matrix(self.context.step.target.tcp)
         up = raise_pose(here, max(0.0, float(over[2, 3] - here[2, 3])))
-        return FindLine(
-            world=self.world(),
-            q_rad=self.context.commands.q_rad,
+        return self.request(
+            FindLine,
             waypoints=tuple(compute_pose(pose) for pose in (up, over, end)),
-            seed=self.context.draw_seed(self.path),
             payload=self.read("payload"),
             ignore=(self.read("destination"),),  # the way down was checked against it with the approach
         )

@@ -8,7 +8,6 @@ from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Stat
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import MotionRequest, Payload
-from phyagentos.runtime.perception.world_model import BELIEF
 
 RIM_M = 0.005  # of the peg's lower end above the rim, between two tries
 LEFT_M = 0.0015  # above the floor, at the end of the way down
@@ -28,7 +27,7 @@ class PlanInsert(LinePlanningLeaf):
 
     def compose(self) -> MotionRequest | Status:
         """One request; each activation downwards shifts the place."""
-        payload, entities = self.read("payload"), self.context.world.observe(BELIEF).entities
+        payload, entities = self.read("payload"), self.belief.entities
         socket, peg = entities.get(self.read("socket")), entities.get(payload.entity)
         if socket is None or socket.interior is None or peg is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{self.read('socket')} has no hole, or there is no peg")
