@@ -213,9 +213,9 @@ def run_frozen(world: World, sensors: Sensors, level: str, tally: Tally) -> None
         belief = stage.look()
         tally.suspected += [each.status == "frozen" for each in belief.sensors.values()]
     earlier, physics = stage.latest.frames, world.physics
-    physics.data.qpos[physics.q_address] += MOVED_RAD
-    physics.look()
-    stage.state = physics.read_target({})
+    physics.data.qpos[physics.state.q_address] += MOVED_RAD
+    physics.queries.look()
+    stage.state = physics.queries.read_target({})
     now = {frame.camera: frame for frame in stage.take_frames().frames}
     changes = {name: {"time_s": frame.time_s, "world_T_camera": frame.world_T_camera} for name, frame in now.items()}
     frozen = Frames(tuple(msgspec.structs.replace(each, **changes[each.camera]) for each in earlier))

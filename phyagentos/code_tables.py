@@ -101,6 +101,7 @@ YAML_SYNTAX          The text is not YAML, holds a value that does not fit its f
 """
 
 OPERATION = """
+ALREADY_OVER      The goal or the session has ended: its verdict or its state is final.
 CONTRADICTS_DONE  An amendment changes or takes out what has begun already.
 ENVIRONMENT_MISSING A Python environment that a suite declares is not there, or lacks a package.
 EXTRA_MISSING     A command needs packages of an extra that is not installed.
@@ -114,6 +115,7 @@ NOT_A_WORKSPACE   The folder is no workspace.
 NOT_BY_HAND       An edit by hand may not change this field.
 NOT_EXECUTED      The session never ran, so it cannot be run again.
 NOT_PAIRED        Two runs have no episode in common that could be compared.
+NOT_RUNNING       No workspace of this machine is running.
 NOT_LATCHED       There is no latched emergency stop to reset.
 NOT_PROMOTED      A lesson has not proved itself as a skill, or a skill was not made of one.
 NO_JOURNAL        The workspace has no such partition of the journal.
@@ -161,7 +163,6 @@ END_TORN             A segment ends in an unacknowledged batch; the next writer 
 EVIDENCE_BUSY        Another process prunes the evidence.
 EVIDENCE_UNREADABLE  A bundle lacks a file, or holds one that cannot be read.
 EVIDENCE_UNWRITABLE  The evidence folder cannot be changed.
-INDEX_UNAVAILABLE    The index in .cache cannot be used now; it is rebuilt.
 JOURNAL_CLOSED       The journal was closed.
 JOURNAL_DAMAGED      Bytes of the journal are not as they were written.
 JOURNAL_LOCKED       Another process has held the partition's lock for ten seconds.

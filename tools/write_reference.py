@@ -13,10 +13,10 @@ from pathlib import Path
 
 from msgspec.structs import astuple
 
-from phyagentos.cli.describing import KINDS
 from phyagentos.cli.schemas import names_of_schemas, render_fields, render_schema
-from phyagentos.cli.showing import RETRIES
 from phyagentos.codes import CODES, Actor, Phase
+from phyagentos.operations.describe import KINDS
+from phyagentos.operations.listing import RETRIES
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.registries import render_skills, render_targets
 from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME

@@ -19,7 +19,7 @@ from phyagentos.runtime.targets.handshake import KEY_BYTES
 if TYPE_CHECKING:
     from phyagentos.runtime.drivers.mujoco.simulation import ReadAgreement
     from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
-    from phyagentos.runtime.targets.driver import TargetDriver
+    from phyagentos.runtime.targets.driver import TargetPort
 
 
 def choose_driver(targets: Mapping[str, TargetProfile], target: str) -> DriverSpec:
@@ -36,7 +36,7 @@ def choose_graphics() -> None:
         os.environ.setdefault("MUJOCO_GL", "egl")
 
 
-def _open_debug(site: DriverSite) -> "TargetDriver":
+def _open_debug(site: DriverSite) -> "TargetPort":
     from phyagentos.runtime.drivers.debug import DebugDriver
 
     return DebugDriver(site.profile, site.workspace.library())
@@ -90,7 +90,7 @@ def _open_world(workspace: Workspace, read_agreement: "ReadAgreement | None" = N
     )
 
 
-def _open_remote(site: DriverSite) -> "TargetDriver":
+def _open_remote(site: DriverSite) -> "TargetPort":
     from phyagentos.runtime.drivers.remote import RemoteDriver
     from phyagentos.runtime.targets.handshake import greet, mint
     from phyagentos.runtime.targets.websocket import connect_websocket
@@ -109,7 +109,7 @@ def _open_remote(site: DriverSite) -> "TargetDriver":
     return RemoteDriver(site.profile, channel, key)
 
 
-def _open_gymnasium(site: DriverSite) -> "TargetDriver":
+def _open_gymnasium(site: DriverSite) -> "TargetPort":
     from phyagentos.runtime.drivers.gymnasium import open_gymnasium
 
     choose_graphics()

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from phyagentos.assembly.drivers import choose_driver
@@ -146,15 +146,6 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     known = read_target_registry(workspace.target_registry)
     shared = open_shared_time(known, workspace, sockets, clock)
     keeper = EvidenceKeeper(workspace)
-    worlds: dict[str, WorldProcess | None] = {}
-
-    def hire(target: str) -> Worker | None:
-        if target not in known:
-            return None
-        world = known[target].world or target
-        if world not in worlds:
-            worlds[world] = start_world(workspace, target, sockets, outlives=outlived)
-        return hire_worker(workspace, target, sockets, pictures=pictures, world=worlds[world])
 
     def on_record(record: Record) -> None:
         views.take_in(record)
@@ -174,7 +165,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     watchdog = Watchdog(
         workspace=workspace,
         journal=journal,
-        hire=hire,
+        hire=make_hire(workspace, known, sockets, pictures=pictures, outlived=outlived),
         clock=clock,
         publish=publish,
         on_record=on_record,
@@ -182,10 +173,8 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         ageing_per_s=rules.ageing_per_min / 60.0,
         lease_s=rules.lease_s,
     )
-
     views.share(watchdog.ledger, watchdog.follow)
     seal_rest(workspace, views.ledger)  # of a runtime that was killed
-
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: watchdog.stop())
     collect_rarely()
@@ -200,6 +189,23 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     edits.close()
     signals.close()
     journal.close()
+
+
+def make_hire(
+    workspace: Workspace, known: Mapping[str, TargetProfile], sockets: Path, *, pictures: bool, outlived: bool
+) -> Callable[[str], Worker | None]:
+    """What starts the worker of a target, with its world where that does not run yet; None for an unknown target."""
+    worlds: dict[str, WorldProcess | None] = {}
+
+    def hire(target: str) -> Worker | None:
+        if target not in known:
+            return None
+        world = known[target].world or target
+        if world not in worlds:
+            worlds[world] = start_world(workspace, target, sockets, outlives=outlived)
+        return hire_worker(workspace, target, sockets, pictures=pictures, world=worlds[world])
+
+    return hire
 
 
 def open_shared_time(

@@ -63,7 +63,7 @@ def watch(
 ) -> None:
     """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
     from phyagentos.assembly.runtime_plane import run_watch
-    from phyagentos.cli.lint import FileKind, find_other_kind, lint_file
+    from phyagentos.operations.lint import FileKind, find_other_kind, lint_file
 
     file = get_file(faults, "faults") if faults is not None else None
     if file is not None and (problems := find_other_kind(file, FileKind.FAULTS) or lint_file(file)):

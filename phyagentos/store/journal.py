@@ -147,7 +147,7 @@ class Journal:
                 except NotCached:  # raised at most once: afterwards the memory is warm
                     self._cache.warm_up()
             if self._follower.segment != self._cache.segment:
-                self._cache.shrink(str(self._follower.segment))
+                self._cache.shrink(str(self._follower.segment), self._follower.first_seq)
         if self._durable and durable:
             self._writer.sync(records[-1].seq, self._follower)
         return records
@@ -197,7 +197,7 @@ class Journal:
             self._writer.failure = ExecutionError("JOURNAL_CLOSED", f"{self.folder}: this journal was closed")
 
     def _let_go(self) -> None:
-        for each in (self._writer, self._follower, self._reading, self._cache, self._lock):
+        for each in (self._writer, self._follower, self._reading, self._lock):
             each.close()
 
     def _look(self) -> None:

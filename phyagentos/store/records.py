@@ -7,10 +7,10 @@ count only together: each has the number of records that follow it (`more`).
 
 import re
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
 from functools import lru_cache
-from typing import Any, BinaryIO, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgspec
 
@@ -20,12 +20,10 @@ from phyagentos.protocol.sessions.session import Session
 
 HEADER_BYTES = 41
 MAX_PAYLOAD_BYTES = 999_999
-_BEGIN_BYTES = 4096  # hold a header and an id
 JOURNAL_ID = "journal"  # id of records about the journal itself (`repair`)
 
 _HEADER = re.compile(rb"<!-- phy1 (\d{10}) (\d{6}) ([0-9a-f]{8}) -->\n")
 _ValueT = TypeVar("_ValueT")
-_PLACE = re.compile(rb'<!-- phy1 (\d{10}) (\d{6}) [0-9a-f]{8} -->\n- \{"id":"((?:[^"\\]|\\.)*)"')
 
 
 class _Line(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -159,18 +157,6 @@ def read_record(data: bytes, position: int) -> tuple[Record, int] | None:
         return _decode_record(seq, payload), stop
     except (msgspec.MsgspecError, UnicodeDecodeError):
         return None
-
-
-def iter_places(file: BinaryIO) -> Iterator[tuple[str, int, int, int]]:
-    """Id, sequence number, offset and length of each record of a sealed segment, from where the file stands."""
-    position = file.tell()
-    while match := _PLACE.match(file.read(_BEGIN_BYTES)):
-        name = match[3]
-        id = name.decode() if b"\\" not in name else str(msgspec.json.decode(b'"%b"' % name))
-        length = HEADER_BYTES + int(match[2])
-        yield id, int(match[1]), position, length
-        position += length
-        file.seek(position)
 
 
 def find_header(data: bytes, position: int) -> int:

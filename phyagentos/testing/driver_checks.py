@@ -22,7 +22,7 @@ import numpy as np
 from phyagentos.errors import ExecutionError
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.driver import TargetDriver
+from phyagentos.runtime.targets.driver import TargetPort
 from phyagentos.runtime.targets.handshake import greet, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
@@ -53,7 +53,7 @@ class ReachedTarget:
     @property
     def control_period_s(self) -> float:
         """As it describes itself [s]."""
-        live = wire.require(wire.Describe(), self.exchange(wire.Describe()), wire.Description)
+        live = wire.require(wire.Describe, self.exchange(wire.Describe()))
         return live.physics_step_s * live.steps_per_command
 
     @property
@@ -82,7 +82,7 @@ class ReachedTarget:
         greet(self._channel, mint(self._key))
 
     def _observe(self) -> wire.Observation:
-        return wire.require(wire.Observe(), self.exchange(wire.Observe()), wire.Observation)
+        return wire.require(wire.Observe, self.exchange(wire.Observe()))
 
 
 @dataclass(slots=True, kw_only=True)
@@ -96,7 +96,7 @@ class DriverSubject:
         reset: What a person does at the robot after an emergency stop, before a session may begin.
     """
 
-    open: Callable[[], TargetDriver | ReachedTarget]
+    open: Callable[[], TargetPort | ReachedTarget]
     scene: str
     joint: int = 0
     way: float = 0.04

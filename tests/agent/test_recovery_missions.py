@@ -12,8 +12,8 @@ from phyagentos.agent.judging.review import review_session
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.memory.advisor import Advice, NoAdvice
 from phyagentos.agent.mission import goal_controller
-from phyagentos.cli.history import read_ledger
 from phyagentos.errors import Problem
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy

@@ -138,3 +138,49 @@ def test_the_import_contracts_hold():
     linter = Path(sys.executable).parent / "lint-imports"
     done = subprocess.run([linter, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+SPEAKS = ("print", "input", "exit", "SystemExit", "redirect_stdout")
+STREAMS = ("sys.stdout.write", "sys.stdout.flush", "sys.stderr.write", "sys.stderr.flush", "typer.", "click.")
+STARTS = ("subprocess.Popen", "subprocess.run", "subprocess.check", "os.fork", "os.exec", "os.spawn", "os.system")
+MAY_SPEAK = {
+    "phyagentos/__main__.py",
+    "phyagentos/assembly/agent_plane.py",  # the main of a plane: what it prints is its log
+    "phyagentos/assembly/processes.py",  # the mains of workers, worlds and planners, likewise
+    "phyagentos/view/scenes.py",  # keeps quiet what the server of the 3D scene prints
+}
+MAY_START = {
+    "phyagentos/assembly/planes.py": "planes",
+    "phyagentos/assembly/runtime_plane.py": "the thinning of evidence, at the lowest priority beside control",
+    "phyagentos/bench/availability.py": "environments of others, made and looked at",
+    "phyagentos/bench/episode.py": "episodes",
+    "phyagentos/bench/sweep.py": "policies of a suite",
+    "phyagentos/runtime/channel.py": "planners",
+    "phyagentos/runtime/drivers/gymnasium.py": "environments of others",
+    "phyagentos/runtime/supervision/world_process.py": "worlds and workers",
+}
+
+
+def iter_calls(path):
+    """The names of what a module calls or raises, as they are written."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call):
+            yield ast.unparse(node.func)
+        elif isinstance(node, ast.Raise) and node.exc is not None:
+            yield ast.unparse(node.exc)
+
+
+def find_callers(is_meant):
+    found = {name_of(path): sorted({each for each in iter_calls(path) if is_meant(each)}) for path in MODULES}
+    return {name: calls for name, calls in found.items() if calls and not name.startswith("phyagentos/cli/")}
+
+
+def test_only_the_command_line_prints_prompts_and_exits():
+    found = find_callers(
+        lambda each: each.removeprefix("sys.").removeprefix("contextlib.") in SPEAKS or each.startswith(STREAMS)
+    )
+    assert {name: calls for name, calls in found.items() if name not in MAY_SPEAK} == {}
+
+
+def test_child_processes_are_planes_planners_worlds_episodes_and_environments_of_others():
+    assert set(find_callers(lambda each: each.startswith(STARTS))) == set(MAY_START)

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from phyagentos.assembly.progress import RunFold
+from phyagentos.operations.progress import RunFold
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Execution, Scene

@@ -16,7 +16,7 @@ TEXTS = sorted(
         *ROOT.glob("*.md"),
         *ROOT.glob("docs/*.md"),
         *ROOT.glob("examples/*/*.md"),
-        *ROOT.glob("phyagentos/cli/scaffold/*.md"),
+        *ROOT.glob("phyagentos/operations/scaffold/*.md"),
     ]
 )
 FENCE = re.compile(r"^```(?P<kind>\w*)\n(?P<text>.*?)^```", re.MULTILINE | re.DOTALL)

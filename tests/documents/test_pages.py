@@ -7,8 +7,8 @@ import sys
 
 import pytest
 
-from phyagentos.cli.describing import KINDS
 from phyagentos.cli.schemas import names_of_schemas, render_fields
+from phyagentos.operations.describe import KINDS
 from phyagentos.protocol.documents.document import iter_blocks
 from phyagentos.protocol.documents.log import read_log
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES

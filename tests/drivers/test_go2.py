@@ -7,9 +7,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.assembly.explanation import explain_session
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
+from phyagentos.operations.why import explain_session
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.go2_bus import compute_crc, define_messages
 from phyagentos.runtime.drivers.devices.specs import GO2

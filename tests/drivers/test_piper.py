@@ -5,10 +5,10 @@ import threading
 
 import pytest
 
-from phyagentos.assembly.explanation import explain_session
 from phyagentos.assembly.paths import TOKENS
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
+from phyagentos.operations.why import explain_session
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.specs import PIPER
 from phyagentos.runtime.targets.handshake import Tokens, make_key

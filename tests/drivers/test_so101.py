@@ -2,9 +2,9 @@
 
 import pytest
 
-from phyagentos.assembly.explanation import explain_session
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
+from phyagentos.operations.why import explain_session
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.specs import SO101
 from phyagentos.testing import DRIVER_CHECKS, DriverSubject

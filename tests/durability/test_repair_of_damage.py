@@ -6,8 +6,8 @@ from collections import Counter
 
 from phyagentos.errors import ExecutionError
 from phyagentos.store.follower import Follower
-from phyagentos.store.inspection import inspect_partition
-from phyagentos.store.repair import repair_partition
+from phyagentos.store.recovery.inspection import inspect_partition
+from phyagentos.store.recovery.repair import repair_partition
 from phyagentos.store.segments import SystemIO
 from phyagentos.testing import ManualClock
 

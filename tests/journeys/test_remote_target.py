@@ -5,9 +5,9 @@ import sys
 
 import pytest
 
-from phyagentos.assembly.explanation import explain_session
 from phyagentos.assembly.paths import TOKENS
-from phyagentos.assembly.rerun import find_differences
+from phyagentos.operations.rerun import find_differences
+from phyagentos.operations.why import explain_session
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.targets.handshake import make_key

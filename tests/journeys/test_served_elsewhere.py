@@ -14,10 +14,10 @@ import pytest
 import yaml
 
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
-from phyagentos.assembly.explanation import explain_session
 from phyagentos.assembly.paths import TOKENS
 from phyagentos.assembly.planes import start_watch
 from phyagentos.clock import SystemClock
+from phyagentos.operations.why import explain_session
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.workspace.workspace import Workspace

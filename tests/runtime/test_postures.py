@@ -96,7 +96,7 @@ def test_a_posture_is_reached_on_physics_and_judged_by_the_measured_joints(open_
     execution = bench.run(session)
 
     assert execution.ended is Ended.COMPLETED, execution
-    assert np.abs(driver.physics.data.qpos[driver.physics.q_address] - ASIDE).max() < 0.01
+    assert np.abs(driver.physics.data.qpos[driver.physics.state.q_address] - ASIDE).max() < 0.01
     bundle = read_bundle(bench.workspace / execution.evidence, session, execution)
     (criterion,) = PredicateJudge().judge(bundle)
     assert (criterion.truth, criterion.measured["off_rad"] < 0.01) == (Truth.TRUE, True)

@@ -18,6 +18,7 @@ from phyagentos.protocol.world.environment import Entity, Environment, Interior,
 from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.channel import Link
 from phyagentos.runtime.codec import Codec
+from phyagentos.runtime.execution.first_motions import Grasp, Home
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.requests import (
@@ -37,8 +38,6 @@ from phyagentos.runtime.preflight.adapter_plan import AdapterPlan
 from phyagentos.runtime.preflight.dry_run import (
     ANSWER_S,
     DryRun,
-    Grasp,
-    Home,
     Reach,
     compute_reach,
     find_motions,

@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.compaction import compact_partition
-from phyagentos.store.inspection import inspect_partition
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.records import frame_payload, read_record
-from phyagentos.store.repair import repair_partition
+from phyagentos.store.recovery.inspection import inspect_partition
+from phyagentos.store.recovery.repair import repair_partition
 from phyagentos.store.segments import Front, SystemIO, create_segment, locate
-from phyagentos.store.statistics import HashingFollower
 from phyagentos.testing import ManualClock
 
 from .conftest import make_submit
+from .damage import HashingFollower
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "journal.md"

@@ -16,7 +16,7 @@ from phyagentos.agent.goals.selector import ANY, Choice
 from phyagentos.agent.goals.spec import REFERENCE, NodeSpec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.placed_scenes import name_placed
-from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
 from phyagentos.protocol.predicates.predicate import has_metric, parse_predicate, substitute
 from phyagentos.protocol.predicates.syntax import format_value
 from phyagentos.protocol.sessions.calibration import TrackRecord
@@ -110,6 +110,7 @@ class SessionCompiler:
             skill=choice.skill,
             target=choice.target,
             parameters=parameters,
+            acts_on=find_parameter(skill, ParameterRole.OBJECT),
             requires=requires if revision is None or revision.requires is None else revision.requires,
             hold=resolve((*skill.hold, *spec.hold, *of_goal.constraints)),
             accept=resolve((*spec.accept, *promiser.guarantees)),

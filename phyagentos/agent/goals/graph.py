@@ -19,11 +19,10 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import find_roles
 from phyagentos.protocol.documents.markdown import escape_label
 from phyagentos.protocol.documents.schema import Located, parse_yaml, read_yaml, salvage
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import read_statement
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.predicates.syntax import Name, iter_calls
-
-_ANYWHERE = frozenset({"exists", "visible"})  # predicates that stay true wherever a thing is put
-_AT_LAST = _ANYWHERE | {"holding"}  # and those that it makes false only on the way
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,13 +163,20 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
 def _find_kept(
     spec: GoalSpec, nodes: Mapping[str, Node], choices: Mapping[str, Choice], brought: set[str]
 ) -> tuple[str, ...]:
-    texts = [(text, _AT_LAST) for text in spec.accept] + [(text, _ANYWHERE) for text in spec.constraints]
+    at_last, always = [*spec.accept], [*spec.constraints]
     for name, node in nodes.items():
         values = choices[name].parameters
-        texts += [(substitute(text, values), _ANYWHERE) for text in (*node.spec.requires, *node.spec.hold)]
-        texts += [(substitute(text, values), _AT_LAST) for text in node.spec.accept]
-    calls = ((call, free) for text, free in texts for call in iter_calls(parse_predicate(text, template=True).formula))
-    terms = (term for call, free in calls if call.name not in free for term in call.terms)
+        always += [substitute(text, values) for text in (*node.spec.requires, *node.spec.hold)]
+        at_last += [substitute(text, values) for text in node.spec.accept]
+    free = {meaning for meaning in Meaning if meaning.holds_anywhere}
+    terms = (
+        term
+        for texts, passed in ((always, free), (at_last, {*free, Meaning.HOLDING}))  # a hand lets go: only on the way
+        for text in texts
+        for call in iter_calls(parse_predicate(text, template=True).formula)
+        if read_statement(call).meaning not in passed
+        for term in call.terms
+    )
     return tuple(sorted({term.text for term in terms if isinstance(term, Name)} - brought))
 
 

@@ -14,6 +14,7 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
 from phyagentos.protocol.predicates import syntax
+from phyagentos.protocol.predicates.meaning import find_held
 from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate, substitute
 
 ANY = "any"
@@ -174,9 +175,9 @@ def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, Any])
 
 def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, Any], established: Iterable[str]) -> str:
     """What the skill must hold from the start and nothing before it takes hold of; empty where there is none."""
-    before = [None, *(_find_held(text) for text in established)]
+    before = [None, *map(find_held, established)]
     required = (substitute(text, parameters) for text in runtime.requires)
-    missing = (text for text in required if _find_held(text) not in before)
+    missing = (text for text in required if find_held(text) not in before)
     return next((parse_predicate(text, template=True).text for text in missing), "")
 
 
@@ -197,14 +198,7 @@ def find_predicates(texts: Iterable[str]) -> set[str]:
 
 def begins_with_holding(runtime: SkillRuntime) -> bool:
     """Whether a skill must hold something from the start."""
-    return any(_find_held(text) is not None for text in runtime.requires)
-
-
-def _find_held(text: str) -> syntax.Term | None:
-    match parse_predicate(text, template=True).formula:
-        case syntax.Call("holding", (_, held)):
-            return held
-    return None
+    return any(find_held(text) is not None for text in runtime.requires)
 
 
 def find_lacks(runtime: SkillRuntime, target: TargetProfile) -> Iterator[str]:

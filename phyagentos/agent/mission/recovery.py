@@ -22,8 +22,8 @@ from phyagentos.agent.repair.foreseen import revise_refused
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.agent.repair.regressions import find_lost_preconditions, find_regressions
 from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_requires
-from phyagentos.protocol.predicates.predicate import parse_predicate
-from phyagentos.protocol.predicates.syntax import iter_calls
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import read_meanings
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Session, SessionStatus
@@ -274,14 +274,14 @@ class Recovery:
             return Miss.of_execution(self.evidence.read(subject), decided) if decided is not None else None
         codes, cause = {each.code for each in subject.problems}, find_refusal(subject.problems)
         lacking = (each.subject for each in subject.problems if each.code == _UNMET and each.subject)
-        unmet = {call.name for text in lacking for call in iter_calls(parse_predicate(text).formula)}
+        unmet = {*read_meanings(lacking)}
         world = self.evidence.find_latest(subject.contract.scene.episode)
         if world is None or "AMBIGUOUS" in codes:  # no look tells which is meant
             return None
-        if not codes & _NEVER_CARRIED and ("visible" in unmet or codes & {"ENTITY_UNKNOWN", "NEVER_SEEN"}):
+        if not codes & _NEVER_CARRIED and (Meaning.VISIBLE in unmet or codes & {"ENTITY_UNKNOWN", "NEVER_SEEN"}):
             is_unseen = bool(looking.list_unseen(subject.contract, world) or self.facts.count_looks(subject.contract))
             cause = Cause.OBJECT_HIDDEN if is_unseen else None
-        elif "holding" in unmet:
+        elif Meaning.HOLDING in unmet:
             cause = Cause.GRASP_LOST
         return Miss.of_refusal(subject, cause, world) if cause is not None else None
 

@@ -14,9 +14,11 @@ from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Alternat
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.looking import LEAD
 from phyagentos.agent.repair.retrying import find_of_skill, keep_requires, revise_requires
-from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import Statement, read_meanings, read_statement
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
-from phyagentos.protocol.predicates.syntax import Call, Formula, Name, Number, Or, Variable, iter_calls
+from phyagentos.protocol.predicates.syntax import Call, Formula, Name, Or, Variable
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.free_spot import find_support
@@ -98,9 +100,10 @@ def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) ->
         else:
             return None
     parameters.pop("target", None)
-    if "support" in skill.parameters and (thing := world.find_movable(parameters.values())) is not None:
-        support = find_support(world, thing)
-        parameters = ({"support": support.name} if support is not None else {}) | parameters
+    key, object = (find_parameter(skill, role) for role in (ParameterRole.SUPPORT, ParameterRole.OBJECT))
+    moved = world.find_movable([parameters[object]] if object in parameters else parameters.values())
+    if key and moved is not None and (support := find_support(world, moved)) is not None:
+        parameters = {key: support.name} | parameters
     needed = {key for key, p in skill.parameters.items() if not p.optional and p.default is None}
     kinds = {name: entity.kind for name, entity in world.entities.items()}
     if any(p.kinds and kinds.get(str(parameters.get(key))) not in p.kinds for key, p in skill.parameters.items()):
@@ -109,9 +112,12 @@ def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) ->
 
 
 def _bind(wanted: Formula, offered: Formula, world: Environment) -> dict[str, Any] | None:
-    match wanted, offered:
-        case Call("inside", (Name(thing), Name(place))), Call("at", (Variable(key), Variable(point), Number(tol_m))):
-            center = _find_middle(world, place, tol_m)
+    match read_statement(wanted), read_statement(offered):
+        case (
+            Statement(Meaning.INSIDE, Name(thing), Name(place)),
+            Statement(Meaning.AT, Variable(key), Variable(point), float(tolerance_m)),
+        ):
+            center = _find_middle(world, place, tolerance_m)
             return None if center is None or thing not in world.entities else {key: thing, point: center}
     return unify(wanted, offered)
 
@@ -129,7 +135,7 @@ def find_false(skill: SkillRuntime, parameters: dict[str, Any], world: Environme
     view = session.make_view(world, world)
     for text in skill.requires:
         predicate = parse_predicate(substitute(text, {**parameters, "target": session.target}))
-        holds = any(call.name == "holding" for call in iter_calls(predicate.formula))
+        holds = Meaning.HOLDING in read_meanings([predicate.text])
         truth = predicate.evaluate(view).truth
         if truth is Truth.FALSE or (holds and truth is not Truth.TRUE):
             return predicate.text

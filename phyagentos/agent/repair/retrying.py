@@ -18,6 +18,8 @@ from phyagentos.agent.repair.looking import LEAD, LOOKS_MAX, PURPOSE
 from phyagentos.agent.repair.regressions import find_lost_preconditions
 from phyagentos.agent.repair.repetition import MOTION_CONFLICT
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import state
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import Role, find_label
@@ -130,9 +132,10 @@ def revise_requires(miss: Miss, of_skill: Collection[str]) -> tuple[tuple[str, .
     reasons = [f"{text} is no longer required: it was true before the parent and is not now" for text in dropped]
     requires = [text for text in session.requires if text not in dropped]
     name = find_object(session, miss.initial)
-    if name and f"visible({name})" not in requires:
-        requires.append(f"visible({name})")
-        reasons.append(f"visible({name}) is required: the child locates it anew")
+    seen = state(Meaning.VISIBLE, name) if name else ""
+    if seen and seen not in requires:
+        requires.append(seen)
+        reasons.append(f"{seen} is required: the child locates it anew")
     return tuple(requires), tuple(reasons)
 
 

@@ -22,20 +22,15 @@ from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.actions.violations import Intervention, Violation
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.driver import VERBS, Trait
 from phyagentos.runtime.targets.server import Loopback
 from phyagentos.runtime.targets.wire import ReplyT
 
 EXPIRY_PERIODS = 3  # an older command was made for a state that has passed
 REPLY_TIMEOUT_S = 10.0  # a control period takes milliseconds
-LOAD_TIMEOUT_S = 120.0  # a scene with meshes compiles in seconds
+SLOW_TIMEOUT_S = 120.0  # a scene with meshes compiles in seconds
 
-OPERATIONS: dict[type[wire.Request], str] = {  # of a session; other requests belong to the worker
-    wire.Command: "apply",
-    wire.Observe: "observe",
-    wire.Halt: "halt",
-    wire.Settle: "settle",
-    wire.Capture: "observe",
-}
+OPERATIONS = {kind: verb.operation for kind, verb in VERBS.items() if verb.operation}  # of a session's manifest
 
 
 class CommandRefused(ExecutionError):
@@ -112,7 +107,7 @@ class TargetSessionHandle:
     def describe(self) -> wire.Description:
         """The target's description; requested once a scene."""
         if self._description is None:
-            self._description = self._ask(wire.Describe(), wire.Description)
+            self._description = self._ask(wire.Describe())
         return self._description
 
     def load(self, scene: Scene, snapshot: bytes = b"", *, may_reset: bool = True) -> wire.Loaded:
@@ -130,14 +125,14 @@ class TargetSessionHandle:
         request = wire.LoadScene(
             scene=scene.name, seed=scene.seed, episode=scene.episode, snapshot=snapshot, may_reset=may_reset
         )
-        loaded = self._ask(request, wire.Loaded, LOAD_TIMEOUT_S)
+        loaded = self._ask(request)
         self._loaded = None if snapshot else (scene, loaded)
         return loaded
 
     def begin(self, session: str, epoch: int) -> wire.Observation:
         """Take authority for one session, and observe once, with a snapshot."""
         description = self.describe()
-        self._ask(wire.Begin(session=session, epoch=epoch, token=self.token), wire.Ack)
+        self._ask(wire.Begin(session=session, epoch=epoch, token=self.token))
         self._session, self._epoch, self._sequence, self._rests = session, epoch, 0, True
         self._sent.clear()
         self._reports.clear()
@@ -231,13 +226,13 @@ class TargetSessionHandle:
             CommandRefused: By the target, which refuses those behind it as well, or stopped by its own means.
         """
         try:
-            self._step = self._expect(self._sent[0], self._take_report(), wire.Step)
+            self._step = self._take_report(wire.Command)
             if self._step.stopped:
                 message = f"the target stopped by itself in the middle of a command: {self._step.stopped}"
                 raise CommandRefused(self._step.stopped, message, "target", reaction="stop_category_2")
         except CommandRefused:
             while self._sent:
-                self._take_report()
+                self._pop_reply()
             raise
         return self._step
 
@@ -248,9 +243,12 @@ class TargetSessionHandle:
 
     def collect_frames(self) -> wire.Frames:
         """The frames that were requested behind the command whose report was collected last."""
-        return self._expect(self._sent[0], self._take_report(), wire.Frames)
+        return self._take_report(wire.Capture)
 
-    def _take_report(self) -> wire.Reply:
+    def _take_report(self, kind: type[wire.RequestFor[ReplyT]]) -> ReplyT:
+        return self._expect(kind, self._pop_reply())
+
+    def _pop_reply(self) -> wire.Reply:
         request = self._sent.popleft()
         return self._reports.popleft() if self._reports else self._receive(request)
 
@@ -275,7 +273,7 @@ class TargetSessionHandle:
 
     def observe(self, *, snapshot: bool = False) -> wire.Observation:
         """The present sensing, with the target's snapshot of the same moment on request; time does not move."""
-        return self._ask(wire.Observe(truth=self._sees_truth, snapshot=snapshot), wire.Observation)
+        return self._ask(wire.Observe(truth=self._sees_truth, snapshot=snapshot))
 
     def read_neighbours(self) -> tuple[wire.Neighbour, ...]:
         """The other robots of a shared world as they stand and move now; none where time is not shared."""
@@ -290,26 +288,26 @@ class TargetSessionHandle:
             return ""
         request = wire.Announce(session=self._session, epoch=self._epoch, q_rad=q_rad, beside=beside)
         try:
-            return self._ask(request, wire.Admission).blocked_by
+            return self._ask(request).blocked_by
         except CommandRefused:
             return ""
 
     def halt(self, category: int = 2) -> wire.Step:
         """Let the target bring itself to rest, by a stop of this category."""
-        self._step = self._ask(wire.Halt(session=self._session, epoch=self._epoch, category=category), wire.Step)
+        self._step = self._ask(wire.Halt(session=self._session, epoch=self._epoch, category=category))
         return self._step
 
     def settle(self, duration_s: float) -> wire.Step:
         """Hold still for `duration_s` [s] of the target's time."""
         request = wire.Settle(session=self._session, epoch=self._epoch, duration_s=duration_s)
-        self._step = self._ask(request, wire.Step)
+        self._step = self._ask(request)
         if self._guard is not None and not self._sequence:  # the first command begins where the arm stands now
             self._guard.begin_again(np.asarray(self._step.target.q_rad, dtype=np.float64))
         return self._step
 
     def end(self) -> wire.Ended:
         """Give authority back."""
-        ended = self._ask(wire.End(session=self._session, epoch=self._epoch), wire.Ended)
+        ended = self._ask(wire.End(session=self._session, epoch=self._epoch))
         self._guard, self._step = None, None
         return ended
 
@@ -327,19 +325,19 @@ class TargetSessionHandle:
 
     def _invoke(self, tool: str, **arguments: Any) -> wire.ToolResult:
         request = wire.InvokeTool(name=tool, arguments=arguments, session=self._session, epoch=self._epoch)
-        return self._ask(request, wire.ToolResult, LOAD_TIMEOUT_S)
+        return self._ask(request)
 
     def capture(
         self, cameras: tuple[str, ...] = (), crops: dict[str, wire.Crop] | None = None, every: int = 1
     ) -> wire.Frames:
         """The latest frames of these RGB-D cameras, all of them when none is named; time does not move."""
-        return self._ask(wire.Capture(cameras=cameras, crops=crops or {}, every=every), wire.Frames, LOAD_TIMEOUT_S)
+        return self._ask(wire.Capture(cameras=cameras, crops=crops or {}, every=every))
 
-    def _ask(self, request: wire.Request, expected: type[ReplyT], timeout_s: float = REPLY_TIMEOUT_S) -> ReplyT:
+    def _ask(self, request: wire.RequestFor[ReplyT]) -> ReplyT:
         while len(self._reports) < len(self._sent):  # of earlier commands, which are answered first
             self._reports.append(self._receive(self._sent[len(self._reports)]))
         self._submit(request)
-        return self._expect(request, self._receive(request, timeout_s), expected)
+        return self._expect(type(request), self._receive(request))
 
     def _submit(self, request: wire.Request) -> None:
         if (operation := OPERATIONS.get(type(request))) is not None:
@@ -349,19 +347,20 @@ class TargetSessionHandle:
         elif isinstance(request, wire.Command | wire.Capture):
             self._local.send_ahead(request)
 
-    def _receive(self, request: wire.Request, timeout_s: float = REPLY_TIMEOUT_S) -> wire.Reply:
+    def _receive(self, request: wire.Request) -> wire.Reply:
         """The next reply, which is that of `request`."""
         if self._local is not None:
             return self._local.ask(request, self.is_ending)
-        if self._shares_time and isinstance(request, wire.MOTIONS):
+        traits = VERBS[type(request)].traits
+        if self._shares_time and Trait.MOVES in traits:
             return wire.await_reply(self._connection, wire.SHARED_TIMEOUT_S, self.is_ending)
-        return wire.await_reply(self._connection, timeout_s)
+        return wire.await_reply(self._connection, SLOW_TIMEOUT_S if Trait.SLOW in traits else REPLY_TIMEOUT_S)
 
-    def _expect(self, request: wire.Request, reply: wire.Reply, expected: type[ReplyT]) -> ReplyT:
+    def _expect(self, kind: type[wire.RequestFor[ReplyT]], reply: wire.Reply) -> ReplyT:
         if isinstance(reply, wire.Refused):
-            message = f"the target refused {type(request).__name__}: {reply.message}"
+            message = f"the target refused {kind.__name__}: {reply.message}"
             raise CommandRefused(reply.code, message, "target")
-        return wire.require(request, reply, expected)
+        return wire.require(kind, reply)
 
     def _check_permitted(self, operation: str) -> None:
         if operation not in self._permitted:

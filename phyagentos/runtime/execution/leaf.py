@@ -22,6 +22,7 @@ from phyagentos.geometry import Vector
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.execution.first_motions import Foreseen, foresee_by_role
 from phyagentos.runtime.perception.world_model import BELIEF
 
 __all__ = ["FailureCode", "Leaf", "LeafError", "PortInformation", "Role", "Status"]
@@ -115,6 +116,14 @@ class Leaf(Behaviour):
     def belief(self) -> Environment:
         """The world as it is believed now: what is held has moved with the hand, nothing is looked at anew."""
         return self.context.world.observe(BELIEF)
+
+    @classmethod
+    def foresee(cls, wired: Mapping[str, Any], path: str) -> Foreseen:
+        """What it surely does first with these inputs, for a dry run; override it where its role does not say it.
+
+        Inputs that only the running tree knows are None or absent; `path` is its own.
+        """
+        return foresee_by_role(cls.ROLE, wired, path)
 
     def on_start(self) -> Status:
         """First tick of an activation."""

@@ -106,7 +106,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
         """The believed world for the planner; contents of a moved vessel move with it and are no obstacles."""
         environment = self.belief
         entities = environment.entities.values()
-        moved = environment.find_movable(self.context.session.parameters.values())
+        moved = self.context.session.find_object(environment)
         vessels = [each for each in entities if each.interior is not None and (each.held_by or each.name == moved)]
         return World(
             entities=tuple(entity for entity in entities if not any(_is_in(entity, vessel) for vessel in vessels)),

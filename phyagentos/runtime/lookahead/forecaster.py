@@ -9,7 +9,6 @@ import msgspec
 from phyagentos.errors import DefinitionError, PhyAgentOSError
 from phyagentos.protocol.sessions.lookahead import Forecast, LookaheadRequest
 from phyagentos.protocol.sessions.session import Session
-from phyagentos.protocol.settings.forecasting import FORECASTERS
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
 
@@ -51,7 +50,7 @@ class ForecasterSite:
 def open_forecaster(name: str, site: ForecasterSite) -> Forecaster:
     """Make a forecaster that ships or is installed; raises DefinitionError, whatever its package does."""
     try:
-        forecaster: Forecaster = FORECASTERS.load(name, "lookahead.forecasters")(site)
+        forecaster: Forecaster = find_forecaster(name).load()(site)
     except PhyAgentOSError:
         raise
     except Exception as error:  # foreign code

@@ -16,7 +16,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile, find_driver_
 from phyagentos.protocol.workspace.workspace import Workspace
 
 if TYPE_CHECKING:
-    from phyagentos.runtime.targets.driver import TargetDriver
+    from phyagentos.runtime.targets.driver import TargetPort
 
 ENTRY_POINT_GROUP = "phyagentos.drivers"
 
@@ -39,7 +39,7 @@ class DriverSpec:
     worker.
     """
 
-    open: "Callable[[DriverSite], TargetDriver]"
+    open: "Callable[[DriverSite], TargetPort]"
     kinds: tuple[str, ...]
     own_process: bool = True
 

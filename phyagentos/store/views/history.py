@@ -16,31 +16,23 @@ from phyagentos.store.segments import list_all_segments, locate
 from phyagentos.store.views.sessions import Cache, Page, build_page, render_page
 
 SMALL_BYTES = 8 << 20  # a journal up to this size is read from its first record, in a fraction of a second
-KEPT = 500_000  # references, 4 MB: 100 sessions for a quarter of an hour at five renderings a second
-STATUS = 500  # references, about as much as a status takes that no earlier rendering showed
+PAGES_KEPT = 1000  # renderings: minutes at five a second
 
 
 class History:
-    """Follows a journal and remembers what each session was, in up to `kept` references.
+    """Follows a journal and remembers what the latest renderings showed.
 
     `on_record` is called with each record, once it is applied.
     """
 
-    def __init__(
-        self,
-        partition: Path,
-        *,
-        on_record: Callable[[Record, Ledger], None] | None = None,
-        kept: int = KEPT,
-    ) -> None:
+    def __init__(self, partition: Path, *, on_record: Callable[[Record, Ledger], None] | None = None) -> None:
         self._partition = partition
         self.ledger, self._follower = _begin(partition)
         self._on_record = on_record
         self._follow: Callable[[], None] | None = None  # of the owner of a shared fold
         self._reported_seq = 0
         self._texts: Cache = {}
-        self._pages: dict[int, tuple[Page, int]] = {}  # with its weight, the oldest first
-        self._kept, self._weight, self._shown = kept, 0, frozenset[int]()
+        self._pages: dict[int, Page] = {}  # by record, the oldest first
 
     def share(self, ledger: Ledger, follow: Callable[[], None]) -> None:
         """Use the fold of another owner in this thread, so that no record is read and applied twice.
@@ -77,14 +69,9 @@ class History:
 
     def build_page(self, notes: Sequence[str] = ()) -> Page:
         """What is to be shown now; it is remembered."""
-        page = build_page(self.ledger, notes)
-        if page.seq not in self._pages:
-            before, self._shown = self._shown, frozenset(map(id, page.shown))
-            weight = len(page.shown) + STATUS * len(self._shown - before)
-            self._pages[page.seq] = page, weight
-            self._weight += weight
-        while self._weight > self._kept and len(self._pages) > 1:
-            self._weight -= self._pages.pop(next(iter(self._pages)))[1]
+        page = self._pages[self.ledger.seq] = build_page(self.ledger, notes)
+        if len(self._pages) > PAGES_KEPT:
+            del self._pages[next(iter(self._pages))]
         return page
 
     def render(self, page: Page) -> str:
@@ -97,7 +84,7 @@ class History:
         if seq >= self.ledger.seq:
             return build_page(self.ledger) if seq == self.ledger.seq else None
         if seq in self._pages:
-            return self._pages[seq][0]
+            return self._pages[seq]
         return self._read_again(seq) if seq > 0 else build_page(Ledger())
 
     def _read_again(self, seq: int) -> Page | None:

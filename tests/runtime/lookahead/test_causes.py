@@ -2,8 +2,9 @@
 
 from types import SimpleNamespace
 
+from rollout_forecaster.playback import Rollout, find_cause
+
 from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose
-from phyagentos.runtime.lookahead.rollouts import Rollout, find_cause
 from phyagentos.testing import make_contract
 
 

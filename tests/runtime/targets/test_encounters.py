@@ -42,7 +42,10 @@ def measure(table, q_left, q_right):
     sides = [[g for g in solid if model.body(model.geom_bodyid[g]).name.startswith(arm)] for arm in INWARDS]
     nearest = np.inf
     for left, right in product(q_left, q_right):
-        data.qpos[table.left.robot.physics.q_address], data.qpos[table.right.robot.physics.q_address] = left, right
+        data.qpos[table.left.robot.physics.state.q_address], data.qpos[table.right.robot.physics.state.q_address] = (
+            left,
+            right,
+        )
         mujoco.mj_kinematics(model, data)
         for a, b in product(*sides):
             if np.linalg.norm(data.geom_xpos[a] - data.geom_xpos[b]) < 0.1 + model.geom_rbound[[a, b]].sum():
@@ -108,7 +111,7 @@ def test_arms_that_touch_report_it_once_each_with_the_name_of_the_other(library)
     table = begin_both(library)
     for target in table.targets:  # their own limits refuse every command that leads here
         physics = target.robot.physics
-        physics.data.qpos[physics.q_address] = plan(target, 1.6 * INWARDS[target.robot.profile.target], 0.9)[-1]
+        physics.data.qpos[physics.state.q_address] = plan(target, 1.6 * INWARDS[target.robot.profile.target], 0.9)[-1]
     with table.simulation.lock:
         table.simulation.pass_period()
 

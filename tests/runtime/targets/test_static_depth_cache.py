@@ -29,7 +29,7 @@ def pose_many(physics):
     """States of one world: the arm turned, a cube lifted in front of the others, everything as it was."""
     for turn_rad, cube in ((0.4, (0.5, 0.0, 0.3)), (-0.6, (0.45, 0.2, 0.02)), (0.0, None)):
         qpos = np.array(physics.data.qpos)
-        qpos[physics.q_address] += np.array([turn_rad, 0, 0, 0, 0, 0, 0])
+        qpos[physics.state.q_address] += np.array([turn_rad, 0, 0, 0, 0, 0, 0])
         if cube is not None:
             address = int(physics.model.jnt_qposadr[physics.model.body("red_cube").jntadr[0]])
             qpos[address : address + 3] = cube

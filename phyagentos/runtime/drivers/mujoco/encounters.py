@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_inverse, compute_pose
-from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
+from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.robot_state import Array
 
 CLEARANCE_M = 0.03  # between two robots; postures are compared so densely that half of it lies between two of them
 BESIDE_M = 0.004  # where one comes near the other on purpose: as much as planning keeps from what stands fixed
@@ -88,11 +89,11 @@ class Encounters:
         robot, motion = self._robots[name], self._announced.get(name)
         passed = 0 if motion is None else int((robot.time_s - motion.began_s) / self._model.opt.timestep)
         if motion is None or passed > len(motion.q_rad) + ARRIVAL_S / self._model.opt.timestep:
-            return np.empty((0, len(robot.q_range[0])))
+            return np.empty((0, len(robot.state.q_range[0])))
         return self._sample(name, motion.q_rad[min(passed, len(motion.q_rad) - 1) :])
 
     def _sample(self, name: str, q_rad: Array) -> Array:
-        return sample(q_rad, slides=0 if self._robots[name].base is None else 2)
+        return sample(q_rad, slides=0 if self._robots[name].state.base is None else 2)
 
     def admit(self, name: str, q_rad: Array, beside: str, held: Mapping[str, Collection[str]]) -> str:
         """Admit a motion (n, n_joints) from now on; the robot that is in its way, empty when it is admitted.
@@ -101,7 +102,7 @@ class Encounters:
         """
         own = self._place(name, self._sample(name, q_rad), held[name])
         for other in (each for each in self._names if each != name):
-            here, things = self._robots[other].read_joints(self._world)[0], () if other == beside else held[other]
+            here, things = self._robots[other].state.read_joints(self._world)[0], () if other == beside else held[other]
             theirs = self._place(other, np.vstack((here, self.find_announced(other))), things)
             apart_m = BESIDE_M if other == beside else CLEARANCE_M
             apart_m = min(apart_m, self._measure(own[:1], theirs[:1]) - NEARER_M)
@@ -117,18 +118,21 @@ class Encounters:
         mujoco.mj_kinematics(model, data)
         free = [thing for thing in held if model.body(thing).dofnum[0] == FREE]  # what is hinged stays where it is
         addresses = {thing: int(model.jnt_qposadr[model.body(thing).jntadr[0]]) for thing in free}
-        in_hand = {at: compute_inverse(robot.place(data)) @ robot.place(data, each) for each, at in addresses.items()}
+        in_hand = {
+            at: compute_inverse(robot.queries.place(data)) @ robot.queries.place(data, each)
+            for each, at in addresses.items()
+        }
         bodies = [int(model.body(thing).id) for thing in held]
         is_solid = (model.geom_contype | model.geom_conaffinity) > 0
         is_of_side = (self._owner == self._names.index(name)) | np.isin(model.geom_bodyid, bodies)
         geoms = np.flatnonzero(is_solid & is_of_side)
-        address, places = robot.posture_address, []
+        address, places = robot.state.posture_address, []
         for q_rad in postures:
-            robot.write_posture(data, q_rad)
+            robot.state.write_posture(data, q_rad)
             values = dict(zip(address.tolist(), data.qpos[address].tolist(), strict=True))
             mujoco.mj_kinematics(model, data)
             for at, T in in_hand.items():
-                pose = compute_pose(robot.place(data) @ T)
+                pose = compute_pose(robot.queries.place(data) @ T)
                 values |= dict(enumerate((*pose.position_m, *pose.quaternion_wxyz), at))
             data.qpos[list(values)] = list(values.values())
             mujoco.mj_kinematics(model, data)

@@ -1,5 +1,6 @@
 """Ask for ways to take hold of an object."""
 
+from phyagentos.protocol.predicates.meaning import find_relation
 from phyagentos.protocol.world.mechanisms import find_hinge
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import BESIDE, CandidatePlanningLeaf
@@ -59,7 +60,9 @@ class PlanGrasp(CandidatePlanningLeaf):
             avoid=self.context.session.strategy.avoid_grasps,
             hover_m=self.read("hover_m"),
             along=(axis[0], axis[1], axis[2]) if axis is not None and abs(axis[2]) < LEVEL_SINE else None,
-            then=None if destination is None else Destination(destination, self.read("relation"), near, self._get_up()),
+            then=None
+            if destination is None
+            else Destination(destination, find_relation(self.read("relation")), near, self._get_up()),
         )
 
     def on_found(self, answer: Approaches) -> Status:

@@ -1,5 +1,6 @@
 """Ask for ways to put a held object somewhere."""
 
+from phyagentos.protocol.predicates.meaning import find_relation
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.leaves.plan_room import list_removable
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
@@ -36,7 +37,7 @@ class PlanPlace(ApproachPlanningLeaf):
             FindPlacements,
             payload=payload,
             destination=place,
-            relation=self.read("relation"),
+            relation=find_relation(self.read("relation")),
             near=self.find_point("near"),
             near_radius_m=self.read("near_radius_m"),
             up=self.find("up"),

@@ -1,6 +1,7 @@
 """Ask what has to go before there is room for an object where it is put."""
 
 from phyagentos.geometry import Vector
+from phyagentos.protocol.predicates.meaning import find_relation
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support
@@ -31,7 +32,7 @@ class PlanRoom(PlanningLeaf[Approaches]):
     def compose(self) -> MotionRequest | Status:
         """One request, where the destination holds anything that may be moved."""
         now, name = self.belief, self.read("object")
-        then = Destination(self.read("destination"), self.read("relation"), self.find_point("near"))
+        then = Destination(self.read("destination"), find_relation(self.read("relation")), self.find_point("near"))
         if not (things := list_removable(self.context.session, now, name, then.name)):
             return self._leave()
         return self.request(FindGrasps, object=name, count=1, then=then, removable=things)
