@@ -5,6 +5,7 @@ AMBIGUOUS_REFERENCE  A reference names a node that `foreach` made several of.
 API_KEY_MISSING      The environment variable that holds a model's key is not set.
 BROKEN_BEHAVIOURS    A Python package of leaves cannot be imported or registered.
 BROKEN_PLUGIN        What an installed package announces does not load, or is of another kind.
+BROKEN_PREDICATES    A file of predicates in a project's folder cannot be loaded.
 BROKEN_TREE          A tree uses another one that is wrong itself.
 CONTEXT_TOO_LARGE    A token budget is too small for the head of a context and its question.
 CYCLE                Nodes wait for each other, or goal graphs or trees contain each other.

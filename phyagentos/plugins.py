@@ -5,15 +5,18 @@
     SCORERS.load("mine")       # imported now
 
 A name has one owner: where two packages announce it, or one announces a name that ships, `DUPLICATE_PLUGIN` says which.
-What does not load is `BROKEN_PLUGIN` for those that name it, and for nothing else.
+What does not load is `BROKEN_PLUGIN` for those that name it, and for nothing else. Python in the folder of a project is
+no plug-in: `run_file` executes it, once its user has consented.
 """
 
+import ast
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import Generic, TypeVar, cast
+from pathlib import Path
+from typing import Any, Generic, TypeVar, cast
 
 from phyagentos.errors import DefinitionError
 
@@ -101,6 +104,30 @@ def import_object(reference: str, code: str, address: str) -> object:
     except (ImportError, AttributeError) as error:
         expected = "an object that can be imported from the working folder"
         raise DefinitionError.of(code, address, f"{reference!r}: {error}", expected) from error
+
+
+def run_file(path: Path, code: str) -> dict[str, Any]:
+    """The names that a Python file of a project defines, which is executed; never a cached `.pyc` beside it.
+
+    Raises DefinitionError with the given code.
+    """
+    names: dict[str, Any] = {"__name__": f"phyagentos_project_{path.parent.name}_{path.stem}", "__file__": str(path)}
+    try:
+        exec(compile(path.read_bytes(), path, "exec"), names)
+    except DefinitionError:
+        raise
+    except Exception as error:  # foreign code
+        raise DefinitionError.of(code, str(path), f"{type(error).__name__}: {error}", "Python that loads") from error
+    return names
+
+
+def read_source(path: Path, code: str) -> ast.Module:
+    """The syntax tree of a Python file, which is not executed; raises DefinitionError with the given code."""
+    try:
+        return ast.parse(path.read_bytes())
+    except (SyntaxError, ValueError, RecursionError, MemoryError, OSError) as error:
+        address = f"{path}:{getattr(error, 'lineno', None) or 1}:{getattr(error, 'offset', None) or 1}"
+        raise DefinitionError.of(code, address, f"{type(error).__name__}: {error}", "Python") from error
 
 
 @lru_cache(maxsize=64)

@@ -27,7 +27,7 @@ def find_shipped_root() -> Path:
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """An ordered list of roots, each with any of trees/, skills/, scenes/, robots/, goal_graphs/, protocol/."""
+    """Ordered roots, each with any of trees/, skills/, predicates/, scenes/, robots/, goal_graphs/, protocol/."""
 
     roots: tuple[Path, ...]
 
@@ -62,6 +62,11 @@ class Library:
         """The Python of skills, by skill."""
         paths = (self.get_skill(name).with_name(BEHAVIOURS) for name in self.names_of_skills())
         return (path for path in paths if path.is_file())
+
+    def iter_predicates(self) -> Iterator[Path]:
+        """The Python of predicates, by name of the file; the first root that has one wins."""
+        found = {path.name: path for _, path in reversed(list(self._iter("predicates", "*.py")))}
+        return (found[name] for name in sorted(found))
 
     def names_of_trees(self) -> list[str]:
         """Every tree, sorted."""

@@ -213,6 +213,7 @@ class PredicateLibrary:
 
     def __init__(self) -> None:
         self._definitions: dict[str, PredicateDefinition] = {}
+        self._of_projects: set[str] = set()
 
     def register(self, definition: PredicateDefinition) -> None:
         """Add one predicate; raises DefinitionError `DUPLICATE_PLUGIN` when another one has its name."""
@@ -220,6 +221,13 @@ class PredicateLibrary:
             found = f"{definition.name!r} of {definition.measure.__module__} and of {other.measure.__module__}"
             raise DefinitionError.of("DUPLICATE_PLUGIN", PREDICATES.group, found, "one module for each name")
         self._definitions[definition.name] = definition
+
+    def admit(self, definition: PredicateDefinition) -> None:
+        """Add one of a project, in the place of an earlier project's; raises as `register`."""
+        if definition.name in self._of_projects:
+            del self._definitions[definition.name]
+        self.register(definition)
+        self._of_projects.add(definition.name)
 
     def find(self, name: str) -> PredicateDefinition | None:
         """The predicate of this name, or None."""

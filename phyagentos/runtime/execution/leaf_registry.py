@@ -6,13 +6,12 @@ a function that takes the registry) and from a skill folder's own `behaviours.py
 """
 
 import ast
-import importlib.util
 import operator
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError
-from phyagentos.plugins import Plugins
+from phyagentos.plugins import Plugins, read_source, run_file
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Tree
 from phyagentos.runtime.execution.leaf import Leaf
@@ -105,14 +104,9 @@ def read_registry(library: Library) -> LeafRegistry:
 
 def read_leaf_names(path: Path) -> list[str]:
     """The names in calls `registry.register("name", …)` of a file; raises DefinitionError `BROKEN_BEHAVIOURS`."""
-    try:
-        tree = ast.parse(path.read_bytes())
-    except (SyntaxError, ValueError, RecursionError, MemoryError, OSError) as error:
-        address = f"{path}:{getattr(error, 'lineno', None) or 1}:{getattr(error, 'offset', None) or 1}"
-        raise DefinitionError.of("BROKEN_BEHAVIOURS", address, f"{type(error).__name__}: {error}", "Python") from error
     return [
         node.args[0].value
-        for node in ast.walk(tree)
+        for node in ast.walk(read_source(path, "BROKEN_BEHAVIOURS"))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "register"
         if node.args and isinstance(node.args[0], ast.Constant) and isinstance(node.args[0].value, str)
     ]
@@ -135,17 +129,7 @@ def register_file(registry: LeafRegistry, path: Path) -> None:
     Raises:
         DefinitionError: `BROKEN_BEHAVIOURS` when the file cannot be loaded or has no `register`.
     """
-    spec = importlib.util.spec_from_file_location(f"phyagentos_skill_{path.parent.name}", path)
-    if spec is None or spec.loader is None:
-        raise DefinitionError.of("BROKEN_BEHAVIOURS", str(path), "not a Python file")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        exec(compile(path.read_bytes(), path, "exec"), module.__dict__)  # the text, never a cached .pyc beside it
-        register = module.register
-    except DefinitionError:
-        raise
-    except Exception as error:
-        raise DefinitionError.of(
-            "BROKEN_BEHAVIOURS", str(path), f"{type(error).__name__}: {error}", "a function register(registry)"
-        ) from error
+    register = run_file(path, "BROKEN_BEHAVIOURS").get("register")
+    if not callable(register):
+        raise DefinitionError.of("BROKEN_BEHAVIOURS", str(path), "no such function", "a function register(registry)")
     register(registry)
