@@ -13,6 +13,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import locate_models, read_skill_registry, read_target_registry
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.sessions.estop import is_latched
 from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
@@ -111,6 +112,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
 def read_site(workspace: Workspace, target: str, clock: Clock) -> WorkerSite:
     """Read the definitions of a target, and open its driver where it has no process of its own; DefinitionError."""
     library = workspace.library()
+    load_predicates(library.iter_predicates())
     targets = read_target_registry(workspace.target_registry)
     spec = choose_driver(targets, target)
     skills = locate_models(read_skill_registry(workspace.skill_registry), library)

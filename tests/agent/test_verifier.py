@@ -20,7 +20,7 @@ from phyagentos.protocol.sessions.trace import Role, TraceEvent, find_label
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.idealisations import Aspect, Idealisation
 from phyagentos.protocol.world.truth import Truth
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 from .conftest import make_world, put, remove
 

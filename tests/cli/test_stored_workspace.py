@@ -10,7 +10,7 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.sessions.lifecycle import SessionState, Side
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 from tests.goal_graphs import check_recorded_graphs
 
 ARCHIVE = Path(__file__).parent / "stored" / "tidy_table_0_1_0.tar.xz"

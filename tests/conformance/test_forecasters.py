@@ -1,7 +1,5 @@
 """Every forecaster that ships or is installed: named with a version, a distribution over outcomes, repeatable."""
 
-from importlib.metadata import entry_points
-
 import msgspec
 import pytest
 from learned_forecaster.model import fit_model
@@ -23,12 +21,12 @@ from phyagentos.runtime.perception.world_model import WORLD, GroundTruthWorldMod
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 from tests.learned_kit import announce, draw_examples
 
 pytestmark = [pytest.mark.sim, pytest.mark.motion]
 
-NAMES = sorted({DEFAULT, "learned", *entry_points(group=FORECASTERS).names})
+NAMES = sorted({DEFAULT, "learned", *FORECASTERS.names()})
 OPTIONS = {"learned": {"model": "model.json"}}
 SCENE = Scene(name="tabletop/waiter", seed=7, episode="e")
 REQUEST = LookaheadRequest(samples=2, threshold=0.0, seed=5)

@@ -13,7 +13,7 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Journal
 from phyagentos.store.segments import SystemIO
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from . import second_reader
 from .disk_model import Recorder, Step, build_image, read_folder

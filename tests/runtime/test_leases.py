@@ -29,7 +29,7 @@ from phyagentos.runtime.worker.orders import (
 )
 from phyagentos.runtime.worker.worker import WorkerLoop
 from phyagentos.store.journal import Entry, Journal
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .test_watchdog import ScriptedWorker, make_session, stand  # noqa: F401 - a fixture
 

@@ -6,7 +6,7 @@ import pytest
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, find_heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.session import Limits
 from phyagentos.runtime.supervision.limits import FaultKind, HeartbeatMonitor
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 LIMITS = Limits(heartbeat_s=3.0, stall_s=5.0, think_s=12.0)
 PID = 41

@@ -22,7 +22,7 @@ from phyagentos.runtime.preflight.arguments import iter_posture_problems
 from phyagentos.runtime.preflight.dry_run import DryRun
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 ASIDE = (1.2, -0.5, 0.1, -2.0, 0.0, 1.6, 0.5)
 FLOOR = (0.0, 1.6, 0.0, -0.3, 0.0, 1.5, 0.0)  # stretched out, through the table

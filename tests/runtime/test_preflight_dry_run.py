@@ -46,7 +46,7 @@ from phyagentos.runtime.preflight.dry_run import (
 from phyagentos.runtime.preflight.examination import Examiner
 from phyagentos.runtime.targets.wire import Kinematics
 from phyagentos.runtime.worker.orders import Check, Checked, Ready, Reconcile, encode, receive_answer, serve_refusals
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 WAY = Approach(label="yaw+000", tcp_end=Pose((0.5, 0.0, 0.02)), line_rad=np.tile(HOME, (3, 1)))

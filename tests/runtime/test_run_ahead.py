@@ -12,7 +12,7 @@ from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.execution.leaf import Leaf, Role, Status
 from phyagentos.runtime.perception.world_model import ConfirmationCapture, GroundTruthWorldModel
 from phyagentos.runtime.targets import wire
-from tests.runtime.conftest import build_cube
+from phyagentos.testing import make_cube
 
 
 class Tap:
@@ -63,7 +63,7 @@ def move(build_bench, build_session, doubles, profile):
     """Run `home` from afar; returns the tap, the bench and the execution."""
 
     def move(target=None, distance_rad=0.3, **changes):
-        bench = build_bench(target or doubles.PerfectTarget(profile, [doubles.build_cube()]))
+        bench = build_bench(target or doubles.PerfectTarget(profile, [doubles.make_cube()]))
         bench.target.q = bench.target.q + distance_rad
         tap = bench.handle.link.connection = Tap(bench.handle.link.connection)
         execution = bench.run(build_session(skill="home", parameters={}, **changes))
@@ -119,14 +119,14 @@ class Glancing(GroundTruthWorldModel):
         assert [type(each) for each in frames] == [wire.Frames]
         world = self._describe(self._handle.step)
         names = glance.things if self.is_sure(self.planned) is True else ()
-        things = {name: build_cube(name) for name in names}
+        things = {name: make_cube(name) for name in names}
         return None if self.is_sure(self.planned) is None else msgspec.structs.replace(world, entities=things)
 
 
 @pytest.fixture
 def glancing(monkeypatch, doubles):
     """The true world with glances; the target sends frames without pictures."""
-    monkeypatch.setattr("tests.runtime.conftest.GroundTruthWorldModel", Glancing)
+    monkeypatch.setattr("phyagentos.testing.skill_stand.GroundTruthWorldModel", Glancing)
     monkeypatch.setattr(Glancing, "is_sure", staticmethod(lambda _number: True))
     handle = doubles.PerfectTarget.handle
 
@@ -180,7 +180,7 @@ def test_a_command_behind_a_refused_one_is_not_recorded(move, doubles, profile):
                 return wire.Refused("TARGET_LIMIT" if request.sequence == 12 else "OUT_OF_SEQUENCE", "no")
             return super().handle(request)
 
-    tap, bench, execution = move(Refusing(profile, [doubles.build_cube()]))
+    tap, bench, execution = move(Refusing(profile, [doubles.make_cube()]))
 
     assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "TARGET_LIMIT")
     assert len(read_trajectory(bench, execution)["time_s"]) == 11
@@ -198,7 +198,7 @@ def test_a_stop_of_the_target_is_met_before_another_command_is_sent(move, double
             is_struck = isinstance(request, wire.Command) and request.sequence == 12
             return msgspec.structs.replace(reply, stopped="COLLISION_STOP") if is_struck else reply
 
-    _, bench, execution = move(Stopping(profile, [doubles.build_cube()]))
+    _, bench, execution = move(Stopping(profile, [doubles.make_cube()]))
 
     assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "COLLISION_STOP")
     assert bench.target.commands()[-1].sequence == 13
@@ -225,7 +225,7 @@ def test_fingers_move_while_the_worker_records(build_bench, build_session, plant
     library, ticks = plant([leaf]), []
     for number, can_run_ahead in enumerate((True, False)):
         monkeypatch.setattr(TargetSessionHandle, "can_run_ahead", property(lambda _, can=can_run_ahead: can))
-        bench = build_bench(doubles.PerfectTarget(profile, [doubles.build_cube()]), library=library)
+        bench = build_bench(doubles.PerfectTarget(profile, [doubles.make_cube()]), library=library)
         bench.target.width_m = 0.04
         tap = bench.handle.link.connection = Tap(bench.handle.link.connection)
         execution = bench.run(build_session(skill="planted", parameters={}, id=f"tidy-1.n{number}"))

@@ -12,7 +12,7 @@ from phyagentos.store.history import Histories
 from phyagentos.store.journal import Entry
 from phyagentos.store.maintenance import Maintenance, archive_segments
 from phyagentos.store.segments import SystemIO, list_all_segments, list_segments
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .histories import STEPS, Story, fold
 

@@ -14,7 +14,7 @@ from phyagentos.store.journal import Entry
 from phyagentos.store.shared_file import decode
 from phyagentos.store.views.page_history import History
 from phyagentos.store.views.sessions import END_MARK
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .edit_stand import EditStand
 

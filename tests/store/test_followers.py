@@ -18,7 +18,7 @@ from phyagentos.store.records import frame_payload, read_record
 from phyagentos.store.recovery.inspection import inspect_partition
 from phyagentos.store.recovery.repair import repair_partition
 from phyagentos.store.segments import SystemIO, locate
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .conftest import make_submit
 from .damage import HashingFollower

@@ -10,7 +10,7 @@ import pytest
 
 from phyagentos.protocol.sessions import stop_signals as mailbox
 from phyagentos.protocol.sessions.stop_signals import DONE_KEPT, Signal, SignalReader, drop_signal, take_signals
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 
 def make_old(path):

@@ -32,7 +32,7 @@ from phyagentos.runtime.perception.world_model import WORLD, GroundTruthWorldMod
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 pytestmark = [pytest.mark.sim, pytest.mark.motion]
 

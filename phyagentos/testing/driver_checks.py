@@ -1,14 +1,14 @@
 """Requirements of every driver, as checks that any package can run over its own.
 
-    from phyagentos.runtime.targets.conformance import CHECKS, Subject
+    from phyagentos.testing import DRIVER_CHECKS, DriverSubject
 
-    @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+    @pytest.mark.parametrize("check", DRIVER_CHECKS, ids=lambda check: check.__name__)
     def test_my_driver(check):
-        check(Subject(open=open_my_driver, scene="tabletop/cubes_and_trays"))
+        check(DriverSubject(open=open_my_driver, scene="tabletop/cubes_and_trays"))
 
 A check drives a fresh driver through `ServedTarget` and raises AssertionError. Motions are small: one joint by a few
 hundredths of a radian (metres, for a slide) from its posture after `load`. A target that is served elsewhere, by
-whatever program, is checked over its wire: `open` gives a `Reached`.
+whatever program, is checked over its wire: `open` gives a `ReachedTarget`.
 """
 
 import contextlib
@@ -33,10 +33,10 @@ PERIODS = 25  # of the small motion: half a second at 50 Hz
 TOLERANCE_RAD = 0.02  # between the last set-point and where a joint came to rest
 STILL_RAD_S = 0.02
 
-Check = Callable[["Subject"], None]
+Check = Callable[["DriverSubject"], None]
 
 
-class Reached:
+class ReachedTarget:
     """A target that another program serves; `connect` opens a connection, `key` admits."""
 
     def __init__(self, connect: Callable[[], Channel], key: bytes) -> None:
@@ -86,7 +86,7 @@ class Reached:
 
 
 @dataclass(slots=True, kw_only=True)
-class Subject:
+class DriverSubject:
     """One driver under test, which moves `joint` (an index) by `way` [rad or m]; `open` makes a fresh one each time.
 
     A target that is served elsewhere is started by `open`, and told of emergency stops by `set_stop`.
@@ -96,7 +96,7 @@ class Subject:
         reset: What a person does at the robot after an emergency stop, before a session may begin.
     """
 
-    open: Callable[[], TargetPort | Reached]
+    open: Callable[[], TargetPort | ReachedTarget]
     scene: str
     joint: int = 0
     way: float = 0.04
@@ -104,18 +104,18 @@ class Subject:
     noise: float = 0.0
     reset: Callable[[], None] = lambda: None
     set_stop: Callable[[bool], None] = lambda _is_stopped: None
-    _targets: list[ServedTarget | Reached] = field(default_factory=list)
+    _targets: list[ServedTarget | ReachedTarget] = field(default_factory=list)
 
-    def serve(self) -> "Client":
+    def serve(self) -> "DriverClient":
         """A fresh driver, served in this process, or reached; every message travels as bytes."""
         opened = self.open()
-        target: ServedTarget | Reached
-        if isinstance(opened, Reached):
+        target: ServedTarget | ReachedTarget
+        if isinstance(opened, ReachedTarget):
             target = opened
         else:
             target = ServedTarget(opened, ReceiveLog(None), is_estopped=lambda: self.estop)
         self._targets.append(target)
-        return Client(target, self)
+        return DriverClient(target, self)
 
     def close(self) -> None:
         """Close every served target."""
@@ -124,17 +124,17 @@ class Subject:
 
 
 @dataclass(slots=True)
-class Client:
+class DriverClient:
     """One side of the wire."""
 
-    target: ServedTarget | Reached
-    subject: Subject
+    target: ServedTarget | ReachedTarget
+    subject: DriverSubject
     sequence: int = 0
 
     def ask(self, request: wire.Request) -> Any:
         """The reply, after both travelled as bytes."""
         self.subject.set_stop(self.subject.estop)
-        if isinstance(self.target, Reached):
+        if isinstance(self.target, ReachedTarget):
             return self.target.exchange(request)
         return wire.exchange(Loopback(self.target), request, 1.0)
 
@@ -142,7 +142,7 @@ class Client:
         """The scene of the subject."""
         return self.ask(wire.LoadScene(self.subject.scene, seed, episode, snapshot, may_reset=may_reset))
 
-    def begin(self, session: str = SESSION, epoch: int = EPOCH) -> "Client":
+    def begin(self, session: str = SESSION, epoch: int = EPOCH) -> "DriverClient":
         """Load and take authority."""
         _require(self.load(), wire.Loaded, "LoadScene")
         _require(self.ask(wire.Begin(session, epoch)), wire.Ack, "Begin")
@@ -191,7 +191,7 @@ class Client:
         return reply
 
 
-def describes_itself(subject: Subject) -> None:
+def describes_itself(subject: DriverSubject) -> None:
     """Its description is consistent with itself and with its measurements."""
     client = subject.serve()
     _require(client.load(), wire.Loaded, "LoadScene")
@@ -207,12 +207,12 @@ def describes_itself(subject: Subject) -> None:
     assert abs(client.target.time_s - now.time_s) < 1e-9 or live.mode == "realtime", "two times of one moment"
 
 
-def is_nothing_before_a_scene(subject: Subject) -> None:
+def is_nothing_before_a_scene(subject: DriverSubject) -> None:
     """Before a scene is loaded no session begins."""
     _refuse(subject.serve().ask(wire.Begin(SESSION, EPOCH)), "NO_SCENE")
 
 
-def keeps_an_episode(subject: Subject) -> None:
+def keeps_an_episode(subject: DriverSubject) -> None:
     """An episode goes on, is one scene and seed, and ends only where that is permitted."""
     client = subject.serve()
     first = _require(client.load(), wire.Loaded, "LoadScene")
@@ -224,7 +224,7 @@ def keeps_an_episode(subject: Subject) -> None:
     _refuse(client.load("g"), "NO_AUTHORITY")
 
 
-def follows_set_points(subject: Subject) -> None:
+def follows_set_points(subject: DriverSubject) -> None:
     """A motion takes one control period a command, and ends where it was commanded to, at rest."""
     client = subject.serve().begin()
     commands = client.plan()
@@ -241,7 +241,7 @@ def follows_set_points(subject: Subject) -> None:
     assert not client.target.is_moving, "it reports a motion at rest"
 
 
-def admits_a_motion_that_meets_no_other_target(subject: Subject) -> None:
+def admits_a_motion_that_meets_no_other_target(subject: DriverSubject) -> None:
     """An announcement is admitted and moves nothing; it needs authority."""
     client = subject.serve().begin()
     way, before = np.vstack([command.q_rad for command in client.plan()]), _look(client)
@@ -251,7 +251,7 @@ def admits_a_motion_that_meets_no_other_target(subject: Subject) -> None:
     assert _stands(client, before), "an announcement moved it"
 
 
-def refuses_what_is_no_command(subject: Subject) -> None:
+def refuses_what_is_no_command(subject: DriverSubject) -> None:
     """Arrays of a wrong shape or with NaN move nothing, and their sequence number stays free."""
     client = subject.serve().begin()
     sound, before = client.make(), _look(client)
@@ -264,7 +264,7 @@ def refuses_what_is_no_command(subject: Subject) -> None:
     _require(client.send(client.make()), wire.Step, "a sound command after refused ones")
 
 
-def asks_for_authority(subject: Subject) -> None:
+def asks_for_authority(subject: DriverSubject) -> None:
     """A command of another session, out of sequence or late moves nothing."""
     client = subject.serve()
     _require(client.load(), wire.Loaded, "LoadScene")
@@ -286,7 +286,7 @@ def asks_for_authority(subject: Subject) -> None:
     _refuse(client.ask(wire.Begin(SESSION, EPOCH)), "STALE_TOKEN")
 
 
-def halts_in_the_middle(subject: Subject) -> None:
+def halts_in_the_middle(subject: DriverSubject) -> None:
     """A halt brings a motion to rest by the target's own means; after category 1 nothing is commanded."""
     client = _be_in_the_middle(subject)
     step = _require(client.ask(wire.Halt(SESSION, EPOCH)), wire.Step, "Halt")
@@ -297,7 +297,7 @@ def halts_in_the_middle(subject: Subject) -> None:
     _refuse(client.send(client.make()), "DRIVES_OFF")
 
 
-def halts_when_its_client_is_gone(subject: Subject) -> None:
+def halts_when_its_client_is_gone(subject: DriverSubject) -> None:
     """A client that disconnects in the middle of a motion leaves it at rest, without authority."""
     client = _be_in_the_middle(subject)
     client.target.withdraw()
@@ -306,7 +306,7 @@ def halts_when_its_client_is_gone(subject: Subject) -> None:
     _refuse(client.send(client.make()), "NO_AUTHORITY")
 
 
-def stops_in_an_emergency(subject: Subject) -> None:
+def stops_in_an_emergency(subject: DriverSubject) -> None:
     """A latched emergency stop ends a motion, and no command or session begins under it."""
     client = _be_in_the_middle(subject)
     subject.estop = True
@@ -320,7 +320,7 @@ def stops_in_an_emergency(subject: Subject) -> None:
     _require(client.ask(wire.Begin("next", EPOCH)), wire.Ack, "Begin")
 
 
-def goes_on_from_its_snapshot(subject: Subject) -> None:
+def goes_on_from_its_snapshot(subject: DriverSubject) -> None:
     """A driver that gives snapshots goes on from one with the same bits; other bytes change nothing."""
     client = subject.serve().begin()
     snapshot = client.ask(wire.Observe(snapshot=True)).snapshot
@@ -343,7 +343,7 @@ def goes_on_from_its_snapshot(subject: Subject) -> None:
     assert other.ask(wire.Observe(snapshot=True)).snapshot == ends[1], "a refused snapshot changed the state"
 
 
-def offers_what_it_describes(subject: Subject) -> None:
+def offers_what_it_describes(subject: DriverSubject) -> None:
     """Tools, cameras and ground truth are those of its description; others are refused by their code."""
     client = subject.serve()
     _require(client.load(), wire.Loaded, "LoadScene")
@@ -360,7 +360,7 @@ def offers_what_it_describes(subject: Subject) -> None:
         assert client.ask(wire.InvokeTool(wire.SCENE_MODEL)).artefacts, "a scene model without files"
 
 
-CHECKS: tuple[Check, ...] = (
+DRIVER_CHECKS: tuple[Check, ...] = (
     describes_itself,
     is_nothing_before_a_scene,
     keeps_an_episode,
@@ -376,19 +376,19 @@ CHECKS: tuple[Check, ...] = (
 )
 
 
-def _be_in_the_middle(subject: Subject) -> Client:
+def _be_in_the_middle(subject: DriverSubject) -> DriverClient:
     client = subject.serve().begin()
     for command in client.plan()[: PERIODS // 2]:
         _require(client.send(command), wire.Step, "Command")
     return client
 
 
-def _look(client: Client) -> Any:
+def _look(client: DriverClient) -> Any:
     """The present state without its time."""
     return client.ask(wire.Observe()).target
 
 
-def _stands(client: Client, before: Any) -> bool:
+def _stands(client: DriverClient, before: Any) -> bool:
     """Whether the state is the one before, within the noise of the subject."""
     now, noise = _look(client), client.subject.noise
     pairs = [(now.q_rad, before.q_rad), (now.qd_rad_s, before.qd_rad_s), (now.gripper_width_m, before.gripper_width_m)]

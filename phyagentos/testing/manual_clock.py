@@ -1,4 +1,4 @@
-"""Time that a test moves."""
+"""Time that a test moves, and nothing else."""
 
 import datetime
 
