@@ -148,7 +148,6 @@ PROPOSAL_CHANGED  A proposal, or the decision on it, is not about the bytes that
 PROPOSAL_DECIDED  A decision on the proposal was made before; the first one stays.
 PROPOSAL_OPEN     A proposal names another goal graph, whose content could change after an approval.
 TOOL_NOT_OFFERED  The server was started with a level that does not include the tool.
-TOOL_REFUSED      What a tool was asked for cannot be done.
 TOO_LARGE         A proposal, or the arguments of a tool, have too many bytes.
 TOO_MANY_PROPOSALS So many proposals wait for a decision that no other is taken.
 UNKNOWN_PROPOSAL  No proposal of this name.

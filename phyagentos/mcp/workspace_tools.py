@@ -3,7 +3,6 @@
 No tool starts a session, resets a stop, decides on a proposal, or writes limits, evidence or verdicts.
 """
 
-import functools
 import re
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -20,10 +19,9 @@ from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.mission.report import build_report, report_session
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.agent.tools.registry import Answer, Level, Tool
-from phyagentos.assembly.project import admit_python, open_library, parse_overrides
-from phyagentos.cli.outcome import Exit
+from phyagentos.assembly.project import admit_python, get_file, parse_overrides
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, relocate
+from phyagentos.errors import relocate
 from phyagentos.operations import preflight, recall, stop
 from phyagentos.operations.approve import as_file
 from phyagentos.operations.compile import describe_graph
@@ -78,7 +76,7 @@ class WorkspaceTools:
     def declare(self) -> tuple[Tool, ...]:
         """Every tool, whatever the level."""
         marked = [(name, each.declared) for name, each in vars(WorkspaceTools).items() if hasattr(each, "declared")]
-        return tuple(Tool.of(_refusing(getattr(self, name)), level, **facts) for name, (level, facts) in marked)
+        return tuple(Tool.of(getattr(self, name), level, **facts) for name, (level, facts) in marked)
 
     @_tool()
     def look(self) -> Answer:
@@ -208,32 +206,14 @@ class WorkspaceTools:
         return {"state": status.state, "is_over": is_over, "turn": turn, "report": report_session(status)}
 
 
-def _refusing(handler: Callable[..., Answer]) -> Callable[..., Answer]:
-    """The same; what a command would print as it ends becomes a problem."""
-
-    @functools.wraps(handler)
-    def call(**given: Any) -> Answer:
-        try:
-            return handler(**given)
-        except Exit as error:
-            raise DefinitionError.of("TOOL_REFUSED", handler.__name__, error.message) from error
-
-    return call
-
-
 @contextmanager
 def _as_graph(text: str) -> Iterator[Path]:
     """The file of a goal graph that is given by its text, or by a name of the library."""
-    if _NAME.fullmatch(text) is None:
+    if _NAME.fullmatch(text):
+        yield get_file(Path("goal_graphs", f"{text}.yaml"), "goal_graphs")
+    else:
         with as_file(text) as file:
             yield file
-        return
-    roots, name = open_library().roots, f"{text}.yaml"
-    found = next((path for root in roots if (path := root / "goal_graphs" / name).is_file()), None)
-    if found is None:
-        known = open_library().names_of_goal_graphs()
-        raise DefinitionError.unknown("UNKNOWN_FILE", "goal_graphs", text, known)
-    yield found
 
 
 def _read_overrides(given: Mapping[str, str]) -> dict[str, str]:

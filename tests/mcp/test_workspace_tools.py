@@ -10,8 +10,8 @@ import yaml
 
 from phyagentos.agent.tools.proposals import Proposals
 from phyagentos.agent.tools.registry import Level
-from phyagentos.cli.mcp_server import build_registry
 from phyagentos.errors import DefinitionError
+from phyagentos.mcp.protocol_server import build_registry
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.estop import read_latch
 from phyagentos.protocol.workspace.workspace import Workspace

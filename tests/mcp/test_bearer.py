@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from phyagentos.cli.mcp_server import TokenGate
+from phyagentos.mcp.protocol_server import TokenGate
 
 TOKEN = "t" * 43
 
