@@ -8,8 +8,8 @@ import typer
 
 from phyagentos.cli.arguments import AsJson, Overrides, TrustPython
 from phyagentos.cli.console import CleanConsole, RunConsole
+from phyagentos.cli.final_table import print_report
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note
-from phyagentos.cli.report import print_report
 from phyagentos.cli.running import FaultFile, Graph, Known, Mode, NoPictures, Seed, Sense, Verify, WhichMemory
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.operations.progress import RunFold

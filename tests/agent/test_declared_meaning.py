@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 import pytest
 from phyagentos.runtime.lookahead.rollouts import Rollout, find_cause
+from tests.contracts import make_contract
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
@@ -37,7 +38,6 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.preflight.arguments import iter_contradictions, iter_name_problems
 from tests.agent.test_diagnosis import make_bundle
 from tests.agent.test_repair import HEMMED_IN, ROOT, failed_before, make_box, make_case, make_table_world, met
-from tests.contracts import make_contract
 
 OTHER_NAMES = {
     "inside": "within",
