@@ -157,7 +157,6 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         return hire_worker(workspace, target, sockets, pictures=pictures, world=worlds[world])
 
     def on_record(record: Record) -> None:
-        views.take_in(record)
         keeper.take_in(record)
         if shared is not None:
             shared.take_in(record)
@@ -166,7 +165,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         views.refresh()
         signals.refresh()
         keeper.refresh()
-        goals = views.ledger.goals.values()
+        goals = watchdog.ledger.goals.values()
         if once_idle and goals and all(goal.verdict or goal.is_cancelled for goal in goals):
             watchdog.stop()
 
@@ -183,8 +182,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         lease_s=rules.lease_s,
     )
 
-    views.share(watchdog.ledger, watchdog.follow)
-    seal_rest(workspace, views.ledger)  # of a runtime that was killed
+    seal_rest(workspace, watchdog.ledger)  # of a runtime that was killed
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: watchdog.stop())
@@ -196,7 +194,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         shared.close()
     views.close()
     keeper.close()
-    seal_rest(workspace, views.ledger)
+    seal_rest(workspace, watchdog.ledger)
     edits.close()
     signals.close()
     journal.close()
