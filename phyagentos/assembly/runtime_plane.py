@@ -147,7 +147,6 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     keeper = EvidenceKeeper(workspace)
 
     def on_record(record: Record) -> None:
-        views.take_in(record)
         keeper.take_in(record)
         if shared is not None:
             shared.take_in(record)
@@ -156,7 +155,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         views.refresh()
         signals.refresh()
         keeper.refresh()
-        if once_idle and _is_done(views.ledger):
+        if once_idle and _is_done(watchdog.ledger):
             watchdog.stop()
 
     rules = _read_rules(workspace)
@@ -171,8 +170,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         ageing_per_s=rules.ageing_per_min / 60.0,
         lease_s=rules.lease_s,
     )
-    views.share(watchdog.ledger, watchdog.follow)
-    seal_rest(workspace, views.ledger)  # of a runtime that was killed
+    seal_rest(workspace, watchdog.ledger)  # of a runtime that was killed
     signal.signal(signal.SIGTERM, lambda *_: watchdog.stop())
     signal.signal(signal.SIGINT, lambda *_: watchdog.stop())
     collect_rarely()
@@ -183,7 +181,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         shared.close()
     views.close()
     keeper.close()
-    seal_rest(workspace, views.ledger)
+    seal_rest(workspace, watchdog.ledger)
     edits.close()
     signals.close()
     journal.close()

@@ -8,14 +8,12 @@ from pathlib import Path
 
 from phyagentos.clock import Clock
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.store.checkpoint import start_reading, write_checkpoint
-from phyagentos.store.follower import Follower
+from phyagentos.store.checkpoint import write_checkpoint
 from phyagentos.store.journal import Journal
 from phyagentos.store.maintenance import LOCK_NAME as MAINTENANCE_LOCK
 from phyagentos.store.maintenance import archive_segments
 from phyagentos.store.partition_lock import PartitionLock, hold_file
-from phyagentos.store.records import Tail
-from phyagentos.store.segments import Front, SystemIO, choose_next_name, create_segment, sync_folder
+from phyagentos.store.segments import SystemIO
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,24 +37,12 @@ def compact_partition(folder: Path, *, by: str, clock: Clock, file_io: SystemIO)
     """
     root = folder.parent.parent
     journal = Journal(root, side=Side.OPERATOR, by=by, clock=clock, partition=folder.name, file_io=file_io)
-    journal.close()  # opening it has cut what a dying writer left half
-    with keep_still(folder):
-        ledger, follower = start_reading(folder)
-        with contextlib.closing(follower):
-            for record in follower.advance():
-                ledger.apply(record)
-            if follower.tail is not Tail.CLEAN or follower.position is None:
-                raise follower.describe_damage()
-            with follower.path.open("rb") as file:
-                file_io.fsync(file.fileno())
-            sealed = None
-            horizon_seq = ledger.find_horizon()
-            if follower.first_seq <= follower.seq < horizon_seq:
-                sealed = follower.position.segment
-                _seal(folder, follower, clock.wall_iso()[:10], file_io)
-            write_checkpoint(folder, ledger, follower.position, file_io, durable=True)
-            archived = archive_segments(folder, horizon_seq, ledger.seq, file_io, durable=True)
-            return Compaction(seq=ledger.seq, sealed=sealed, archived=archived)
+    with contextlib.closing(journal), hold_file(folder / MAINTENANCE_LOCK, fcntl.LOCK_EX):
+        ledger = journal.open_ledger()
+        position, sealed = journal.seal(ledger)
+        write_checkpoint(folder, ledger, position, file_io, durable=True)
+        archived = archive_segments(folder, ledger.find_horizon(), ledger.seq, file_io, durable=True)
+        return Compaction(seq=ledger.seq, sealed=sealed, archived=archived)
 
 
 @contextlib.contextmanager
@@ -68,13 +54,3 @@ def keep_still(folder: Path) -> Iterator[None]:
             yield
     finally:
         lock.close()
-
-
-def _seal(folder: Path, follower: Follower, today: str, file_io: SystemIO) -> None:
-    """Begin the next segment, so that this one grows no more."""
-    current = str(follower.segment)
-    name = choose_next_name(current, today)
-    front = Front(folder.name, name, follower.seq + 1, prev=current, prev_sha256=follower.compute_sha256())
-    create_segment(folder, front, file_io, durable=True)
-    sync_folder(folder, file_io)
-    follower.advance()

@@ -28,7 +28,7 @@ from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.store.admission import Entry, IllegalEvent
 from phyagentos.store.admission_cache import AdmissionCache, NotCached
 from phyagentos.store.checkpoint import find_checkpoint, find_seen_seq, read_ledger, refuse_missing_end
-from phyagentos.store.follower import ConsumerOffset, Follower
+from phyagentos.store.follower import ConsumerOffset, Follower, Position
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.maintenance import Maintenance
 from phyagentos.store.partition_lock import PartitionLock
@@ -160,6 +160,25 @@ class Journal:
         if self._durable:
             self._writer.sync(seq, self._follower)
 
+    def seal(self, ledger: Ledger) -> tuple[Position, str | None]:
+        """Bring a ledger up to date and begin a segment, unless something needs the last one, or it is empty.
+
+        Where the durable journal ends now, and the name of the sealed segment. Raises as `commit`.
+        """
+        with self._mutex, self._lock.held():
+            self._catch_up()
+            records, self._follower = self._reading.take(self._follower)
+            for record in records:
+                ledger.apply(record)
+            self._writer.seal()
+            sealed = None
+            if self._follower.first_seq <= self._follower.seq < ledger.find_horizon():
+                sealed = self._follower.segment
+                self._begin_segment(self._clock.wall_iso()[:10])
+            if self._follower.position is None:
+                raise self._follower.describe_damage()
+            return self._follower.position, sealed
+
     def knows(self, id: str) -> bool:
         """Whether a session or goal (`goal:<goal id>`) of this id was ever submitted, archived or not."""
         with self._mutex:
@@ -273,11 +292,12 @@ class Journal:
         self._note(records)
 
     def _rotate_if_due(self, today: str) -> None:
-        current = str(self._follower.segment)
-        if self._follower.offset < self._segment_bytes and today <= current[:10]:
-            return
-        self._writer.seal()
-        self._writer.create(choose_next_name(current, today), self._follower)
+        if self._follower.offset >= self._segment_bytes or today > str(self._follower.segment)[:10]:
+            self._writer.seal()
+            self._begin_segment(today)
+
+    def _begin_segment(self, today: str) -> None:
+        self._writer.create(choose_next_name(self._follower.segment, today), self._follower)
         self._note(self._follower.advance())
         self._writer.open(self._follower)
 

@@ -1,9 +1,8 @@
 """The rendered documents of the runtime plane: SESSIONS.md and LOG.md, kept in step with the journal.
 
-It follows the journal itself, so it can run in any process, or shares that process's fold.
+It follows the journal itself, so it can run in any process.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 
 from phyagentos.clock import Clock
@@ -11,7 +10,6 @@ from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.records import Record
 from phyagentos.store.views.log import LogTail
 from phyagentos.store.views.page_history import History
 
@@ -37,14 +35,6 @@ class Views:
         self._history = History(partition, on_record=self._log.take)
         self._published_seq = -1
         self._due_at_s = -float("inf")
-
-    def share(self, ledger: Ledger, follow: Callable[[], None]) -> None:
-        """Use a fold of this process; see `History.share`."""
-        self._history.share(ledger, follow)
-
-    def take_in(self, record: Record) -> None:
-        """A record was applied to the shared fold."""
-        self._history.take_in(record)
 
     @property
     def ledger(self) -> Ledger:

@@ -68,7 +68,7 @@ class SharedFile:
 
     def adopt(self) -> None:
         """Take over what processes that are gone left aside, the oldest first."""
-        for path in sorted(self._aside.glob("*.md"), key=lambda path: path.lstat().st_mtime_ns):
+        for path in sorted(self._aside.glob("*.md"), key=lambda path: path.name.partition("-")[2]):
             owner = path.name.partition("-")[0]
             number = owner.partition(".")[0]
             if not number.isdecimal() or owner != identify_process(int(number)):
@@ -102,7 +102,7 @@ class SharedFile:
         self._kept = [kept for kept in self._kept if self._examine(kept, handle, at_once=at_once)]
 
     def _put(self, data: bytes) -> bool:
-        fd, name = tempfile.mkstemp(prefix=f"{self._owner}-", suffix=".md", dir=self._aside)
+        fd, name = tempfile.mkstemp(prefix=f"{self._owner}-{self._clock.wall_iso()}-", suffix=".md", dir=self._aside)
         fresh = Path(name)
         with os.fdopen(fd, "wb") as file:
             os.fchmod(fd, 0o644)

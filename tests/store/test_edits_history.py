@@ -95,22 +95,3 @@ def test_a_large_journal_is_read_from_its_checkpoint(story, open_history, open_j
     assert page is None or render_page(page) == texts[30]
 
 
-def test_a_shared_fold_tells_every_record_once_and_renders_the_same(story, open_history, open_journal, submit):
-    lane, texts = story
-    agent, own, told = open_journal(), open_history(lane), []
-    shared = open_history(lane, on_record=lambda record, _: told.append(record.seq))
-    ledger = agent.open_ledger()
-
-    def follow() -> None:
-        for record in agent.read_new():
-            ledger.apply(record)
-            shared.take_in(record)
-
-    shared.share(ledger, follow)
-    agent.commit([submit("later")])
-
-    assert shared.read_new() == 1
-    assert told == list(range(1, max(texts) + 2))
-    own.read_new()
-    assert render_page(shared.build_page()) == render_page(own.build_page())
-    assert shared.read_new() == 0

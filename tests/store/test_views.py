@@ -133,14 +133,6 @@ def test_sessions_shows_all_live_ones_and_the_last_finished(open_journal, submit
     assert "50 older sessions are in the journal." in text
 
 
-def test_a_session_and_its_child_are_drawn(ledger):
-    text = render_sessions(ledger)
-
-    assert '["<b>tidy-7.red</b><br/>replanned"]' in text
-    assert "    s0 -->|revised as| s1\n" in text
-    assert "flowchart" not in render_sessions(Ledger())
-
-
 def test_a_pending_session_shows_every_field_that_may_change(ledger):
     text = render_sessions(ledger)
     pending, replanned = text[text.index("## tidy-7.red.r1\n") :].split("## tidy-7.red\n")

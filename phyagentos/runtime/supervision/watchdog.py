@@ -90,7 +90,7 @@ class Watchdog:
         ledger = journal.open_ledger()
         self._queues = Queues(ledger, clock, ageing_per_s)
         self._journal = SupervisorJournal(journal, ledger, self._queues.put, on_record)
-        self.ledger, self.follow = ledger, self._journal.follow
+        self.ledger = ledger
         self._operator: OperatorSignals  # listens while this runs
         self._hire, self._clock, self._publish = hire, clock, publish
         self._shared_time = shared_time

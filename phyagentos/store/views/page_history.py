@@ -29,43 +29,19 @@ class History:
         self._partition = partition
         self.ledger, self._follower = _begin(partition)
         self._on_record = on_record
-        self._follow: Callable[[], None] | None = None  # of the owner of a shared fold
-        self._reported_seq = 0
         self._texts: Cache = {}
         self._pages: dict[int, Page] = {}  # by record, the oldest first
 
-    def share(self, ledger: Ledger, follow: Callable[[], None]) -> None:
-        """Use the fold of another owner in this thread, so that no record is read and applied twice.
-
-        `follow` brings it up to date; it calls `take_in` with each record it applies.
-        """
-        follow()
-        self.read_new()  # at least as far as the fold of the other
-        self._follower.close()
-        self._reported_seq, self.ledger, self._follow = self.ledger.seq, ledger, follow
-
-    def take_in(self, record: Record) -> None:
-        """A record was applied to the shared fold."""
-        if self._follow is not None and record.seq > self._reported_seq and self._on_record is not None:
-            self._on_record(record, self.ledger)
-
-    def read_new(self) -> int:
-        """Take in the records since the last call and return their number; raises `JOURNAL_DAMAGED`."""
-        if self._follow is not None:
-            before = self.ledger.seq
-            self._follow()
-            return self.ledger.seq - before
-        records = self._follower.read_new()
-        for record in records:
+    def read_new(self) -> None:
+        """Take in the records since the last call; raises `JOURNAL_DAMAGED`."""
+        for record in self._follower.read_new():
             self.ledger.apply(record)
             if self._on_record is not None:
                 self._on_record(record, self.ledger)
-        return len(records)
 
     def close(self) -> None:
         """Close the journal."""
-        if self._follow is None:
-            self._follower.close()
+        self._follower.close()
 
     def build_page(self, notes: Sequence[str] = ()) -> Page:
         """What is to be shown now; it is remembered."""

@@ -14,7 +14,6 @@ import msgspec
 from phyagentos.protocol.documents.body_codec import render_yaml
 from phyagentos.protocol.documents.document import FrontMatter
 from phyagentos.protocol.documents.markdown import (
-    escape_label,
     flatten,
     format_value,
     render_front,
@@ -206,17 +205,4 @@ def _render_overview(texts: Sequence[Rendered], total: int) -> Iterable[str]:
     if not texts:
         return ["No session has been submitted yet.\n\n"]
     hidden = f"\n{total - len(texts)} older sessions are in the journal.\n" if total > len(texts) else ""
-    return [render_table(_COLUMNS, ()), *(text.row for text in texts), hidden, "\n", _draw_families(texts)]
-
-
-def _draw_families(texts: Sequence[Rendered]) -> str:
-    """Which session revises which, as a Mermaid graph; empty where none does."""
-    edges = [(text.status.contract.parent, text.status.contract.id) for text in texts if text.status.contract.parent]
-    if not edges:
-        return ""
-    states = {text.status.contract.id: text.status.state for text in texts}
-    names = {id: f"s{number}" for number, id in enumerate(dict.fromkeys(id for edge in edges for id in edge if id))}
-    lines = ["```mermaid", "flowchart LR"]
-    lines += [f'    {name}["<b>{escape_label(id)}</b><br/>{states.get(id, "earlier")}"]' for id, name in names.items()]
-    lines += [f"    {names[parent]} -->|revised as| {names[id]}" for parent, id in edges if parent]
-    return "\n".join(lines) + "\n```\n\n"
+    return [render_table(_COLUMNS, ()), *(text.row for text in texts), hidden, "\n"]
