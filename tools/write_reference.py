@@ -16,7 +16,7 @@ from typing import Any
 
 from msgspec.structs import astuple
 
-from phyagentos.cli.schemas import names_of_schemas, render_schema
+from phyagentos.cli.schemas import names_of_results, names_of_schemas, render_schema
 from phyagentos.codes import CODES, Actor, Phase
 from phyagentos.operations.describe import KINDS
 from phyagentos.operations.listing import RETRIES
@@ -68,7 +68,8 @@ Who acts: {actors}. When to try again: {retries}.
 
 def render_all(root: Path) -> dict[Path, str]:
     """Every file, by its path below `root`, whose README it reads."""
-    texts = {f"protocol/schemas/{kind}.schema.json": render_schema(kind) for kind in names_of_schemas()}
+    kinds = (*names_of_schemas(), *names_of_results())
+    texts = {f"protocol/schemas/{kind}.schema.json": render_schema(kind) for kind in kinds}
     texts |= {f"protocol/{name}": text for name, text in render_pristine().items()}
     texts |= {f"docs/reference/{name}": text for name, text in render_reference().items()}
     texts["docs/error_codes.md"] = render_codes()

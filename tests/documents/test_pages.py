@@ -15,6 +15,8 @@ from phyagentos.store.document_registry import FORMATS
 from tools.record import find_figures, make_record
 from tools.write_reference import HEADLINES, MEASURED, read_records, render_measured, renew_headlines
 
+pytestmark = pytest.mark.slow
+
 RECORD = {
     "name": "kept",
     "what": "Cups that were kept level",
