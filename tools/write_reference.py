@@ -11,6 +11,7 @@ compare all of them.
 import argparse
 import json
 from collections.abc import Mapping
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,7 @@ CODES_HEAD = """# Error codes
 
 {mark}
 
-One table for every layer: `paos codes CODE` prints an entry. Behind each meaning stand who acts and when to try again.
+One table for every layer: `paos codes CODE` prints an entry. Above each group stand who acts and when to try again.
 
 Who acts: {actors}. When to try again: {retries}.
 """
@@ -152,10 +153,13 @@ def render_codes() -> str:
     actors = ", ".join(f"`{actor}` {text}" for actor, text in ACTORS.items())
     retries = ", ".join(f"`{retry}` {text}" for retry, text in RETRIES.items())
     parts = [CODES_HEAD.format(mark=MARK, actors=actors, retries=retries)]
+    by_reader = sorted(CODES.values(), key=lambda code: (code.actor, code.retry, code.name))
     for phase in Phase:
-        rows = sorted((code for code in CODES.values() if code.phase is phase), key=lambda code: code.name)
-        parts.append(f"\n## {phase.capitalize()}\n\n")
-        parts += [f"- `{code.name}`: {code.meaning} *{code.actor}, {code.retry}*\n" for code in rows]
+        parts.append(f"\n## {phase.capitalize()}\n")
+        rows = (code for code in by_reader if code.phase is phase)
+        for (actor, retry), group in groupby(rows, key=lambda code: (code.actor, code.retry)):
+            parts.append(f"\n*{actor}, {retry}*\n\n")
+            parts += [f"- `{code.name}`: {code.meaning}\n" for code in group]
     return "".join(parts)
 
 

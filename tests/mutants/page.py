@@ -1,9 +1,9 @@
-"""The table of mutants for people, `docs/gauntlet.md`: which claim turns which tests red."""
+"""The table of mutants for people, `tests/mutants/README.md`: which claim turns which tests red."""
 
 from tests.mutants.mutant import ROOT, Mutant
 from tests.mutants.register import MUTANTS
 
-PAGE = ROOT / "docs" / "gauntlet.md"
+PAGE = ROOT / "tests" / "mutants" / "README.md"
 
 HEAD = """# Mutation tests
 
@@ -24,7 +24,7 @@ missing test: write that first.
 
 
 def render_page() -> str:
-    """The page as it must stand in `docs/gauntlet.md`."""
+    """The page as it must stand in `tests/mutants/README.md`."""
     tests = {node for mutant in MUTANTS for node in mutant.tests}
     count = f"{len(MUTANTS)} mutants, {len(tests)} different tests.\n"
     lines = ["| mutant | what it claims | where | tests that turn red |", "|---|---|---|---|"]
@@ -34,5 +34,5 @@ def render_page() -> str:
 def _render_line(mutant: Mutant) -> str:
     modules = dict.fromkeys(edit.module.removeprefix("phyagentos.") for edit in mutant.edits)
     where = ", ".join(f"`{module}`" for module in modules)
-    tests = "<br>".join(f"[{name}](../{file})" for file, _, name in (node.partition("::") for node in mutant.tests))
+    tests = "<br>".join(f"[{name}](../../{file})" for file, _, name in (node.partition("::") for node in mutant.tests))
     return f"| `{mutant.name}` | {mutant.claim} | {where} | {tests} |"
