@@ -21,7 +21,7 @@ from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Frames, Unconvertible
 from phyagentos.runtime.actions.bridges.chain import BridgeChain, compile_chain
 from phyagentos.runtime.actions.violations import Intervention, Violation, ViolationCode
-from phyagentos.runtime.policies.server import Policy, serve_policy
+from phyagentos.runtime.policies.server import Policy, answer, serve_policy
 from phyagentos.runtime.policies.transport import PolicyService
 from phyagentos.runtime.policies.wire import (
     Array,
@@ -59,6 +59,7 @@ __all__ = [
     "Unconvertible",
     "Violation",
     "ViolationCode",
+    "answer",
     "compile_chain",
     "serve_policy",
 ]

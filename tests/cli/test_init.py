@@ -48,4 +48,4 @@ def test_the_scaffold_uses_the_skill_of_the_first_example_unchanged(paos, tmp_pa
     paos("init", tmp_path / "mine")
     for name in ("skills/show_and_place/SKILL.md", "trees/show_and_place.yaml"):
         mine = (tmp_path / "mine" / name).read_text(encoding="utf-8")
-        assert mine == (ROOT / "examples/01_yaml_skill" / name).read_text(encoding="utf-8")
+        assert mine == (ROOT / "examples/projects/01_yaml_skill" / name).read_text(encoding="utf-8")

@@ -29,7 +29,7 @@ from tests.monitors.silence import LogMonitor
 
 ROOT = Path(__file__).resolve().parents[2]
 KIT = ROOT / "kits" / "target_server"
-SLIDE = ROOT / "examples" / "05_any_body" / "slide.py"
+SLIDE = ROOT / "examples" / "projects" / "05_any_body" / "slide.py"
 
 
 class Served:
