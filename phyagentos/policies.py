@@ -18,6 +18,7 @@ endpoints, and `phyagentos.bridges`, a subclass of `ActionBridge`.
 
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor, Stream
+from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Frames, Unconvertible
 from phyagentos.runtime.actions.bridges.chain import BridgeChain, compile_chain
 from phyagentos.runtime.actions.violations import Intervention, Violation, ViolationCode
@@ -61,5 +62,6 @@ __all__ = [
     "ViolationCode",
     "answer",
     "compile_chain",
+    "read_skill",
     "serve_policy",
 ]

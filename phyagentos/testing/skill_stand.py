@@ -60,8 +60,9 @@ class SkillStand:
     """Runs sessions of one robot on doubles, and keeps their evidence below `folder`, a temporary one without it.
 
     Args:
-        entities: What the world holds; None for what `target` holds already.
-        library: Trees and skills; those of `folder` and those that ship without one.
+        entities: What the world holds, where no `target` is given, which holds its own.
+        project: Folder with trees and skills of one's own.
+        library: Trees and skills; without it those of `folder`, of `project`, and those that ship.
         settings: Settings files, whose hashes go to the evidence.
 
     Attributes:
@@ -75,6 +76,7 @@ class SkillStand:
         entities: Iterable[Entity] = (),
         target: PerfectTarget | None = None,
         planner: Planner | None = None,
+        project: Path | None = None,
         library: Library | None = None,
         registry: LeafRegistry | None = None,
         clock: Clock | None = None,
@@ -87,7 +89,7 @@ class SkillStand:
             folder = Path(tempfile.mkdtemp(prefix="skill_stand_"))
             weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self.workspace = folder
-        self.library = library or Library((folder, find_shipped_root()))
+        self.library = library or Library((folder, *([project] if project else []), find_shipped_root()))
         self.registry = registry or build_registry(self.library)
         self.target = target or PerfectTarget(profile, entities)
         self.planner = planner or ScriptedPlanner()
