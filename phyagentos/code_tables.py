@@ -4,12 +4,15 @@ AUTHORED = """
 AMBIGUOUS_REFERENCE  A reference names a node that `foreach` made several of.
 API_KEY_MISSING      The environment variable that holds a model's key is not set.
 BROKEN_BEHAVIOURS    A Python package of leaves cannot be imported or registered.
+BROKEN_PLUGIN        What an installed package announces does not load, or is of another kind.
+BROKEN_PREDICATES    A file of predicates in a project's folder cannot be loaded.
 BROKEN_TREE          A tree uses another one that is wrong itself.
 CONTEXT_TOO_LARGE    A token budget is too small for the head of a context and its question.
 CYCLE                Nodes wait for each other, or goal graphs or trees contain each other.
 DUPLICATE_BLOCK      A document holds the same block twice.
 DUPLICATE_KEY        A mapping holds the same key twice.
 DUPLICATE_LEAF       Two packages offer a leaf of the same name.
+DUPLICATE_PLUGIN     Two packages announce a plug-in of one kind under the same name.
 DUPLICATE_VALUE      A `foreach` names the same value twice.
 EMPTY_FOREACH        A `foreach` names no value.
 FRONT_MATTER_MISSING A document does not begin with its front matter.
@@ -34,7 +37,7 @@ NOTHING_SEEN         A node decides on what is seen, and no session before it se
 NOTHING_TO_ACCEPT    A node, or the goal, holds nothing by which it could be accepted.
 NOT_ALIKE            Things that are called interchangeable have different forms or colours.
 NOT_A_KEY            A port is wired to something that is no key of a tree.
-NOT_A_LEAF           A registered class is no leaf, or declares no role.
+NOT_A_LEAF           A registered class does not derive from `Leaf`.
 NOT_A_NODE           A value of a tree is no node.
 NOT_A_NUMBER         A comparison needs a number.
 NOT_A_PREDICATE      A condition of a tree is no predicate.
@@ -64,6 +67,7 @@ UNKNOWN_NOISE_LEVEL  No noise level of this name in sensors.yaml.
 UNKNOWN_NODE         No node of this name in the goal graph.
 UNKNOWN_OUTPUT       The skill has no output of this name.
 UNKNOWN_PARAMETER    The skill has no parameter of this name.
+UNKNOWN_PLUGIN       No plug-in of this name.
 UNKNOWN_PORT         The leaf or subtree has no port of this name.
 UNKNOWN_POSTURE      The target's profile names no posture so.
 UNKNOWN_PREDICATE    No predicate of this name.

@@ -89,7 +89,7 @@ class ExecutionError(PhyAgentOSError):
     """A process, a target, a file system or a motor did not do what was asked; `code` is like `TARGET_LOST`."""
 
     def __init__(self, code: str, message: str) -> None:
-        self.code = code
+        self.code, self.message = code, message
         super().__init__(f"{code}: {message}")
 
 

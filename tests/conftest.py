@@ -19,7 +19,7 @@ if not os.environ.get("DISPLAY"):
 
 SECOND_READER = Path(__file__).parents[1] / "protocol" / "followers" / "follow.mjs"
 AXE = Path(__file__).parents[1] / "build" / "view" / "axe-core-4.14.1.tgz"
-SLOW = {"sim", "motion", "journey", "device"}
+SLOW = {"slow", "sim", "motion", "journey", "device"}
 INTERPRETERS = {
     "kit": "`websockets` and `msgpack` alone",
     **{extra: f"the extra `{extra}`" for extra in ("gymnasium", "openpi", "libero", "lerobot", "peers")},

@@ -55,7 +55,7 @@ Each section is a stored record, `benchmarks/records/NAME.json`: command, commit
 record is not printed. `python tools/record.py NAME -- COMMAND` measures again and replaces a record.
 """
 MEASURED = ("<!-- measured -->\n", "<!-- /measured -->\n")  # in README.md
-HEADLINES = ("tidy_table", "tidy_table_fault", "preflight", "planning_goals", "requests")  # of README.md
+HEADLINES = ("tidy_table", "preflight", "guard", "planning_goals", "requests")  # of README.md
 CODES_HEAD = """# Error codes
 
 {mark}

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from phyagentos.assembly.drivers import build_driver_registry, choose_graphics, open_shared_world
+from phyagentos.assembly.drivers import DRIVERS, choose_graphics, open_shared_world
 from phyagentos.assembly.process_tuning import ask_for_precedence, collect_rarely
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.settings.perception import Sensing, read_perception
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.channel import SPIN_S
-from phyagentos.runtime.targets.driver_registry import DriverSite
+from phyagentos.runtime.targets.driver_registry import DriverSite, find_driver
 from phyagentos.runtime.targets.handshake import Tokens
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def serve_one(site: DriverSite, socket: str, tokens: Tokens, pace_by: Clock | No
     from phyagentos.runtime.targets.stop_listener import StopListener
 
     target, workspace = site.profile.target, site.workspace
-    driver = build_driver_registry().get(site.profile, f"{target}/target.yaml").open(site)
+    driver = find_driver(DRIVERS, site.profile, f"{target}/target.yaml").open(site)
     stops = StopListener(workspace.signals.parent, site.clock)
     log, truth = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", site.clock), reads_truth(workspace)
     served = ServedTarget(

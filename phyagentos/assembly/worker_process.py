@@ -13,6 +13,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import locate_models, read_skill_registry, read_target_registry
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.sessions.estop import is_latched
 from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
@@ -29,7 +30,7 @@ from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.process import LocalPlanner, NoModel, Planner, PlannerProcess
 from phyagentos.runtime.motion.tool_bounds import read_tool_bounds
 from phyagentos.runtime.perception.look import FrameSource
-from phyagentos.runtime.perception.world_model import TrueWorld, WorldModel
+from phyagentos.runtime.perception.world_model import GroundTruthWorldModel, WorldModel
 from phyagentos.runtime.policies.client import ask_policy
 from phyagentos.runtime.policies.policy_runtime import Policies
 from phyagentos.runtime.preflight.compatibility import Preflight
@@ -111,6 +112,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
 def read_site(workspace: Workspace, target: str, clock: Clock) -> WorkerSite:
     """Read the definitions of a target, and open its driver where it has no process of its own; DefinitionError."""
     library = workspace.library()
+    load_predicates(library.iter_predicates())
     targets = read_target_registry(workspace.target_registry)
     spec = choose_driver(targets, target)
     skills = locate_models(read_skill_registry(workspace.skill_registry), library)
@@ -206,9 +208,9 @@ def open_world_model(
     A real robot without a camera perceives itself, and nothing else.
     """
     if profile.kind == "real_robot" and not settings.sensors.cameras:
-        return TrueWorld(target, handle, sensing="perceived", profile=profile)
+        return GroundTruthWorldModel(target, handle, sensing="perceived", profile=profile)
     if settings.perception.sensing is Sensing.TRUTH or not profile.model:
-        return TrueWorld(target, handle, profile=profile)
+        return GroundTruthWorldModel(target, handle, profile=profile)
     from phyagentos.runtime.perception.detection.detector_registry import open_detector
     from phyagentos.runtime.perception.perceived_world import PerceivedWorld
     from phyagentos.runtime.perception.robot_mask import RobotMask

@@ -51,11 +51,12 @@ def compile_graph(
     graph: Annotated[Path, typer.Argument(help="A goal graph: a file, or a name of `paos list graphs`.")],
     set_: Overrides = None,
     mermaid: Annotated[bool, typer.Option("--mermaid", help="The DAG as a Mermaid flowchart.")] = False,
+    run_python: RunPython = False,
 ) -> Reply[object]:
     """Show the DAG and the sessions that a goal graph would make; start nothing."""
     from phyagentos.operations import compile as compiling
 
-    found = compiling.compile_graph(get_file(graph, "goal_graphs"), parse_overrides(set_))
+    found = compiling.compile_graph(get_file(graph, "goal_graphs"), parse_overrides(set_), runs_python=run_python)
     return Reply(found, found.mermaid if mermaid else "\n".join(_render(found)))
 
 

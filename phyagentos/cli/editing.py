@@ -19,7 +19,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.edit_intake import EditIntake, Outcome, edit_by_hand
 from phyagentos.store.journal import choose_partition
 from phyagentos.store.shared_file import decode
-from phyagentos.store.views.history import History
+from phyagentos.store.views.page_history import History
 
 DEFAULT_EDITOR = "vi"
 

@@ -8,8 +8,8 @@ import typer
 
 from phyagentos.cli.arguments import AsJson, Overrides, TrustPython
 from phyagentos.cli.console import CleanConsole, RunConsole
+from phyagentos.cli.final_table import print_report
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note
-from phyagentos.cli.report import print_report
 from phyagentos.cli.running import FaultFile, Graph, Known, Mode, NoPictures, Seed, Sense, Verify, WhichMemory
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.operations.progress import RunFold
@@ -68,7 +68,7 @@ def run_shown(request: RunRequest, *, quiet: bool = False, as_json: bool = False
         except PlaneEnded as error:
             if error.exit_code in {ExitCode.INVALID_INPUT, ExitCode.REJECTED}:
                 raise Exit(ExitCode(error.exit_code), "\n".join(error.printed)) from error
-            raise Exit(ExitCode.INTERNAL_ERROR, str(error).removeprefix(f"{error.code}: ")) from error
+            raise Exit(ExitCode.INTERNAL_ERROR, error.message) from error
     print_report(report, console.rows, CleanConsole(stderr=as_json, highlight=False))
     return report
 

@@ -100,15 +100,23 @@ def approve(root: Path, name: str, sha256: str, *, by: str, reason: str = "", me
 
     Raises DefinitionError as `read_proposal` does; `PROPOSAL_CHANGED` for other bytes.
     """
-    place, clock = Workspace.open(root), SystemClock()
-    shown, proposals = read_proposal(root, name), Proposals(place.proposals)
+    proposed = record_approval(root, name, sha256, by=by, reason=reason)
+    report = _carry_out(Workspace.open(root), proposed, SystemClock(), memory=memory)
+    return Decided(proposal=name, decision="approved", reason=reason, report=report)
+
+
+def record_approval(root: Path, name: str, sha256: str, *, by: str, reason: str = "") -> Proposed:
+    """Write the approval of the proposal of these bytes, unless it is approved, and start nothing; the proposal.
+
+    Raises DefinitionError as `approve` does.
+    """
+    shown, proposals = read_proposal(root, name), Proposals(Workspace.open(root).proposals)
     proposed = proposals.read(name)
     if proposed.sha256 != sha256:
         raise DefinitionError.of("PROPOSAL_CHANGED", name, f"bytes with the SHA-256 {proposed.sha256}", sha256)
     if not shown.decision:
-        proposals.decide(proposed, "approved", by=by, at=clock.wall_iso(), reason=reason)
-    report = _carry_out(place, proposed, clock, memory=memory)
-    return Decided(proposal=name, decision="approved", reason=reason, report=report)
+        proposals.decide(proposed, "approved", by=by, at=SystemClock().wall_iso(), reason=reason)
+    return proposed
 
 
 def deny(root: Path, name: str, *, by: str, reason: str = "") -> Decided:

@@ -108,7 +108,7 @@ def iter_leaf_models(registry: "LeafRegistry") -> Iterator[tuple[str, "NodeModel
     """What a TreeNodesModel says of every leaf that is known; a question that ends at once is a condition."""
     from phyagentos.export.bt_xml import NodeModel, Port
     from phyagentos.runtime.execution.leaf import Leaf, Role
-    from phyagentos.runtime.execution.tree_check import PORT_TYPES
+    from phyagentos.runtime.execution.port_types import PORT_TYPES
 
     types = {kind: name for name, kind in PORT_TYPES.items()}  # of several for texts the last, `string`
     leaves = {name: leaf for name in registry.names() if (leaf := registry.find(name))}  # not those that are announced

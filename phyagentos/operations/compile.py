@@ -9,6 +9,8 @@ import msgspec
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph, render_mermaid
 from phyagentos.assembly.project import open_library
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.predicates.project_predicates import load_predicates, name_option
 
 
 class CompiledNode(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,9 +38,20 @@ class CompiledGraph(msgspec.Struct, frozen=True, kw_only=True):
     mermaid: str
 
 
-def compile_graph(path: Path, overrides: Mapping[str, str] | None = None) -> CompiledGraph:
-    """The sessions of a goal graph as its project has them; raises DefinitionError with every problem."""
-    return describe_graph(read_goal_graph(path, Catalogue.read(open_library(path)), overrides))
+def compile_graph(
+    path: Path, overrides: Mapping[str, str] | None = None, *, runs_python: bool = False
+) -> CompiledGraph:
+    """The sessions of a goal graph as its project has them; raises DefinitionError with every problem.
+
+    Predicates of the project are executed only where it `runs_python`.
+    """
+    library = open_library(path)
+    if runs_python:
+        load_predicates(library.iter_predicates())
+    try:
+        return describe_graph(read_goal_graph(path, Catalogue.read(library), overrides))
+    except DefinitionError as error:
+        raise name_option(error, library.iter_predicates()) from error
 
 
 def describe_graph(graph: GoalGraph) -> CompiledGraph:

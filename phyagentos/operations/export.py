@@ -11,11 +11,9 @@ import msgspec
 from phyagentos.assembly.project import open_library
 from phyagentos.errors import DefinitionError
 from phyagentos.operations.behaviour_trees import draw
-from phyagentos.operations.workspaces import get_newest, read_ledger
+from phyagentos.operations.workspaces import find_session, get_newest, read_ledger
 from phyagentos.protocol.sessions.lifecycle import render_mermaid as render_lifecycle
-from phyagentos.protocol.sessions.session import SessionStatus
-from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.subjects import get_goal, get_session
+from phyagentos.store.subjects import get_goal
 from phyagentos.store.views.tasks import render_graph
 
 if TYPE_CHECKING:
@@ -140,9 +138,3 @@ def render_sessions(
         with SceneRenderer(shown[-1], look) as renderer:
             Image.fromarray(renderer.draw(last_s if at_s is None else min(last_s, first_s + at_s))).save(to)
     return Written(file=to)
-
-
-def find_session(root: Path, name: str) -> tuple[Workspace, SessionStatus]:
-    """A session of a workspace, by its id or the part after the goal; raises DefinitionError `UNKNOWN_SESSION`."""
-    known = read_ledger(root, name).sessions
-    return Workspace.open(root), known[get_session(name, known)]

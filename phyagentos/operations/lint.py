@@ -19,6 +19,7 @@ from phyagentos.protocol.capabilities.registries import read_target, read_target
 from phyagentos.protocol.capabilities.targets import TARGETS, find_unshared
 from phyagentos.protocol.capabilities.trees import load_tree
 from phyagentos.protocol.documents.schema import read_text, read_yaml
+from phyagentos.protocol.predicates.project_predicates import load_predicates, name_option
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
 from phyagentos.store.document_registry import FORMATS, check_document
 
@@ -108,7 +109,10 @@ def lint_file(
     path: Path, *, runs_python: bool = False, library: Library | None = None, check_suite: Check | None = None
 ) -> list[Problem]:
     """Every problem of one file, seen from its project or from a given library; an unknown kind is one."""
+    library = library or open_library(path)
     try:
+        if runs_python:
+            load_predicates(library.iter_predicates())
         read_text(path)  # what cannot be read has no kind, and its path may lead nowhere
         kind = find_kind(path)
         if kind is None:
@@ -121,9 +125,9 @@ def lint_file(
             return [Problem("UNKNOWN_KIND", f"{path}:1:1", found, expected, hint)]
         if kind is FileKind.SUITE and check_suite is not None:
             check_suite(path)
-        return list(_check(kind, path, library or open_library(path), runs_python=runs_python))
+        return list(_check(kind, path, library, runs_python=runs_python))
     except DefinitionError as error:
-        return list(error.problems)
+        return list(name_option(error, library.iter_predicates()).problems)
 
 
 def find_kind(path: Path) -> FileKind | None:

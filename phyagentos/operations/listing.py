@@ -9,6 +9,7 @@ from phyagentos.codes import CODES, Code, Retry
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.predicates.library import get_predicate_library
+from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.sessions import lifecycle
 
 RETRIES = {
@@ -65,6 +66,8 @@ def list_names(kind: Listing, *, runs_python: bool = False) -> Names:
 
             names = (build_registry(library) if runs_python else read_registry(library)).names()
         case Listing.PREDICATES:
+            if runs_python:
+                load_predicates(library.iter_predicates())
             names = [definition.signature for definition in get_predicate_library()]
         case Listing.GRAPHS:
             names = library.names_of_goal_graphs()

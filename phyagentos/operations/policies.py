@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 from phyagentos.assembly.project import open_library
 from phyagentos.errors import DefinitionError
-from phyagentos.operations.workspaces import read_ledger
+from phyagentos.operations.workspaces import find_session
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.runtime.policies.exchanges import Answer, replay_exchanges
-from phyagentos.store.subjects import get_session
 
 if TYPE_CHECKING:
     from phyagentos.runtime.policies.server import Policy
@@ -44,8 +43,8 @@ def serve(skill: str, model: str, on_begun: Callable[[str], None], *, endpoint: 
 
 def replay(root: Path, session: str, *, endpoint: str = "", timeout_s: float = 10.0) -> tuple[Answer, ...]:
     """Show a policy, at the recorded endpoint without another, what one was shown in a session, and compare chunks."""
-    known = get_session(session, read_ledger(root, session).sessions)
-    return tuple(replay_exchanges(root, known, endpoint, timeout_s))
+    _, status = find_session(root, session)
+    return tuple(replay_exchanges(root, status.contract.id, endpoint, timeout_s))
 
 
 def _load(model: str) -> "Policy":

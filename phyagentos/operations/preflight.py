@@ -17,14 +17,13 @@ from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.assembly.examination import examine
 from phyagentos.assembly.project import get_file, open_library, parse_overrides
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
-from phyagentos.operations.workspaces import read_ledger
+from phyagentos.operations.workspaces import find_session
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lookahead import LookaheadResult, read_lookahead
 from phyagentos.protocol.sessions.session import GoalId, Session
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.preflight.adapter_plan import Finding
 from phyagentos.runtime.worker.orders import Checked
-from phyagentos.store.subjects import get_session
 
 OPEN = "${"  # begins a reference to an output that does not exist yet
 OF_THE_MOMENT = frozenset(  # may change
@@ -103,16 +102,15 @@ def _find_session(subject: str, root: Path | None) -> _Order | None:
     """The order for a session of a workspace; None when a goal graph is meant."""
     if root is None:
         return None
-    known = read_ledger(root, subject).sessions
     try:
-        id = get_session(subject, known)
+        source, status = find_session(root, subject)
     except DefinitionError:
         with suppress(DefinitionError):
             get_file(Path(subject), "goal_graphs")
             return None
         raise
-    source, session = Workspace.open(root), known[id].contract
-    return _Order(library=source.library(), source=source, sessions=(session,), after={str(id): ()})
+    session = status.contract
+    return _Order(library=source.library(), source=source, sessions=(session,), after={str(session.id): ()})
 
 
 def _settle(session: Session) -> Session:

@@ -9,18 +9,15 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from phyagentos.assembly.paths import RECORDED_FAULTS, choose_folder
-from phyagentos.errors import DefinitionError, ExecutionError, Problem
-from phyagentos.operations.workspaces import read_ledger
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.operations.workspaces import find_session
 from phyagentos.protocol.capabilities.registries import get_registered_target, read_target_registry
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
 from phyagentos.protocol.sessions.looks import LOOKS, PREFIX
-from phyagentos.protocol.sessions.session import Execution, SessionId, SessionStatus
+from phyagentos.protocol.sessions.session import Execution, SessionStatus
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.history import Histories
-from phyagentos.store.journal import choose_partition
-from phyagentos.store.subjects import get_session
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,9 +47,11 @@ def rerun(root: Path, name: str) -> Rerun:
             session in a world of several targets; `TARGET_UNKNOWN` where its target is no more. Nothing was started.
         ExecutionError: When the repetition cannot be carried out.
     """
-    recorded, session = Workspace.open(root), get_session(name, read_ledger(root, name).sessions)
-    status = find_session(recorded, session)
-    folder = recorded.evidence_of(SessionId(session))
+    recorded, status = find_session(root, name)
+    session = status.contract.id
+    if status.execution is None:
+        raise DefinitionError.of("NOT_EXECUTED", str(root), repr(session), "a session with evidence")
+    folder = recorded.evidence_of(session)
     _refuse_without_start(folder)
     _refuse_shared(recorded, status)
     repeated = Workspace.create(choose_folder(recorded.root / "reruns", session), recorded.library())
@@ -66,7 +65,7 @@ def rerun(root: Path, name: str) -> Rerun:
 
     with open_worker(repeated, status.contract.target) as worker:
         finished = _order(worker, status, folder)
-    differences = find_differences(folder, repeated.evidence_of(SessionId(session)))
+    differences = find_differences(folder, repeated.evidence_of(session))
     return Rerun(session=session, workspace=repeated.root, execution=finished, differences=tuple(differences))
 
 
@@ -111,16 +110,6 @@ def _order(worker: "Worker", status: SessionStatus, folder: Path) -> Execution:
     if not isinstance(answer, Finished):
         raise ExecutionError("RUNNER_LOST", f"the worker of {session.target!r} ended; see its log")
     return answer.execution
-
-
-def find_session(workspace: Workspace, session: str) -> SessionStatus:
-    """A recorded session; raises `NOT_EXECUTED` when it is unknown or left no evidence."""
-    with Histories(workspace.sessions / choose_partition(workspace.sessions)) as histories:
-        status = histories.find_status(SessionId(session))
-    if status is None or status.execution is None:
-        problem = Problem("NOT_EXECUTED", str(workspace.root), repr(session), "a session with evidence")
-        raise DefinitionError(problem)
-    return status
 
 
 def find_differences(recorded: Path, repeated: Path) -> list[str]:

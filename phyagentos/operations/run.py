@@ -155,9 +155,9 @@ def run_goal(
     """
     started_s, graph = clock.now_s(), get_file(request.graph, "goal_graphs")
     faults = get_file(request.faults, "faults") if request.faults is not None else None
-    compiled = check_request(graph, faults, parse_overrides(request.overrides), request.workspace)
     root = request.workspace or choose_folder(Path("workspaces"), f"{graph.stem}-{request.seed}")
     admit_python(root, graph, is_trusted=request.trusts_python, announce=announce)
+    compiled = check_request(graph, faults, parse_overrides(request.overrides), request.workspace)
     workspace = Workspace.create(root, open_library(graph))
     with serve_alone(workspace, clock), interrupts.counted():
         if request.world_mode is not None:

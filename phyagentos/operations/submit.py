@@ -7,11 +7,10 @@ import msgspec
 import yaml
 
 from phyagentos.agent.mission.mission import choose_goal
-from phyagentos.agent.tools.proposals import Proposals
 from phyagentos.assembly.planes import Plane
 from phyagentos.assembly.project import admit_python
 from phyagentos.clock import Clock
-from phyagentos.operations.approve import as_file, read_proposal
+from phyagentos.operations.approve import as_file, read_proposal, record_approval
 from phyagentos.operations.run import PlaneEnded, check_request
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -49,12 +48,9 @@ def submit_graph(root: Path, text: str, clock: Clock, *, seed: int = 0) -> Submi
 
 def submit_proposal(root: Path, name: str, clock: Clock, *, by: str) -> Submitted:
     """Approve a proposal, unless it is, and pursue its goal likewise; raises what `read_proposal` raises, too."""
-    workspace, shown = Workspace.open(root), read_proposal(root, name)
     admit_python(root, is_trusted=False)
-    proposals = Proposals(workspace.proposals)
-    proposed = proposals.read(name)
-    if not shown.decision:
-        proposals.decide(proposed, "approved", by=by, at=clock.wall_iso(), reason="")
+    workspace, shown = Workspace.open(root), read_proposal(root, name)
+    proposed = record_approval(root, name, shown.sha256, by=by)
     with as_file(yaml.safe_dump(proposed.proposal.graph, sort_keys=False, allow_unicode=True)) as file:
         return _pursue(workspace, file, proposed.name, proposed.proposal.seed, clock)
 

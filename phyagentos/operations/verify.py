@@ -15,7 +15,7 @@ from phyagentos.agent.judging.review import JudgedAgain, judge_again, judge_goal
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
-from phyagentos.operations.workspaces import read_ledger
+from phyagentos.operations.workspaces import find_session, read_ledger
 from phyagentos.protocol.capabilities.registries import get_registered_target
 from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions import evidence
@@ -68,10 +68,8 @@ def verify_from_frames(
     root: Path, name: str, *, judges: Sequence[str] | None = None, mode: VerificationMode = VerificationMode.ENFORCE
 ) -> JudgedAgain:
     """Perceive the stored camera frames of a session again, judge, and compare with the record; records nothing."""
-    place = Workspace.open(root)
+    place, status = find_session(root, name)
     verifier = build_verifier(place, SystemClock(), mode=mode, judges=judges)
-    sessions = read_ledger(root, name).sessions
-    status = sessions[get_session(name, sessions)]
     return judge_again(Evidence(root).read(status), perceive_again(place, status), verifier, status.decision)
 
 

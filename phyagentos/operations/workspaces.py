@@ -5,13 +5,14 @@ from contextlib import suppress
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.sessions.session import SessionId
+from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 from phyagentos.store.history import Histories, fold_partition
 from phyagentos.store.journal import choose_partition
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.segments import list_all_segments
+from phyagentos.store.subjects import get_session
 
 FOLDER = Path("workspaces")  # of the working directory: where runs make theirs
 REQUESTS = "requests"  # of a workspace: goals that were asked for in words, with their graphs
@@ -54,3 +55,9 @@ def read_ledger(root: Path, about: str = "", parts: Sequence[str] = ()) -> Ledge
             if (found := histories.fold_around(SessionId(about))) is not None:
                 return found
     return fold_partition(folder)
+
+
+def find_session(root: Path, name: str) -> tuple[Workspace, SessionStatus]:
+    """A session of a workspace, by its id or the part after the goal; raises DefinitionError `UNKNOWN_SESSION`."""
+    known = read_ledger(root, name).sessions
+    return Workspace.open(root), known[get_session(name, known)]

@@ -22,7 +22,7 @@ from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Journal
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .conftest import Play, add_skills, hold, make_world, put, remove, succeed
 

@@ -17,6 +17,7 @@ SUFFIX = re.compile(r"_[A-Z]{4,}")  # of f"{kind}_UNAVAILABLE"
 OTHER_NAMES = {
     "AF_UNIX",
     "DISPLAY",
+    "DRIVER_CHECKS",
     "EDITOR",
     "FLOCK",
     "LOCK_NAME",
@@ -35,6 +36,7 @@ OTHER_NAMES = {
     "RGBA",
     "ROLE",
     "VISUAL",
+    "WIRE_VERSION",
 }  # the system's, and attributes of classes
 OF_SQLITE = {"COMMIT", "DEFERRED", "IMMEDIATE", "ROLLBACK"}
 METAVARS = {"AREA", "BODY", "FILE", "MATERIAL", "MODEL", "ROBOT", "SESSION"}  # of patterns and help texts

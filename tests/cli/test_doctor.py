@@ -10,7 +10,7 @@ import pytest
 from phyagentos.clock import SystemClock
 from phyagentos.operations import doctor
 from phyagentos.operations.doctor import Grade, iter_findings
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 pytestmark = pytest.mark.fast
 

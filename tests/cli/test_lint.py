@@ -39,6 +39,7 @@ def write(tmp_path):
     return write
 
 
+@pytest.mark.slow
 def test_everything_that_ships_is_clean(paos):
     folders = ["goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol", "examples/01_yaml_skill"]
     result = paos("lint", *[ROOT / folder for folder in folders])

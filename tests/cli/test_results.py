@@ -35,7 +35,7 @@ IN_A_WORKSPACE = {
     "memory show": ("memory", "show"),
     "evidence verify": ("evidence", "verify"),
 }
-OF_A_JOURNAL = ("check", "repair", "compact", "stats")
+OF_A_JOURNAL = ("check", "repair", "compact")
 
 
 def validate(command: str, text: str) -> None:

@@ -19,8 +19,8 @@ from phyagentos.assembly.paths import choose_folder
 from phyagentos.cli import console as console_module
 from phyagentos.cli import mission_run
 from phyagentos.cli.console import CleanConsole, RunConsole, build_progress_table
+from phyagentos.cli.final_table import print_report
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.cli.report import print_report
 from phyagentos.clock import SystemClock
 from phyagentos.errors import Problem
 from phyagentos.operations import run as carrying_out

@@ -10,7 +10,7 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.sessions.lifecycle import SessionState, Side
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 from tests.goal_graphs import check_recorded_graphs
 
 ARCHIVE = Path(__file__).parent / "stored" / "tidy_table_0_1_0.tar.xz"
@@ -61,5 +61,6 @@ def test_its_evidence_is_judged_again_as_it_was(stored, paos):
     assert json.loads(judged.out)["verdict"] == "success"
 
 
+@pytest.mark.slow
 def test_its_documents_lint(stored, paos):
     assert paos("lint", stored).code == ExitCode.GOAL_MET

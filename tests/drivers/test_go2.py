@@ -13,8 +13,9 @@ from phyagentos.operations.why import why
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.go2_bus import compute_crc, define_messages
 from phyagentos.runtime.drivers.devices.specs import GO2
-from phyagentos.runtime.targets.conformance import CHECKS, EPOCH, SESSION, Subject
 from phyagentos.runtime.targets.wire import Ack, Begin, End, Loaded, LoadScene, Settle
+from phyagentos.testing import DRIVER_CHECKS, DriverSubject
+from phyagentos.testing.driver_checks import EPOCH, SESSION
 from tests.drivers.journeys import Journey
 
 pytestmark = [pytest.mark.device, pytest.mark.alone]
@@ -51,12 +52,12 @@ def open_site(menagerie, make_site):
 @pytest.fixture
 def subject(robot, open_site):
     site = open_site()
-    subject = Subject(open=lambda: GO2.open(site), scene="cell", noise=0.005)
+    subject = DriverSubject(open=lambda: GO2.open(site), scene="cell", noise=0.005)
     yield subject
     subject.close()
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", DRIVER_CHECKS, ids=lambda check: check.__name__)
 def test_the_driver_does_what_the_port_promises(subject, check):
     check(subject)
 

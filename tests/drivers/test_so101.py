@@ -7,7 +7,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.operations.why import why
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.specs import SO101
-from phyagentos.runtime.targets.conformance import CHECKS, Subject
+from phyagentos.testing import DRIVER_CHECKS, DriverSubject
 from tests.drivers.journeys import Journey
 from tests.drivers.sts3215 import SYNC_WRITE, TORQUE
 
@@ -31,12 +31,12 @@ def arm(menagerie, need_package):
 @pytest.fixture
 def subject(arm, menagerie, make_site):
     site = make_site("so101", menagerie / "robotstudio_so101", endpoint=arm.port)
-    subject = Subject(open=lambda: SO101.open(site), scene="cell", noise=0.005)
+    subject = DriverSubject(open=lambda: SO101.open(site), scene="cell", noise=0.005)
     yield subject
     subject.close()
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", DRIVER_CHECKS, ids=lambda check: check.__name__)
 def test_the_driver_does_what_the_port_promises(subject, check):
     check(subject)
 

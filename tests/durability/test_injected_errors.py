@@ -9,11 +9,13 @@ import pytest
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.journal import Journal
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from . import second_reader
 from .interception import Calls, intercept
 from .workloads import LANE, NOON_S, Bench, identify, make_submit
+
+pytestmark = pytest.mark.slow
 
 COMMANDS = ("submit", "batch", "claim", "checkpoint", "rotate", "claim", "archive", "defer", "submit")
 KINDS = {"ENOSPC": errno.ENOSPC, "EIO": errno.EIO, "EINTR": errno.EINTR, "EDQUOT": errno.EDQUOT}

@@ -15,9 +15,11 @@ import pytest
 
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
 from phyagentos.store.journal import Entry, Journal
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .workloads import LANE, NOON_S, make_submit
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 CLAIMANT = """

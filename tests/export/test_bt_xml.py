@@ -22,7 +22,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference, iter_nodes, parse_tree, read_tree
 from phyagentos.protocol.documents.schema import parse_yaml
 from phyagentos.runtime.execution.leaf_registry import build_registry
-from phyagentos.runtime.execution.tree_check import PORT_TYPES
+from phyagentos.runtime.execution.port_types import PORT_TYPES
 
 LIBRARY = Library.open()
 REGISTRY = build_registry(LIBRARY)

@@ -18,7 +18,7 @@ from phyagentos.protocol.sessions.looks import LOOKS, read_looks
 from phyagentos.protocol.settings.runtime_contract import EvidenceRetention
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.retention import apply_retention
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 pytestmark = pytest.mark.journey
 

@@ -8,7 +8,7 @@ from phyagentos.store.journal import Entry
 from phyagentos.store.records import encode_record
 from phyagentos.store.recovery.repair import repair_partition
 from phyagentos.store.segments import SystemIO
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .conftest import make_submit
 

@@ -18,7 +18,7 @@ from phyagentos.store.journal import Entry, IllegalEvent, Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.maintenance import PERIOD_RECORDS, PERIOD_S, Maintenance
 from phyagentos.store.segments import SystemIO
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .histories import STEPS, Story, fold
 

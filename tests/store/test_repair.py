@@ -16,7 +16,7 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import frame_payload, read_record
 from phyagentos.store.recovery.inspection import inspect_partition
 from phyagentos.store.segments import SystemIO, list_all_segments, locate
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 from tests.documents.test_log import tell
 
 from .conftest import make_submit

@@ -2,21 +2,20 @@
 
 Whoever plans, selects, diagnoses or repairs reads what a predicate means, see `meaning`, and never what it is called.
 
-Installed packages announce `PredicateDefinition`s by the entry point group `phyagentos.predicates` (an iterable).
+Installed packages announce a `PredicateDefinition`, or several, by the entry point group `phyagentos.predicates`.
 Importing this module registers nothing.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
-from importlib.metadata import entry_points
 
+from phyagentos.errors import DefinitionError
 from phyagentos.geometry import Vector, to_parent
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.world.entity_geometry import compute_center
 from phyagentos.protocol.world.environment import FRESH_S, Entity, Environment, Pose
-
-ENTRY_POINT_GROUP = "phyagentos.predicates"
 
 
 class FactUnknown(Exception):
@@ -204,17 +203,31 @@ class PredicateDefinition:
         return tuple(next(left, None) if argument.kind in THINGS else None for argument in self.arguments)
 
 
+PREDICATES = Plugins[PredicateDefinition | Iterable[PredicateDefinition]](
+    "phyagentos.predicates", {"builtins": "phyagentos.protocol.predicates.builtins:BUILTINS"}
+)
+
+
 class PredicateLibrary:
     """Predicates by name."""
 
     def __init__(self) -> None:
         self._definitions: dict[str, PredicateDefinition] = {}
+        self._of_projects: set[str] = set()
 
     def register(self, definition: PredicateDefinition) -> None:
-        """Add one predicate; raises ValueError when the name is taken."""
-        if definition.name in self._definitions:
-            raise ValueError(f"predicate {definition.name!r} is registered already")
+        """Add one predicate; raises DefinitionError `DUPLICATE_PLUGIN` when another one has its name."""
+        if (other := self._definitions.get(definition.name)) is not None:
+            found = f"{definition.name!r} of {definition.measure.__module__} and of {other.measure.__module__}"
+            raise DefinitionError.of("DUPLICATE_PLUGIN", PREDICATES.group, found, "one module for each name")
         self._definitions[definition.name] = definition
+
+    def admit(self, definition: PredicateDefinition) -> None:
+        """Add one of a project, in the place of an earlier project's; raises as `register`."""
+        if definition.name in self._of_projects:
+            del self._definitions[definition.name]
+        self.register(definition)
+        self._of_projects.add(definition.name)
 
     def find(self, name: str) -> PredicateDefinition | None:
         """The predicate of this name, or None."""
@@ -237,14 +250,10 @@ class PredicateLibrary:
 
 @cache
 def get_predicate_library() -> PredicateLibrary:
-    """The built-in predicates and those that installed packages announce."""
-    from phyagentos.protocol.predicates.builtins import BUILTINS
-
+    """The built-in predicates and those that installed packages announce; raises DefinitionError as `Plugins.load`."""
     library = PredicateLibrary()
-    for definition in BUILTINS:
-        library.register(definition)
-    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
-        for definition in point.load():
+    for found in PREDICATES.load_all().values():
+        for definition in (found,) if isinstance(found, PredicateDefinition) else found:
             library.register(definition)
     return library
 

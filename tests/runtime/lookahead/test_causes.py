@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from rollout_forecaster.playback import Rollout, find_cause
 
 from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 
 def make_world(x_m):

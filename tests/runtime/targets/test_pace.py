@@ -11,7 +11,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.runtime.targets import server, wire
 from phyagentos.runtime.targets.handshake import Tokens, make_key, mint
 from phyagentos.runtime.targets.server import Pace, UnixDoor, serve_realtime
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 PERIOD_S = 0.02
 REAL = SystemClock()
