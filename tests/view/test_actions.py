@@ -1,14 +1,38 @@
 """Actions of the page: each leaves what the command of the CLI would leave."""
 
+from pathlib import Path
+
 import msgspec
 import pytest
+import yaml
 
-from phyagentos.errors import DefinitionError
+from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.operations import submit
 from phyagentos.protocol.sessions import estop
 from phyagentos.protocol.sessions.stop_signals import take_signals
 from phyagentos.store.edits.inbox import read_request
 from phyagentos.store.edits.request_form import plan
 from phyagentos.view.actions import ACTIONS, perform
+
+TIDY = (Path(__file__).resolve().parents[2] / "goal_graphs" / "tidy_table.yaml").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def planes(desk, monkeypatch):
+    """What is started instead of planes: name -> arguments; the agent submits its goal at once."""
+    started = {}
+
+    class Plane:
+        def __init__(self, name, arguments, logs, *, outlives):
+            assert outlives
+            started[name], self.name, self.log = arguments, name, logs / f"{name}.log"
+            if name == "agent":
+                goal = arguments[arguments.index("--goal") + 1]
+                desk.record(f"goal:{goal}", "goal_submitted", graph="tidy_table", seed=0, objective="Tidy.")
+
+    monkeypatch.setattr(submit, "Plane", Plane)
+    return started
 
 
 def test_one_press_latches_the_emergency_stop_and_a_reset_asks_for_a_reason(documents):
@@ -62,3 +86,39 @@ def test_an_empty_field_is_refused(told, name):
 def test_an_unknown_action_names_those_that_there_are(told):
     with pytest.raises(DefinitionError, match="cancel"):
         perform(told.workspace, "launch", {})
+
+
+def test_a_sound_graph_is_pursued_by_planes_that_outlive_the_page(desk, planes):
+    done = perform(desk.workspace, "submit", {"graph": TIDY})
+    assert list(planes) == ["agent", "watch"]
+    assert "--once-idle" in planes["watch"]
+    assert (done.result.goal, len(done.result.logs)) == ("tidy_table-0", 2)
+
+
+def test_an_approved_proposal_is_pursued_with_its_own_seed(desk, planes):
+    facts = {"by": "mcp", "at": "2026-01-01T00:00:00Z", "reason": "tidy", "decider": "person"}
+    proposed = encode_proposal(Proposal(goal="tidy_table", seed=5, graph=yaml.safe_load(TIDY), **facts))
+    proposals = Proposals(desk.workspace.proposals)
+    proposals.put(proposed)
+    perform(desk.workspace, "approve", {"proposal": proposed.name})
+    assert proposals.find_decision(proposed).decision == "approved"
+    assert planes["agent"][planes["agent"].index("--seed") + 1] == "5"
+
+
+def test_an_agent_that_does_not_begin_is_named_with_what_it_printed(desk, monkeypatch):
+    def start(name, _arguments, logs, *, outlives):
+        return Ended(name, logs)
+
+    class Ended:
+        def __init__(self, name, logs):
+            self.name, self.log = name, logs / f"{name}.log"
+
+        def find_exit_code(self):
+            return 2
+
+        def read_printed(self):
+            return ["no memory"]
+
+    monkeypatch.setattr(submit, "Plane", start)
+    with pytest.raises(ExecutionError, match="agent plane ended with code 2: no memory"):
+        perform(desk.workspace, "submit", {"graph": TIDY})
