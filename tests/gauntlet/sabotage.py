@@ -26,7 +26,8 @@ class Edit:
     @property
     def path(self) -> Path:
         """The file that would be bent; only its reading is, never the file."""
-        return ROOT / (self.module.replace(".", "/") + ".py")
+        root = ROOT if self.module.startswith("phyagentos.") else ROOT / "kits" / "rollouts"
+        return root / (self.module.replace(".", "/") + ".py")
 
     def apply(self, source: str) -> str:
         """The bent source.
