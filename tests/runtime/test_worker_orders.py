@@ -41,9 +41,9 @@ class Steps:
     """Examiner, runner, handle and perception that only note what is asked of them."""
 
     is_at_rest = True
-    bundles = SimpleNamespace(prepare=lambda: None)
 
     def __init__(self) -> None:
+        self.link = SimpleNamespace()
         self.told: list[str] = []
         self.time_s = None
         self.may_end = threading.Event()

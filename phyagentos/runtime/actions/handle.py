@@ -4,7 +4,7 @@ It carries the session's authority (session, epoch, sequence number, expiry); th
 """
 
 from collections.abc import Callable, Collection
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import msgspec
 import numpy as np
@@ -307,7 +307,7 @@ class TargetSessionHandle:
             return {}
         return {name: file.data for name, file in self._invoke(tool).artefacts.items()}
 
-    def _invoke(self, tool: str, **arguments: Any) -> wire.ToolResult:
+    def _invoke(self, tool: str, **arguments: str | int) -> wire.ToolResult:
         request = wire.InvokeTool(name=tool, arguments=arguments, session=self._session, epoch=self._epoch)
         return self._ask(request)
 

@@ -75,10 +75,6 @@ class ChildProcess:
         """Process id."""
         return self._process.pid
 
-    def is_alive(self) -> bool:
-        """Whether it still runs."""
-        return self._process.poll() is None
-
     def wait(self, timeout_s: float) -> None:
         """Until it has ended by itself, at most so long [s]."""
         with contextlib.suppress(subprocess.TimeoutExpired):

@@ -1,7 +1,6 @@
 """Messages between the watchdog and a worker process, which has one session at a time."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import msgspec
 
@@ -103,7 +102,7 @@ class Checked(Finding, frozen=True, kw_only=True, tag=True):
 
     session: str
 
-    def describe_grant(self) -> dict[str, Any]:
+    def describe_grant(self) -> dict[str, object]:
         """Body of the start record; operations by name, since their schemas are the target's."""
         granted = self.tools.expose if self.tools is not None else ()
         return {"plan": msgspec.to_builtins(self.plan), "tools": {"expose": granted}}

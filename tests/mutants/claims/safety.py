@@ -195,7 +195,7 @@ MUTANTS = (
             ),
         ),
         tests=(
-            "tests/runtime/targets/test_encounters.py::"
+            "tests/runtime/targets/test_inter_robot_collisions.py::"
             "test_of_two_motions_that_cross_that_of_the_first_name_is_admitted_whichever_comes_first[0]",
         ),
     ),

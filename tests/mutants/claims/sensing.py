@@ -426,7 +426,7 @@ MUTANTS = (
             ),
         ),
         tests=(
-            "tests/runtime/perception/test_strangers.py::"
+            "tests/runtime/perception/test_unknown_objects.py::"
             "test_a_thing_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is_gone[wood]",
         ),
     ),

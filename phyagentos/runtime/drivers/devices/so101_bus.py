@@ -7,10 +7,11 @@ import math
 import termios
 from collections.abc import Callable, Sequence
 from types import ModuleType
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 import pydantic
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
@@ -108,7 +109,7 @@ class So101Bus(Bus):
     def _jaw_range(self) -> int:
         return self._settings.jaw_open_steps - self._settings.jaw_closed_steps
 
-    def _read_steps(self) -> tuple[Any, Any]:
+    def _read_steps(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
         """Positions and speeds of all servos, (n_servos,) [steps, steps/s]."""
         self._ask(self._present.txRxPacket, "a servo")
         words = [[self._present.getData(each, PRESENT + at, 2) for each in self._ids] for at in (0, 2)]

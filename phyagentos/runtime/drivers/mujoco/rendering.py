@@ -6,10 +6,10 @@ reason, or no frame with a code; never an error.
 
 import io
 import threading
-from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import VISIBLE_GROUPS, Picture, Shot
@@ -67,7 +67,9 @@ class GraphicsCaster:
         """Not known without drawing."""
         return True
 
-    def _draw(self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint) -> tuple[Any, Any]:
+    def _draw(
+        self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         size = (lens.width, lens.height)
         if size not in self._renderers:
             self.close()
@@ -98,7 +100,7 @@ def _place(camera: mujoco.MjvGLCamera, lens: Lens, viewpoint: Viewpoint) -> None
     camera.frustum_top, camera.frustum_bottom = near * lens.cy / lens.fy, -near * (lens.height - lens.cy) / lens.fy
 
 
-def _compute_incidence(depth: Any, lens: Lens) -> Any:
+def _compute_incidence(depth: NDArray[np.float32], lens: Lens) -> NDArray[np.float32]:
     """(height, width) cosine between ray and surface, from the slope of the depth."""
     rays = lens.compute_rays().reshape(lens.height, lens.width, 3)
     points: Array = rays * np.where(np.isfinite(depth), depth, 0.0)[..., None]
@@ -120,7 +122,7 @@ def _make_options() -> mujoco.MjvOption:
     return options
 
 
-def _encode(pixels: Any) -> bytes:
+def _encode(pixels: NDArray[np.uint8]) -> bytes:
     from PIL import Image
 
     buffer = io.BytesIO()
