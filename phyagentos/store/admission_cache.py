@@ -2,7 +2,7 @@
 
 In memory is what is live, and what was touched since the last sealed segment. Of what ended before only its id is
 remembered, in a filter of one size, so that an id is never used twice and the memory does not grow; the journal itself
-answers where the filter holds it. What a checkpoint passed over is read when first asked for, which a process that
+answers where the filter holds it. What a checkpoint passed over is read when first needed, which a process that
 submits nothing never does.
 """
 
@@ -18,7 +18,7 @@ FILTER_BYTES = 1 << 20  # one in a thousand new ids is looked up in vain once th
 
 
 class NotCached(Exception):
-    """Something is asked for that has to be read first, which must not happen while the partition is locked."""
+    """An id must be looked up in the segments first, which must not happen while the partition is locked."""
 
 
 class IdFilter:

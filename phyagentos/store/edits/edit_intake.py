@@ -34,7 +34,7 @@ class Outcome:
     refused: Sequence[Refused] = ()
 
     def __bool__(self) -> bool:
-        """Whether it asked for anything."""
+        """Whether it requested anything."""
         return bool(self.recorded or self.refused)
 
 

@@ -143,16 +143,16 @@ def plan(request: Request, located: Located, name: str, sessions: Mapping[Sessio
             state = sessions[request.session].state if request.session in sessions else ""
             if state in {SessionState.CANCELLING, SessionState.CANCELLED}:
                 return None
-            body = {"reason": request.reason or "asked for by hand"}
+            body = {"reason": request.reason or "requested by hand"}
             return Entry(request.session, (state and find_cancel(state)) or "cancel", body)
 
 
 def refuse_conflict(request: AmendRequest, now: Session, shown: Session) -> None:
     """Raise ValueError when what a person changes has changed since it was shown."""
-    asked: list[tuple[str, msgspec.Struct, msgspec.Struct]]
-    asked = [(name, now.limits, shown.limits) for name in request.limits]
-    asked += [("priority", now, shown)] if request.priority is not None else []
-    for name, present, past in asked:
+    wanted: list[tuple[str, msgspec.Struct, msgspec.Struct]]
+    wanted = [(name, now.limits, shown.limits) for name in request.limits]
+    wanted += [("priority", now, shown)] if request.priority is not None else []
+    for name, present, past in wanted:
         if (value := getattr(present, name, None)) != (before := getattr(past, name, None)):
             raise ValueError(f"{name} was {before} where you began and is {value} by now; change the present file")
 
