@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from phyagentos.runtime.lookahead.rollouts import Rollout, find_cause
+from rollout_forecaster.playback import Rollout, find_cause
 from tests.contracts import make_contract
 
 from phyagentos.agent.goals.catalogue import Catalogue

@@ -83,7 +83,6 @@ class SessionCompiler:
         limits = msgspec.convert(of_goal.defaults, Limits, from_attributes=True)
         limits = msgspec.structs.replace(limits, timeout_s=node.spec.timeout_s or limits.timeout_s)
         spec = node.spec if not purpose else _NOTHING  # what prepares a node does not pursue its objective
-        requires = resolve((*skill.requires, *spec.requires))
         return Session(
             id=compute_session_id(self.goal, name, attempt),
             goal=self.goal,
@@ -95,7 +94,7 @@ class SessionCompiler:
             target=choice.target,
             parameters=parameters,
             acts_on=find_parameter(skill, ParameterRole.OBJECT),
-            requires=requires if revision.requires is None else revision.requires,
+            requires=resolve((*skill.requires, *spec.requires)) if revision.requires is None else revision.requires,
             hold=resolve((*skill.hold, *spec.hold, *of_goal.constraints)),
             accept=resolve((*spec.accept, *promiser.guarantees)),
             scene=Scene(

@@ -20,6 +20,7 @@ from phyagentos.protocol.predicates.meaning import find_definition, normalize, r
 from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate
 
 _Literal = tuple[bool, syntax.Call]  # whether it is to be true
+_PLACES = {meaning for meaning in Meaning if meaning.names_place}
 _DEMANDS = {  # what the object has to be, and then the place
     Meaning.INSIDE: ("movable", "has_interior"),
     Meaning.CONTAINS: ("has_interior",),
@@ -194,7 +195,7 @@ def _find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[Lack]:
 def _find_incapable(formula: syntax.Formula, vocabulary: Vocabulary) -> Iterator[Lack]:
     """Literals that no skill brings about. To end a place is to bring the thing to another."""
     able = vocabulary.capabilities
-    places = {each.name for each in get_predicate_library() if _names_place(each.meaning)}
+    places = {each.name for each in get_predicate_library() if each.meaning in _PLACES}
     for is_true, call in ((is_true, normalize(call)) for is_true, call in iter_literals(formula)):
         name, meaning = call.name if is_true else f"not {call.name}", read_statement(call).meaning
         is_ended = not is_true and call.name in places and not places.isdisjoint(able)
@@ -220,7 +221,7 @@ def _excludes(one: _Literal, other: _Literal) -> bool:
     """Whether two conditions exclude each other, as far as their names alone say."""
     (is_true, call), (is_other_true, second) = ((value, normalize(call)) for value, call in (one, other))
     said, other_said = read_statement(call), read_statement(second)
-    is_place = _names_place(said.meaning)
+    is_place = said.meaning in _PLACES
     if call == second:
         return is_true is not is_other_true
     if said.meaning is other_said.meaning is Meaning.ON and call.terms == second.terms[::-1]:
@@ -230,10 +231,6 @@ def _excludes(one: _Literal, other: _Literal) -> bool:
     keeps = other_said.meaning is Meaning.MOVED and not is_other_true
     moves = said.meaning in _MOVERS and (is_true or is_place)
     return keeps and moves and said.object == other_said.object
-
-
-def _names_place(meaning: Meaning | None) -> bool:
-    return meaning is not None and meaning.names_place
 
 
 def list_opposites(call: syntax.Call) -> tuple[str, ...]:

@@ -13,16 +13,22 @@ worse messages.
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 from phyagentos.protocol.predicates import syntax
 
+_Part = TypeVar("_Part")
 RELATIONS = (">=", "<=", "==", "!=", ">", "<")
 _KEYWORDS = frozenset({"and", "or", "not", "count"})
-_NUMBER = re.compile(r"[+-]?(\d+\.\d*|\.\d+|\d+)([eE][+-]?\d+)?")
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-_VARIABLE = re.compile(r"\$\{([^{}]+)\}")
+_TOKEN = re.compile(
+    r"(?P<space>\s+)"
+    r"|\$\{(?P<variable>[^{}]+)\}"
+    r"|(?P<number>[+-]?(?:\d+\.\d*|\.\d+|\d+)(?:[eE][+-]?\d+)?)"
+    r"|(?P<name>[A-Za-z_][A-Za-z0-9_]*)"
+    r"|(?P<sign>>=|<=|==|!=|[><(),*])"
+)
 
 
 class PredicateSyntaxError(ValueError):
@@ -51,26 +57,16 @@ class _Token:
 def _iter_tokens(text: str) -> Iterator[_Token]:
     position = 0
     while position < len(text):
-        column = position + 1
-        if text[position].isspace():
-            position += 1
-        elif match := _VARIABLE.match(text, position):
-            yield _Token("variable", match[1].strip(), column)
-            position = match.end()
-        elif match := _NUMBER.match(text, position):
-            yield _Token("number", match[0], column)
-            position = match.end()
-        elif match := _NAME.match(text, position):
-            yield _Token(match[0] if match[0] in _KEYWORDS else "name", match[0], column)
-            position = match.end()
-        else:
-            sign = next((sign for sign in (*RELATIONS, "(", ")", ",", "*") if text.startswith(sign, position)), None)
-            if sign is None:
-                hint = "Write '==' for equal." if text[position] == "=" else ""
-                expected = "a name, a number, '*', '(', or a comparison"
-                raise PredicateSyntaxError(column, repr(text[position]), expected, hint)
-            yield _Token(sign, sign, column)
-            position += len(sign)
+        if (match := _TOKEN.match(text, position)) is None:
+            hint = "Write '==' for equal." if text[position] == "=" else ""
+            expected = "a name, a number, '*', '(', or a comparison"
+            raise PredicateSyntaxError(position + 1, repr(text[position]), expected, hint)
+        kind = str(match.lastgroup)
+        piece = match[kind].strip()
+        if kind != "space":
+            is_own = kind == "sign" or (kind == "name" and piece in _KEYWORDS)
+            yield _Token(piece if is_own else kind, piece, position + 1)
+        position = match.end()
     yield _Token("end", "the end", len(text) + 1)
 
 
@@ -110,16 +106,18 @@ class _Parser:
         return self.expect(*kinds) if self._now.kind in kinds else None
 
     def parse_or(self) -> syntax.Formula:
-        parts = [self._parse_and()]
-        while self._take("or"):
-            parts.append(self._parse_and())
-        return parts[0] if len(parts) == 1 else syntax.Or(tuple(parts))
+        parts = self._parse_joined("or", self._parse_and)
+        return parts[0] if len(parts) == 1 else syntax.Or(parts)
 
     def _parse_and(self) -> syntax.Formula:
-        parts = [self._parse_unary()]
-        while self._take("and"):
-            parts.append(self._parse_unary())
-        return parts[0] if len(parts) == 1 else syntax.And(tuple(parts))
+        parts = self._parse_joined("and", self._parse_unary)
+        return parts[0] if len(parts) == 1 else syntax.And(parts)
+
+    def _parse_joined(self, sign: str, parse: Callable[[], _Part]) -> tuple[_Part, ...]:
+        parts = [parse()]
+        while self._take(sign):
+            parts.append(parse())
+        return tuple(parts)
 
     def _parse_unary(self) -> syntax.Formula:
         self._depth += 1
@@ -151,12 +149,7 @@ class _Parser:
         return syntax.Compare(left, relation.kind, self._parse_number("a number"))
 
     def _parse_terms(self) -> tuple[syntax.Term, ...]:
-        if self._now.kind == ")":
-            return ()
-        terms = [self._parse_term()]
-        while self._take(","):
-            terms.append(self._parse_term())
-        return tuple(terms)
+        return () if self._now.kind == ")" else self._parse_joined(",", self._parse_term)
 
     def _parse_term(self) -> syntax.Term:
         token = self.expect("name", "*", "variable", "number", "(", what="a name, '*', a number or a point (x, y, z)")
