@@ -2,10 +2,10 @@
 
     python benchmarks/first_final.py --server-python PYTHON --seeds 12 --keep FOLDER
 
-Policies of different strength (examples/10_train_policy) pursue three tasks on held-out seeds. After a verdict that
-says no, child sessions of the same policy follow, two at most: from where its demonstrations begin, and with the thing
-shown aside by what the tool has missed it (docs/policies.md). Neither weights, goal nor criteria change. A blind retry
-has no verdict: it spends the same budget of sessions of the same policy, all of it, in the same scenes. So does a
+Policies of different strength (examples/projects/10_train_policy) pursue three tasks on held-out seeds. After a verdict
+that says no, child sessions of the same policy follow, two at most: from where its demonstrations begin, and with the
+thing shown aside by what the tool has missed it (docs/policies.md). Neither weights, goal nor criteria change. A blind
+retry has no verdict: it spends the same budget of sessions of the same policy, all of it, in the same scenes. So does a
 second one, which first goes back to where the policy begins, each time. Success is read from the recorded simulator
 state; what the mission said does not count, nor does a cube that only came to lie in the tray when the hand was emptied
 to begin anew. Where the first session missed, a further run may also use builtin skills: what those rescue is a column
@@ -19,7 +19,7 @@ show is false; a goal in which a process was lost, as on an overloaded machine, 
 every arm. The policies are those of an earlier run on seeds 12000 to 12011, chosen by their First on seeds from 11000:
 `state_15` 9 of 15, `state_20` 17 of 33, `state_300` 28 of 36. In that run children began where their parent had
 stopped: the gain was 8.3 points, and p = 0.23 against the blind retry. What has changed since was made and tried on
-seeds 11000 to 11011, and on some goals of that run. Its figures: the README of examples/10_train_policy.
+seeds 11000 to 11011, and on some goals of that run. Its figures: the README of examples/projects/10_train_policy.
 """
 
 import argparse
@@ -52,7 +52,7 @@ from phyagentos.bench.scorers.simulator_state import is_in_tray
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import Ended, GoalId
 
-EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "10_train_policy"
+EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "projects" / "10_train_policy"
 POLICIES = ("state_20", "state_15", "state_300")  # weights: of so many episodes; of so many steps on all episodes
 TASKS = ("cube", "crowd", "block")
 SKILL, BLIND, BEGIN = "pick_by_state", "pick_blindly", "start_over"

@@ -65,7 +65,7 @@ ASKED = {
     "libero_added_share": Ask(0.05, at_least=False),
     "libero_added_share_unobserved": Ask(0.05, at_least=False),
 }
-META_WORLD = find_shipped_root() / "examples" / "08_meta_world"
+META_WORLD = find_shipped_root() / "examples" / "projects" / "08_meta_world"
 SCENES = {"meta_world": "reach-v3", "libero": "libero_object/0"}
 BARE = Path(__file__).parent / "overhead_parts" / "bare.py"
 WARM = 20  # steps of each round that are not counted

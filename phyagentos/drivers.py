@@ -10,6 +10,7 @@
 A target in a program of its own is served by the kit `target_server` instead, in fewer lines.
 """
 
+from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, Pose, Region, TargetState
 from phyagentos.protocol.world.idealisations import Aspect, Idealisation
@@ -57,4 +58,5 @@ __all__ = [
     "TargetState",
     "Tool",
     "ToolResult",
+    "read_target",
 ]

@@ -18,10 +18,11 @@ endpoints, and `phyagentos.bridges`, a subclass of `ActionBridge`.
 
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor, Stream
+from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Frames, Unconvertible
 from phyagentos.runtime.actions.bridges.chain import BridgeChain, compile_chain
 from phyagentos.runtime.actions.violations import Intervention, Violation, ViolationCode
-from phyagentos.runtime.policies.server import Policy, serve_policy
+from phyagentos.runtime.policies.server import Policy, answer, serve_policy
 from phyagentos.runtime.policies.transport import PolicyService
 from phyagentos.runtime.policies.wire import (
     Array,
@@ -59,6 +60,8 @@ __all__ = [
     "Unconvertible",
     "Violation",
     "ViolationCode",
+    "answer",
     "compile_chain",
+    "read_skill",
     "serve_policy",
 ]

@@ -33,6 +33,7 @@ from phyagentos.protocol.predicates.library import (
     get_predicate_library,
 )
 from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate
+from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
 from phyagentos.protocol.world.truth import Truth
 
@@ -56,6 +57,7 @@ __all__ = [
     "get_entity",
     "get_place",
     "get_predicate_library",
+    "load_predicates",
     "parse_predicate",
     "to_child",
     "to_parent",

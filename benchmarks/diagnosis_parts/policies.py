@@ -1,4 +1,4 @@
-"""Policy servers that misbehave, each behind a skill of its own; everything else is as in examples/03_policy_server.
+"""Policy servers that misbehave, each behind a skill of its own; everything else is as in its example.
 
 Those that fail begin with a chunk that stands still, so that preflight and the first half second pass.
 """
@@ -14,7 +14,7 @@ from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.runtime.policies.server import serve_policy
 from phyagentos.runtime.policies.wire import Infer, Start
 
-SKILL = Path(__file__).resolve().parents[2] / "examples" / "03_policy_server" / "skills" / "imitate" / "SKILL.md"
+SKILL = Path(__file__).parents[2] / "examples" / "projects" / "03_policy_server" / "skills" / "imitate" / "SKILL.md"
 CHUNK = 25  # rows, as in SKILL.md
 SWING_RAD, SWING_ROWS = 0.15, 75  # 1.5 s there and back: well below the limits of the joint
 WIDEST_M = 0.078  # a hair less than the gripper opens, so that no spline between two chunks passes its limit

@@ -10,21 +10,25 @@ from phyagentos.assembly.project import get_file, parse_overrides
 from phyagentos.cli.arguments import Overrides, RunPython
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.reply import Reply
+from phyagentos.operations.init import Extension
 
 if TYPE_CHECKING:
     from phyagentos.operations.compile import CompiledGraph
 
 
 def init(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is missing or empty.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is missing or empty, or a project.")],
+    extensions: Annotated[
+        list[Extension] | None, typer.Option("--with", help="An extension, with its test. Repeatable.")
+    ] = None,
 ) -> Reply[object]:
     """Make a place of your own: a goal graph, a scene and a skill that run at once."""
     from phyagentos.operations.init import init
 
-    found = init(folder)
-    return Reply(
-        found, f"next: paos lint {folder} && paos run {found.graph}", [f"wrote {each}" for each in found.files]
-    )
+    found = init(folder, extensions or ())
+    test = f"pytest {found.tests} && " if found.tests else ""
+    steps = f"next: {test}paos lint {folder} && paos run {found.graph}"
+    return Reply(found, steps, [f"wrote {each}" for each in found.files])
 
 
 def lint(

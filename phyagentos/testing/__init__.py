@@ -7,8 +7,8 @@
         ran = stand.run_leaf(ChooseNearest, kind="cube")
         assert (ran.status, ran.outputs) == ("SUCCESS", {"object": "near"})
 
-`check_leaf`, `check_predicate`, `check_judge` and each of `DRIVER_CHECKS` is what a leaf, predicate, judge or driver
-has to satisfy, and raises AssertionError. A name is loaded when it is first used.
+`check_leaf`, `check_predicate`, `check_judge`, `check_policy` and each of `DRIVER_CHECKS` is what such an extension has
+to satisfy, and raises AssertionError. A name is loaded when it is first used.
 """
 
 from typing import TYPE_CHECKING
@@ -26,6 +26,7 @@ __all__ = [
     "SkillStand",
     "check_judge",
     "check_leaf",
+    "check_policy",
     "check_predicate",
     "compute_answer",
     "compute_line",
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from phyagentos.testing.judge_checks import check_judge
     from phyagentos.testing.leaf_checks import check_leaf
     from phyagentos.testing.manual_clock import ManualClock
+    from phyagentos.testing.policy_checks import check_policy
     from phyagentos.testing.predicate_checks import check_predicate
     from phyagentos.testing.skill_stand import LeafRun, SkillStand, read_robot
     from phyagentos.testing.worlds import make_contract, make_cube, make_tray, make_world
@@ -64,6 +66,7 @@ else:
             "judge_checks": "check_judge",
             "leaf_checks": "check_leaf",
             "manual_clock": "ManualClock",
+            "policy_checks": "check_policy",
             "predicate_checks": "check_predicate",
             "skill_stand": "LeafRun SkillStand read_robot",
             "worlds": "make_contract make_cube make_tray make_world",

@@ -1,5 +1,6 @@
 """What every judge has to satisfy: named with a version, repeatable, reading only, failing closed."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from phyagentos.agent.judging.judges.judge_registry import JudgeDefinition, JudgeSettings
@@ -17,8 +18,8 @@ from phyagentos.testing.worlds import make_contract, make_cube, make_tray, make_
 ABSENT = {"url": "http://127.0.0.1:9/v1", "model": "absent", "timeout_s": 0.5}  # the port of `discard`
 
 
-def check_judge(definition: JudgeDefinition, folder: Path, **options: JudgeOption) -> None:
-    """Ask a judge about an empty, a damaged and a whole bundle in an empty `folder`.
+def check_judge(definition: JudgeDefinition, folder: Path, **options: JudgeOption) -> Sequence[Criterion]:
+    """Ask a judge about an empty, a damaged and a whole bundle in an empty `folder`; its answers to the last.
 
     Raises AssertionError where it is not named `name/version`, calls anything true that was not observed, answers
     with anything but criteria that people can read, answers the same question differently, or changes evidence.
@@ -38,6 +39,7 @@ def check_judge(definition: JudgeDefinition, folder: Path, **options: JudgeOptio
     _check_criteria(answers, may_be_true=True)
     assert answers == judge.judge(whole), "the same evidence gives two answers"
     assert _read(folder) == before, "evidence was changed"
+    return answers
 
 
 def _make_bundle(folder: Path, world: Environment | None = None) -> Bundle:

@@ -1,5 +1,8 @@
 """A stand for skills: sessions on doubles in a folder, with the real runner, guard, recorder and tree runtime."""
 
+import shutil
+import tempfile
+import weakref
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +16,7 @@ from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.evidence import read_bundle
 from phyagentos.protocol.sessions.session import Execution, Session
+from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.settings.safety import TargetLimits, read_safety
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.actions.handle import TargetSessionHandle
@@ -53,11 +57,12 @@ def read_robot(name: str = ROBOT) -> tuple[TargetProfile, TargetLimits]:
 
 
 class SkillStand:
-    """Runs sessions of one robot on doubles, and keeps their evidence below `folder`.
+    """Runs sessions of one robot on doubles, and keeps their evidence below `folder`, a temporary one without it.
 
     Args:
-        entities: What the world holds; None for what `target` holds already.
-        library: Trees and skills; those of `folder` and those that ship without one.
+        entities: What the world holds, where no `target` is given, which holds its own.
+        project: Folder with trees and skills of one's own.
+        library: Trees and skills; without it those of `folder`, of `project`, and those that ship.
         settings: Settings files, whose hashes go to the evidence.
 
     Attributes:
@@ -66,11 +71,12 @@ class SkillStand:
 
     def __init__(
         self,
-        folder: Path,
+        folder: Path | None = None,
         *,
         entities: Iterable[Entity] = (),
         target: PerfectTarget | None = None,
         planner: Planner | None = None,
+        project: Path | None = None,
         library: Library | None = None,
         registry: LeafRegistry | None = None,
         clock: Clock | None = None,
@@ -79,8 +85,11 @@ class SkillStand:
         robot: tuple[TargetProfile, TargetLimits] | None = None,
     ) -> None:
         profile, limits = robot or read_robot()
+        if folder is None:
+            folder = Path(tempfile.mkdtemp(prefix="skill_stand_"))
+            weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self.workspace = folder
-        self.library = library or Library((folder, find_shipped_root()))
+        self.library = library or Library((folder, *([project] if project else []), find_shipped_root()))
         self.registry = registry or build_registry(self.library)
         self.target = target or PerfectTarget(profile, entities)
         self.planner = planner or ScriptedPlanner()
@@ -121,6 +130,16 @@ class SkillStand:
             beat=lambda **beat: self.beats.append(beat),
         )
 
+    def add_tree(self, text: str) -> None:
+        """Lay a tree, as its YAML, into the folder's `trees/`, under the name that it has."""
+        path = self.workspace / "trees" / f"{yaml.safe_load(text)['tree']}.yaml"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+
+    def read_trace(self, session: Session, execution: Execution) -> tuple[TraceEvent, ...]:
+        """What each node of the tree did, from the evidence."""
+        return read_bundle(self.workspace / execution.evidence, session, execution).trace
+
     def run_leaf(self, leaf: type[Leaf], /, **inputs: Any) -> LeafRun:
         """One activation of a leaf as the only node of a tree, with plain values for its inputs, to its end."""
         registered = {name for name in self.registry.names() if self.registry.find(name) is leaf}
@@ -135,12 +154,10 @@ class SkillStand:
             "outputs": {port: {"type": each} for port, each in outputs.items()},
             "root": {name: inputs | {port: f"${port}" for port in outputs}},
         }
-        path = self.workspace / "trees" / f"{ONE_LEAF}.yaml"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(yaml.safe_dump(tree), encoding="utf-8")
+        self.add_tree(yaml.safe_dump(tree))
         session = make_contract(id=f"g.{ONE_LEAF}", skill=ONE_LEAF)
         execution = self.run(session)
-        trace = read_bundle(self.workspace / execution.evidence, session, execution).trace
+        trace = self.read_trace(session, execution)
         end = next((each for each in reversed(trace) if each.leaf == name), None)
         if end is None:
             raise AssertionError(f"the leaf did not run: {execution.code} {execution.message}")

@@ -1,8 +1,13 @@
 """`paos init`: a place of one's own, complete and clean from the first moment."""
 
+import subprocess
+import sys
 from pathlib import Path
 
+import pytest
+
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.operations.init import Extension
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -48,4 +53,34 @@ def test_the_scaffold_uses_the_skill_of_the_first_example_unchanged(paos, tmp_pa
     paos("init", tmp_path / "mine")
     for name in ("skills/show_and_place/SKILL.md", "trees/show_and_place.yaml"):
         mine = (tmp_path / "mine" / name).read_text(encoding="utf-8")
-        assert mine == (ROOT / "examples/01_yaml_skill" / name).read_text(encoding="utf-8")
+        assert mine == (ROOT / "examples/projects/01_yaml_skill" / name).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("extension", Extension)
+def test_an_extension_comes_with_a_test_that_passes_and_files_that_lint_clean(paos, tmp_path, extension):
+    place = tmp_path / "mine"
+    made = paos("init", place, "--with", extension)
+    assert (made.code, f"pytest {place / 'tests'}" in made.out) == (ExitCode.GOAL_MET, True)
+
+    tested = run_tests(place)
+    assert tested.returncode == 0, tested.stdout
+    assert "passed" in tested.stdout
+    linted = paos("lint", place, "--run-python")
+    assert (linted.code, linted.err) == (ExitCode.GOAL_MET, ""), linted.err
+
+
+def test_extensions_are_added_to_a_project_once_and_their_tests_find_what_is_broken(paos, tmp_path):
+    place = tmp_path / "mine"
+    paos("init", place)
+    assert paos("init", place, "--with", "predicate").code == ExitCode.GOAL_MET
+    again = paos("init", place, "--with", "predicate", "--with", "leaf")
+    assert "far_out.py: WOULD_OVERWRITE" in again.err
+    assert not (place / "skills" / "take_nearest").exists()
+
+    (file := place / "predicates" / "far_out.py").write_text(file.read_text().replace("REACH_M = 0.6", "REACH_M = 0.8"))
+    assert "FAILED tests/test_predicate.py::test_it_holds_beyond_the_reach" in run_tests(place).stdout
+
+
+def run_tests(place):
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:randomly", "tests"]
+    return subprocess.run(command, cwd=place, capture_output=True, text=True, check=False, timeout=300)

@@ -41,7 +41,16 @@ def write(tmp_path):
 
 @pytest.mark.slow
 def test_everything_that_ships_is_clean(paos):
-    folders = ["goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol", "examples/01_yaml_skill"]
+    folders = [
+        "goal_graphs",
+        "trees",
+        "skills",
+        "scenes",
+        "robots",
+        "faults",
+        "protocol",
+        "examples/projects/01_yaml_skill",
+    ]
     result = paos("lint", *[ROOT / folder for folder in folders])
     assert (result.code, result.err) == (ExitCode.GOAL_MET, "")
 
@@ -180,7 +189,7 @@ def test_a_skill_is_checked_against_its_parameters_and_trees(paos, write):
 
 
 def test_what_a_policy_asks_for_its_next_attempt_must_exist(paos, write):
-    shipped = (ROOT / "examples/10_train_policy/skills/pick_by_state/SKILL.md").read_text()
+    shipped = (ROOT / "examples/projects/10_train_policy/skills/pick_by_state/SKILL.md").read_text()
     text = shipped.replace("begins_after: start_over, aim: aim", "begins_after: start_ove, aim: near")
     path = write("skills/pick_by_state/SKILL.md", text)
     result = paos("lint", path)

@@ -18,7 +18,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from tests.following import wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
-GRAPH = ROOT / "examples/01_yaml_skill/goal_graphs/show.yaml"
+GRAPH = ROOT / "examples/projects/01_yaml_skill/goal_graphs/show.yaml"
 COUNT = ROOT / "benchmarks/library/goal_graphs/count.yaml"
 LIMIT_S = 300
 

@@ -31,7 +31,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
 KIT = ROOT / "kits" / "target_server"
-SLIDE = ROOT / "examples" / "05_any_body" / "slide.py"
+SLIDE = ROOT / "examples" / "projects" / "05_any_body" / "slide.py"
 
 
 class Served:

@@ -9,7 +9,7 @@ from phyagentos.bench.matrix import compile_suite
 from phyagentos.operations.lint import lint_paths
 from phyagentos.protocol.capabilities.library import find_shipped_root
 
-EXAMPLES = find_shipped_root() / "examples"
+EXAMPLES = find_shipped_root() / "examples" / "projects"
 META_WORLD, KITCHEN = EXAMPLES / "08_meta_world", EXAMPLES / "09_franka_kitchen"
 
 

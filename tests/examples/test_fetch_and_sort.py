@@ -14,7 +14,7 @@ from phyagentos.operations.lint import lint_paths
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from tests.models_here import read_profile_here
 
-EXAMPLE = find_shipped_root() / "examples" / "07_fetch_and_sort"
+EXAMPLE = find_shipped_root() / "examples" / "projects" / "07_fetch_and_sort"
 
 
 def test_it_lints_clean():

@@ -14,7 +14,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 
 ROOT = Path(__file__).resolve().parents[2]
-EXAMPLE = ROOT / "examples" / "03_policy_server"
+EXAMPLE = ROOT / "examples" / "projects" / "03_policy_server"
 GRAPH = EXAMPLE / "goal_graphs/imitate.yaml"
 
 

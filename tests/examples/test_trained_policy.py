@@ -14,7 +14,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "10_train_policy"
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "projects" / "10_train_policy"
 
 
 @pytest.fixture(scope="module")

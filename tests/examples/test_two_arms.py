@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-EXAMPLE = ROOT / "examples" / "04_two_arms"
+EXAMPLE = ROOT / "examples" / "projects" / "04_two_arms"
 
 
 def paos(*arguments):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-EXAMPLE = ROOT / "examples" / "01_yaml_skill"
+EXAMPLE = ROOT / "examples" / "projects" / "01_yaml_skill"
 
 
 def start(*arguments, cwd=ROOT):

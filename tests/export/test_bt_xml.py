@@ -396,7 +396,7 @@ def test_the_model_of_a_leaf_has_its_ports_with_their_ways_types_and_defaults(na
 
 @pytest.mark.parametrize("options", [(), ("--run-python",)])
 def test_a_tree_with_leaves_of_a_skills_own_python_comes_back_whether_that_is_executed_or_not(options, paos, tmp_path):
-    project = Path(__file__).parents[2] / "examples" / "06_gymnasium"
+    project = Path(__file__).parents[2] / "examples" / "projects" / "06_gymnasium"
     file = tmp_path / "tree.xml"
     file.write_text(paos("export", "bt-xml", project / "trees" / "close_along_line.yaml", *options).out)
 

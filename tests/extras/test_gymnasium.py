@@ -19,7 +19,7 @@ from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.testing import DRIVER_CHECKS, DriverClient, DriverSubject
 from tests.conformance.test_target_drivers import write_environment
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "projects"
 EXAMPLE, META_WORLD = EXAMPLES / "06_gymnasium", EXAMPLES / "08_meta_world"
 SMALL = {"MountainCar-v0": (0.0, 2.0), "MountainCarContinuous-v0": (-1.0, 1.0), "CartPole-v1": (0.0, 1.0)}
 

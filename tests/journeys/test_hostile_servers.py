@@ -24,7 +24,7 @@ from tests.hostile_server import WAYS, HostileServer
 
 pytestmark = pytest.mark.journey
 
-POLICY = find_shipped_root() / "examples" / "03_policy_server"
+POLICY = find_shipped_root() / "examples" / "projects" / "03_policy_server"
 SCENE = "tabletop/cubes_and_trays"
 WAITS_S = 2.0  # for a server, by the settings of these workspaces
 LIMIT_S = 40.0  # of a whole goal on a busy machine

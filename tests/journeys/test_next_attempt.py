@@ -22,7 +22,7 @@ from phyagentos.runtime.policies.server import serve_policy
 
 pytestmark = pytest.mark.journey
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "10_train_policy"
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "projects" / "10_train_policy"
 ERROR_M = np.array([-0.022, 0.018, 0.0])  # of what it has learned
 WAY = ((80, 0.1), (50, 0.0))  # rows, and the height over the thing after them [m]
 CLOSE, LIFT, CHUNK = 30, 40, 100

@@ -85,7 +85,7 @@ class Elsewhere:
             shutil.copy(alone, secret.with_name("counter.pem"))
 
     def _serve(self, folder, key, options):
-        shutil.copy(ROOT / "examples" / "05_any_body" / "slide.py", folder)
+        shutil.copy(ROOT / "examples" / "projects" / "05_any_body" / "slide.py", folder)
         (folder / "slow.py").write_text(SLOW)
         command = [sys.executable, str(folder / "slow.py"), "--log", str(self.log), *options]
         environment = os.environ | {"PYTHONPATH": str(ROOT / "kits" / "target_server")}

@@ -53,7 +53,7 @@ sessions:
 def open_table(root, faults=None):
     """A project that is the example, served; a function that pursues a goal: its report, and the journal's records."""
     project = root / "project"
-    shutil.copytree(find_shipped_root() / "examples" / "04_two_arms", project)
+    shutil.copytree(find_shipped_root() / "examples" / "projects" / "04_two_arms", project)
     (project / "goal_graphs" / "one_tray.yaml").write_text(ONE_TRAY)
     broken = root / "faults.yaml" if faults else None
     if broken is not None:

@@ -151,7 +151,7 @@ def tables(tmp_path_factory):
     @cache
     def make(mode, name):
         folder = tmp_path_factory.mktemp(f"table-{len(made)}")
-        shutil.copytree(find_shipped_root() / "examples" / "04_two_arms", folder / "project")
+        shutil.copytree(find_shipped_root() / "examples" / "projects" / "04_two_arms", folder / "project")
         if mode == "realtime":
             slow_down(folder / "project")
         made.append(TwoArms(folder, folder / "project", "two_arms", "--world-mode", mode))

@@ -11,7 +11,7 @@ import numpy as np
 
 from phyagentos.runtime.policies.wire import Infer, Start
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "examples" / "10_train_policy"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "examples" / "projects" / "10_train_policy"))
 from server import HALF_OPEN_M, OPEN_M, STILL_RAD, Tracker
 
 MODEL = Path(__file__).with_name("place.onnx")

@@ -4,7 +4,7 @@
 
 Needs the extra `train`. Data sets are those of `paos export lerobot WORKSPACE… --skill pick_and_place --entities
 object,destination`, and of `stack` with `object,support`. The network and how it is fitted are those of
-examples/10_train_policy.
+examples/projects/10_train_policy.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "examples" / "10_train_policy"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "examples" / "projects" / "10_train_policy"))
 from train import BATCH, WORTH, Arm, Frames, fit
 
 RATE_HZ = 20.0

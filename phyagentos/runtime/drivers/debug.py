@@ -1,7 +1,5 @@
 """A target without physics (`kind: debug`): it is where the last command put it, and every movable body rides on it."""
 
-import math
-
 import msgspec
 import numpy as np
 from typing_extensions import override
@@ -49,17 +47,9 @@ class DebugDriver(TargetDriver):
     @override
     def describe(self) -> wire.Description:
         profile, n = self.profile, len(self.profile.arm.joints)
-        return wire.Description(
-            target=profile.target,
-            n_joints=n,
-            steps_per_command=self._steps,
-            physics_step_s=profile.physics_step_s,
+        return self.describe_profile(
             q_min_rad=(-END_STOP,) * n,
             q_max_rad=(END_STOP,) * n,
-            observations=profile.observations,
-            actions=profile.actions,
-            cameras=(),
-            mode="lockstep",
             kinematics=wire.Kinematics(
                 axes=((0.0, 0.0, 1.0), *((0.0, 0.0, 0.0),) * (n - 1)),
                 anchors_m=(profile.mount_position_m,) * n,
@@ -67,12 +57,9 @@ class DebugDriver(TargetDriver):
                 slides=(True,) * n,
             ),
             gripper_force_n=0.0,
-            joints=profile.arm.joints,
-            version=wire.WIRE_VERSION,
             driver="debug",
             idealisations=(Idealisation(Aspect.PHYSICS),),
             ground_truth=True,
-            end_effector=profile.end_effector,
         )
 
     @override
@@ -96,13 +83,7 @@ class DebugDriver(TargetDriver):
 
     @override
     def apply(self, command: wire.Command) -> str:
-        shape = (self._steps, self._q.size)
-        arrays = (command.q_rad, command.qd_rad_s, command.gripper_width_m)
-        if tuple(array.shape for array in arrays) != (shape, shape, shape[:1]):
-            message = f"q_rad of shape {command.q_rad.shape}; expected {shape}, and others like it"
-            raise ExecutionError("MALFORMED", message)
-        if not all(math.isfinite(value) for array in arrays for value in array.ravel().tolist()):
-            raise ExecutionError("MALFORMED", "a set-point is not finite")
+        self.check_set_points(command)
         self._q, self._width_m = np.array(command.q_rad[-1], dtype=np.float64), float(command.gripper_width_m[-1])
         self._tick += self._steps
         return ""

@@ -1,4 +1,4 @@
-"""Serves a policy to sessions, over tcp, one session at a time; examples/03_policy_server has a small one."""
+"""Serves a policy to sessions, over tcp, one session at a time; examples/projects/03_policy_server has a small one."""
 
 import contextlib
 from collections.abc import Callable

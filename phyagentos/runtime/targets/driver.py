@@ -7,6 +7,7 @@ Alternatives rejected: one class per simulator inside the worker (a crash of the
 it); gym's `step` (no authority, no expiry, no halt).
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -98,6 +99,36 @@ class TargetDriver(TargetPort):
     @abstractmethod
     def describe(self) -> wire.Description:
         """What the body is, from the live model; `driver`, `tools` and `ground_truth` included."""
+
+    def describe_profile(self, **live: Any) -> wire.Description:
+        """What its profile says of the body; `live` are the other fields, and those that the live model corrects."""
+        profile = self.profile
+        stated: dict[str, Any] = {
+            "target": profile.target,
+            "n_joints": len(profile.arm.joints),
+            "steps_per_command": round(profile.control_period_s / profile.physics_step_s),
+            "physics_step_s": profile.physics_step_s,
+            "observations": profile.observations,
+            "actions": profile.actions,
+            "cameras": (),
+            "mode": "lockstep",
+            "gripper_force_n": profile.gripper.force_n,
+            "joints": profile.arm.joints,
+            "version": wire.WIRE_VERSION,
+            "end_effector": profile.end_effector,
+        }
+        return wire.Description(**(stated | live))
+
+    def check_set_points(self, command: wire.Command) -> None:
+        """Raise `MALFORMED` unless the arrays of a command have the shapes that the profile says, and are finite."""
+        steps = round(self.profile.control_period_s / self.profile.physics_step_s)
+        shape = (steps, len(self.profile.arm.joints))
+        arrays = (command.q_rad, command.qd_rad_s, command.gripper_width_m)
+        if tuple(array.shape for array in arrays) != (shape, shape, shape[:1]):
+            message = f"q_rad of shape {command.q_rad.shape}; expected {shape}, and others like it"
+            raise ExecutionError("MALFORMED", message)
+        if not all(math.isfinite(value) for array in arrays for value in array.ravel().tolist()):
+            raise ExecutionError("MALFORMED", "a set-point is not finite")
 
     @abstractmethod
     def load(self, request: wire.LoadScene) -> wire.Loaded:

@@ -28,7 +28,7 @@ from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocke
 
 pytestmark = pytest.mark.sim
 
-EXAMPLE = find_shipped_root() / "examples" / "04_two_arms"
+EXAMPLE = find_shipped_root() / "examples" / "projects" / "04_two_arms"
 ARMS = ("left_arm", "right_arm")
 LOAD = wire.LoadScene(scene="two_arms", seed=1, episode="e")
 

@@ -1,0 +1,48 @@
+"""The numbered examples: one concept and one page a file; each runs, and prints what its concept is about."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+PAGE = 66  # lines
+PRINTED = {
+    "01_leaf": "{'object': 'near_cube'}\nno cup is known",
+    "02_predicate": "far_out(far_cube): true, far_cube is 0.90 m in front of the robot",
+    "03_tree": "squeeze/verify_grasp: FAILURE",
+    "04_judge": "in time: false, it took 9 control periods",
+    "05_scorer": "{'two seconds': True, 'half a second': False}",
+    "06_policy": "after 175 rows: (25, 7) more, done: True",
+    "07_skill": "2 files checked, no problem",
+    "08_robot": "no problem",
+    "09_driver": "stops_in_an_emergency: satisfied",
+}
+
+
+def test_every_numbered_file_is_run_here():
+    assert sorted(path.stem for path in EXAMPLES.glob("*.py")) == sorted(PRINTED)
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_an_example_runs_and_prints_what_it_is_about(name):
+    command = [sys.executable, "-W", "error::ResourceWarning", EXAMPLES / f"{name}.py"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+
+    assert done.returncode == 0, done.stderr
+    assert PRINTED[name] in done.stdout
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_an_example_is_one_page_that_says_how_it_is_run(name):
+    text = (EXAMPLES / f"{name}.py").read_text()
+
+    assert len(text.splitlines()) <= PAGE
+    assert f"python examples/{name}.py" in ast.get_docstring(ast.parse(text))
+
+
+def test_a_leaf_takes_at_most_fourteen_lines():
+    (leaf,) = [node for node in ast.parse((EXAMPLES / "01_leaf.py").read_text()).body if isinstance(node, ast.ClassDef)]
+    assert leaf.end_lineno - leaf.lineno + 1 <= 14
