@@ -145,7 +145,8 @@ def render_reference() -> dict[str, str]:
 
 def _render_row(what: str, name: str, form: str, default: str, meaning: str) -> str:
     form, default = form and f" ({form})", default and f", default {default}" if default != "required" else ", required"
-    return f"- {what} `{name}`{form}{default}{meaning and f': {meaning}'}\n"
+    kind = "" if what == "field" else f"{what} "
+    return f"- {kind}`{name}`{form}{default}{meaning and f': {meaning}'}\n"
 
 
 def render_codes() -> str:

@@ -10,8 +10,8 @@ TEXTS = sorted(  # with commands that a reader types
     {
         *ROOT.glob("*.md"),
         *ROOT.glob("docs/**/*.md"),
-        *ROOT.glob("examples/*/*.md"),
-        *ROOT.glob("phyagentos/cli/scaffold/*.md"),
+        *ROOT.glob("examples/**/*.md"),
+        *ROOT.glob("phyagentos/operations/scaffold/*.md"),
     }
 )
 _FENCE = re.compile(

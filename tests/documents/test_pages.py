@@ -54,7 +54,7 @@ def test_one_command_writes_schemas_documents_and_pages_as_they_are(root, tmp_pa
     written = [path for path in tmp_path.rglob("*") if path.is_file()]
     for path in written:
         assert path.read_bytes() == (root / path.relative_to(tmp_path)).read_bytes(), "run `make schemas`"
-    assert len(list((tmp_path / "protocol" / "schemas").glob("*.schema.json"))) == len(names_of_schemas())
+    assert len(list((tmp_path / "protocol" / "schemas").glob("*.json"))) == len(names_of_schemas())
     assert len(list((tmp_path / "protocol").glob("*.md"))) == len(FORMATS)
     assert {path.name for path in (tmp_path / "docs" / "reference").iterdir()} == {f"{kind}.md" for kind in KINDS}
     assert {path.name for path in (tmp_path / "docs").glob("*.md")} == {"error_codes.md", "measured.md"}
