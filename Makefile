@@ -4,7 +4,9 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
-PIP    := PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore $(BIN)/python -m pip --quiet --quiet
+PIPIN  := PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
+PIP    := $(PIPIN) $(BIN)/python -m pip --quiet --quiet
+LOCK   := requirements.lock
 
 DEMO_SEED   ?= 7
 DEMO_FAULTS ?= faults/slip.yaml
@@ -14,22 +16,37 @@ FAST  := fast
 BOTH  := -n 2 --dist worksteal
 OTHERS := peers gymnasium kit openpi libero lerobot
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
+PYTHONS ?= python3.12 python3.13
 DRIVERS := build/drivers
 VIEW    := build/view
 AXE     := axe-core-4.14.1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup pictures demo test test-quick test-journeys test-extras check static format schemas site wheel weigh clean
+.PHONY: help setup newest lock pictures demo test test-alone test-quick test-journeys test-pythons test-extras mutants
+.PHONY: check static format schemas site dist weigh clean
 
 help:  ## list the targets
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 13
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
 
-setup: $(STAMP) pictures $(VENV)/.kernels  ## create .venv and install the project in it
+setup: $(STAMP) pictures $(VENV)/.kernels  ## create .venv and install the project in it, with the packages of the lock
 
-$(STAMP): pyproject.toml
+$(STAMP): pyproject.toml $(LOCK)
 	@test -x $(BIN)/python || { echo "setup: creating $(VENV) with $(PYTHON)"; $(PYTHON) -m venv $(VENV); }
 	@echo "setup: installing phyagentos and its development tools into $(VENV) (a few minutes the first time)"
-	@$(PIP) install --editable '.[dev]' hatchling
+	@$(PIP) install --requirement $(LOCK)
+	@$(PIP) install --no-deps --no-build-isolation --editable .
+	@touch $@
+
+newest: $(STAMP)  ## replace the packages of .venv by the newest that pyproject.toml allows; `make lock` keeps to the lock
+	@$(PIP) install --upgrade --upgrade-strategy eager --editable '.[dev]'
+
+lock: build/lock/.installed  ## write requirements.lock again: newest versions with `make lock UPGRADE=--upgrade`
+	@build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --extra dev $(UPGRADE) \
+	--custom-compile-command "make lock" --output-file $(LOCK) pyproject.toml > /dev/null
+
+build/lock/.installed:
+	@test -x build/lock/bin/python || $(PYTHON) -m venv build/lock
+	@$(PIPIN) build/lock/bin/python -m pip --quiet --quiet install uv
 	@touch $@
 
 pictures: $(STAMP)
@@ -45,10 +62,12 @@ demo: setup  ## tidy a table while a cube slips out of the fingers: verify, repl
 	@$(BIN)/paos run goal_graphs/tidy_table.yaml --seed $(DEMO_SEED) --faults $(DEMO_FAULTS) --workspace $(DEMO_SPACE) --memory none
 	@echo "demo: documents in $(DEMO_SPACE) (begin with TASK.md and SESSIONS.md), evidence and pictures in $(DEMO_SPACE)/evidence"
 
-test: setup  ## every test
+test: setup test-alone  ## every test; mutation tests have a target of their own
+	@$(MAKE) --no-print-directory --jobs 2 test-quick test-journeys
+
+test-alone: $(STAMP)
 	@echo "test: what keeps real time, alone on the machine"
 	@$(BIN)/pytest -q -m alone
-	@$(MAKE) --no-print-directory --jobs 2 test-quick test-journeys
 
 test-quick: $(STAMP)
 	@echo "test: fast, motion and simulation; beside them the journeys, which are shown when they have ended"
@@ -60,6 +79,20 @@ test-journeys: $(STAMP)
 	&& $(BIN)/pytest -q tests/journeys/test_statecharts.py --journeys $$left/journeys \
 	&& rm -rf $$left/journeys; } > $$left/log 2>&1; \
 	ended=$$?; echo; echo "test: journeys"; cat $$left/log; exit $$ended
+
+test-pythons: $(PYTHONS:%=build/%/.tested)  ## fast tests on the other Pythons that are installed here
+
+build/%/.tested: $(LOCK) FORCE
+	@if ! $* -c '' 2> /dev/null; then echo "test-pythons: $* is not installed here: nothing was tested on it"; exit 0; fi; \
+	mkdir -p $(@D) && $* -m venv $(@D) \
+	&& $(PIPIN) $(@D)/bin/python -m pip --quiet --quiet install --requirement $(LOCK) \
+	&& $(PIPIN) $(@D)/bin/python -m pip --quiet --quiet install --no-deps --no-build-isolation --editable . \
+	&& echo "test-pythons: $$($(@D)/bin/python --version)" && $(@D)/bin/pytest -q $(BOTH) -m "$(FAST)"
+
+FORCE:
+
+mutants: $(STAMP)  ## mutation tests: each bent line of our own source turns red the tests that stand beside it (MUTANTS="NAME …")
+	@$(BIN)/python -m tests.mutants $(MUTANTS)
 
 test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed $(VIEW)/.installed  ## tests beside systems of others, which it installs in build/
 	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS),--$(each)-python=build/$(each)/bin/python)
@@ -112,9 +145,13 @@ site: $(STAMP) build/site/.installed  ## build the site from docs/ into build/ht
 	@NO_MKDOCS_2_WARNING=1 build/site/bin/mkdocs build --strict --quiet
 	@echo "site: build/html/index.html"
 
-wheel: $(STAMP)  ## build dist/*.whl
-	@$(BIN)/python -m build --wheel --no-isolation --outdir dist . > /dev/null
-	@ls dist/*.whl
+dist: $(STAMP)  ## build dist/*.tar.gz, from it dist/*.whl, and try that in an empty environment
+	@rm -rf dist build/dist
+	@$(BIN)/python -m build --no-isolation --outdir dist . > /dev/null
+	@$(PYTHON) -m venv build/dist
+	@$(PIPIN) build/dist/bin/python -m pip --quiet --quiet install --constraint $(LOCK) dist/*.whl
+	@tools/try_installed build/dist/bin/paos
+	@ls dist/*
 
 weigh:  ## statements by room, long functions, names that stand often
 	@python3 tools/weigh.py

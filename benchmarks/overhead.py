@@ -48,7 +48,7 @@ from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, SkillStatus, TickResult
-from phyagentos.runtime.perception.world_model import TrueWorld
+from phyagentos.runtime.perception.world_model import GroundTruthWorldModel
 from phyagentos.runtime.targets.driver import TargetPort
 from phyagentos.runtime.targets.handshake import greet, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
@@ -220,7 +220,9 @@ def time_path(world: World, steps: int, seed: int, folder: Path) -> tuple[list[f
         handle = TargetSessionHandle(Loopback(target), world.limits, sees_truth=True)
         name, scene = world.profile.target, Scene(name=world.scene, seed=seed, episode=f"sway-{seed}")
         runner = SessionRunner(
-            target=Embodiment(handle=handle, world=TrueWorld(name, handle), profile=world.profile, limits=world.limits),
+            target=Embodiment(
+                handle=handle, world=GroundTruthWorldModel(name, handle), profile=world.profile, limits=world.limits
+            ),
             skills=skills,
             bundles=Bundles(folder),
             clock=clock,

@@ -38,7 +38,7 @@ from phyagentos.protocol.settings.sensors import Sensors, read_sensors
 from phyagentos.protocol.world.environment import Entity, Status
 from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.inventory import ObjectModel
-from phyagentos.runtime.perception.strangers import is_stranger
+from phyagentos.runtime.perception.unknown_objects import is_unknown_object
 from phyagentos.runtime.targets.wire import Frames
 
 ROOT = find_shipped_root()
@@ -190,7 +190,7 @@ def score_prior(world: World, sensors: Sensors, prior: Prior, tally: Tally) -> N
         if body.fixed or body.joint is not None or body.part_of or body.place.frame:
             continue
         position, _ = world.find(name)
-        own = [each for each in seen if is_stranger(each.name) or name in {each.name, *each.alternatives}]
+        own = [each for each in seen if is_unknown_object(each.name) or name in {each.name, *each.alternatives}]
         away_mm = min((1e3 * measure_distance(each, position) for each in own), default=np.inf)
         tally.things += 1
         if away_mm > 1e3 * MIXED_UP_M:

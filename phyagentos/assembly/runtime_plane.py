@@ -140,8 +140,7 @@ def _read_terms(workspace: Workspace) -> tuple[WorldMode, bool, bytes]:
 def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle: bool, outlived: bool) -> None:
     sockets = make_socket_folder(workspace.root)
     journal = Journal(workspace.root, side=Side.RUNTIME, by="watchdog", clock=clock)
-    edits = EditIntake(workspace, clock)
-    views = Views(workspace, journal.folder, clock, edits)
+    views = Views(workspace, journal.folder, clock, edits := EditIntake(workspace, clock))
     signals = RuntimeSignal(workspace, clock)
     known = read_target_registry(workspace.target_registry)
     shared = open_shared_time(known, workspace, sockets, clock)
@@ -157,8 +156,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         views.refresh()
         signals.refresh()
         keeper.refresh()
-        goals = views.ledger.goals.values()
-        if once_idle and goals and all(goal.verdict or goal.is_cancelled for goal in goals):
+        if once_idle and _is_done(views.ledger):
             watchdog.stop()
 
     rules = _read_rules(workspace)
@@ -175,8 +173,8 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     )
     views.share(watchdog.ledger, watchdog.follow)
     seal_rest(workspace, views.ledger)  # of a runtime that was killed
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: watchdog.stop())
+    signal.signal(signal.SIGTERM, lambda *_: watchdog.stop())
+    signal.signal(signal.SIGINT, lambda *_: watchdog.stop())
     collect_rarely()
     if rules.world_mode is WorldMode.LOCKSTEP:
         ask_for_prompt_wakeups()
@@ -189,6 +187,11 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     edits.close()
     signals.close()
     journal.close()
+
+
+def _is_done(ledger: Ledger) -> bool:
+    """Whether there are goals, and each has its verdict."""
+    return bool(ledger.goals) and all(goal.verdict or goal.is_cancelled for goal in ledger.goals.values())
 
 
 def make_hire(

@@ -30,7 +30,7 @@ from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.process import LocalPlanner, NoModel, Planner, PlannerProcess
 from phyagentos.runtime.motion.tool_bounds import read_tool_bounds
 from phyagentos.runtime.perception.look import FrameSource
-from phyagentos.runtime.perception.world_model import TrueWorld, WorldModel
+from phyagentos.runtime.perception.world_model import GroundTruthWorldModel, WorldModel
 from phyagentos.runtime.policies.client import ask_policy
 from phyagentos.runtime.policies.policy_runtime import Policies
 from phyagentos.runtime.preflight.compatibility import Preflight
@@ -208,9 +208,9 @@ def open_world_model(
     A real robot without a camera perceives itself, and nothing else.
     """
     if profile.kind == "real_robot" and not settings.sensors.cameras:
-        return TrueWorld(target, handle, sensing="perceived", profile=profile)
+        return GroundTruthWorldModel(target, handle, sensing="perceived", profile=profile)
     if settings.perception.sensing is Sensing.TRUTH or not profile.model:
-        return TrueWorld(target, handle, profile=profile)
+        return GroundTruthWorldModel(target, handle, profile=profile)
     from phyagentos.runtime.perception.detection.detector_registry import open_detector
     from phyagentos.runtime.perception.perceived_world import PerceivedWorld
     from phyagentos.runtime.perception.robot_mask import RobotMask

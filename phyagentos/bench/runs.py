@@ -20,6 +20,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, Problem
 
 RUNS = Path("runs")  # of the working folder: where runs are made
+OnBegun = Callable[[Path, Manifest, int], object]  # folder of a run, what it is, and how many episodes have ended
 
 
 class SuiteCheck(msgspec.Struct, frozen=True, kw_only=True):
@@ -27,15 +28,6 @@ class SuiteCheck(msgspec.Struct, frozen=True, kw_only=True):
 
     episodes: int
     missing: dict[str, tuple[Problem, ...]]
-
-
-class Sweep(msgspec.Struct, frozen=True, kw_only=True):
-    """A run that begins, or goes on: its folder, and how many of its episodes can run here and have ended."""
-
-    folder: Path
-    check: SuiteCheck
-    total: int
-    done: int
 
 
 class RunComparison(msgspec.Struct, frozen=True, kw_only=True):
@@ -65,7 +57,7 @@ def check_suite(suite: Path, seeds_max: int | None = None) -> SuiteCheck:
 def begin(
     suite: Path,
     folder: Path | None,
-    on_begun: Callable[[Sweep], object],
+    on_begun: OnBegun,
     on_episode: Callable[[EpisodeRecord], object],
     *,
     seeds_max: int | None = None,
@@ -85,7 +77,7 @@ def begin(
 
 def resume(
     folder: Path,
-    on_begun: Callable[[Sweep], object],
+    on_begun: OnBegun,
     on_episode: Callable[[EpisodeRecord], object],
     *,
     jobs: int = 1,
@@ -140,13 +132,10 @@ def _sweep(
     policies: Mapping[str, Policy],
     jobs: int,
     engine: EngineName,
-    on_begun: Callable[[Sweep], object],
+    on_begun: OnBegun,
     on_episode: Callable[[EpisodeRecord], object],
 ) -> Summary:
-    check = SuiteCheck(episodes=len(manifest.orders), missing=manifest.missing)
-    total = sum(order.id not in manifest.missing for order in manifest.orders)
-    done = len({record.id for record in read_records(folder)})
-    on_begun(Sweep(folder=folder, check=check, total=total, done=done))
+    on_begun(folder, manifest, len({record.id for record in read_records(folder)}))
     for record in run_sweep(folder, manifest, open_engine(engine, jobs), policies, SystemClock()):
         on_episode(record)
     return report(folder)

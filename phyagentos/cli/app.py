@@ -4,10 +4,8 @@ Commands import their planes when they run, so that `paos --help` loads no solve
 """
 
 import ast
-import contextlib
 import functools
 import inspect
-import io
 import os
 import pkgutil
 import signal
@@ -39,7 +37,8 @@ GROUPS = {  # name -> help, module and functions
         ("run", "resume", "report", "compare", "setup"),
     ),
 }
-SECTIONS = {  # of the help -> name -> module and function, whose first line of docstring is its help; or a group
+GROUP = ""
+SECTIONS = {  # of the help -> name -> module and function, the first line of whose docstring is its help; or a group
     "Run": {
         "run": "mission_run:run",
         "ask": "asking:ask",
@@ -54,7 +53,7 @@ SECTIONS = {  # of the help -> name -> module and function, whose first line of 
         "graph": "explaining:show_graph",
         "view": "viewing:view",
         "render": "exporting:render",
-        "memory": GROUPS,
+        "memory": GROUP,
     },
     "Author": {
         "init": "authoring:init",
@@ -63,10 +62,10 @@ SECTIONS = {  # of the help -> name -> module and function, whose first line of 
         "list": "showing:list_names",
         "describe": "showing:describe",
         "schema": "showing:show_schema",
-        "tree": GROUPS,
-        "robot": GROUPS,
+        "tree": GROUP,
+        "robot": GROUP,
         "import": "exporting:import_tree",
-        "export": GROUPS,
+        "export": GROUP,
     },
     "Control": {
         "cancel": "stopping:cancel",
@@ -87,15 +86,16 @@ SECTIONS = {  # of the help -> name -> module and function, whose first line of 
         "judge": "judging:judge",
         "rerun": "judging:rerun",
         "context": "explaining:show_context",
-        "evidence": GROUPS,
-        "store": GROUPS,
-        "policy": GROUPS,
-        "bench": GROUPS,
+        "evidence": GROUP,
+        "store": GROUP,
+        "policy": GROUP,
+        "bench": GROUP,
         "lifecycle": "showing:show_lifecycle",
         "codes": "showing:show_codes",
     },
 }
-COMMANDS = {name: at for each in SECTIONS.values() for name, at in each.items() if isinstance(at, str)}
+COMMANDS = {name: at for each in SECTIONS.values() for name, at in each.items() if at}
+SERVERS = ("watch", "view", "mcp", "policy serve")  # until Ctrl-C: without a result
 HELP = """Robots run on sessions that are verified, not merely finished.
 
 \b
@@ -111,7 +111,8 @@ class Commands(TyperGroup):
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
-        self.commands = dict.fromkeys([*COMMANDS, *GROUPS])  # the names that a slip is compared with
+        names: Any = dict.fromkeys([*COMMANDS, *GROUPS])  # a slip is compared with them
+        self.commands = names
 
     @override
     def list_commands(self, ctx: Any) -> list[str]:
@@ -157,7 +158,7 @@ def load_command(name: str) -> Any:
     }
     made = typer.Typer(help=about or None, add_completion=False, **PLAIN)
     for each, place in places.items():
-        made.command(each)(with_json(pkgutil.resolve_name(f"phyagentos.cli.{place}")))
+        made.command(each)(answering(pkgutil.resolve_name(f"phyagentos.cli.{place}")))
     if name in GROUPS:
         made.callback()(lambda: None)
     return typer.main.get_command(made)
@@ -189,22 +190,17 @@ def _root(
         os.environ["PAOS_DEBUG"] = "1"  # both planes inherit it
 
 
-def with_json(command: Callable[..., object]) -> Callable[..., object]:
-    """The command with `--json`, its reply printed; of one without a reply or option, printed lines become a list."""
+def answering(command: Callable[..., object]) -> Callable[..., object]:
+    """A command whose reply is printed, as JSON with `--json`; one without a reply prints by itself."""
     from phyagentos.cli.arguments import AsJson
     from phyagentos.cli.reply import Reply
 
     signature = inspect.signature(command)
-    if "as_json" in signature.parameters:
+    if get_origin(signature.return_annotation) is not Reply:
         return command
 
     @functools.wraps(command)
     def call(*, as_json: bool, **arguments: object) -> object:
-        if get_origin(signature.return_annotation) is not Reply and as_json:
-            with contextlib.redirect_stdout(io.StringIO()) as text:
-                code = command(**arguments)
-            print_json({"exit_code": code or 0, "result": text.getvalue().splitlines()})
-            return code
         reply = command(**arguments)
         return reply.print(as_json=as_json) if isinstance(reply, Reply) else reply
 

@@ -2,7 +2,7 @@
 
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -16,11 +16,13 @@ from phyagentos.bench import runs
 from phyagentos.bench.engines import EngineName
 from phyagentos.bench.records import EpisodeRecord
 from phyagentos.bench.rendering import NAMES, render_markdown
-from phyagentos.bench.runs import EnvironmentSetup, RunComparison, SuiteCheck, Sweep
+from phyagentos.bench.runs import EnvironmentSetup, OnBegun, RunComparison, SuiteCheck
 from phyagentos.bench.suite_file import Figure
 from phyagentos.bench.summary import Summary
+from phyagentos.bench.sweep import Manifest
 from phyagentos.cli.outcome import Exit, ExitCode, print_note
 from phyagentos.cli.reply import Reply
+from phyagentos.errors import Problem
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a run, as `paos bench run` made it.", file_okay=False)]
 SuiteFile = Annotated[Path, typer.Argument(help="A suite: a file, or a name in benchmarks/suites/.")]
@@ -41,7 +43,9 @@ def run(
     if dry_run:
         found = runs.check_suite(suite, seeds)
         text = f"{found.episodes} episodes, {len(found.missing)} missing"
-        return Reply(found, text, _list_missing(found), ExitCode.REJECTED if found.missing else ExitCode.GOAL_MET)
+        return Reply(
+            found, text, _list_missing(found.missing), ExitCode.REJECTED if found.missing else ExitCode.GOAL_MET
+        )
     with _progress() as (begun, ended):
         return _show(runs.begin(suite, folder, begun, ended, seeds_max=seeds, jobs=jobs, engine=engine))
 
@@ -95,9 +99,9 @@ def setup(
     return Reply(tuple(made), "\n".join(lines))
 
 
-def _list_missing(found: SuiteCheck) -> list[str]:
+def _list_missing(missing: Mapping[str, Sequence[Problem]]) -> list[str]:
     """Why episodes cannot run here: each reason once, and how many episodes it keeps from running."""
-    reasons = Counter(problem for problems in found.missing.values() for problem in problems)
+    reasons = Counter(problem for problems in missing.values() for problem in problems)
     return [f"missing {count}: {problem}" for problem, count in reasons.items()]
 
 
@@ -107,16 +111,17 @@ def _show(summary: Summary, notes: list[str] | None = None) -> Reply[Summary]:
 
 
 @contextmanager
-def _progress() -> Iterator[tuple[Callable[[Sweep], None], Callable[[EpisodeRecord], None]]]:
+def _progress() -> Iterator[tuple[OnBegun, Callable[[EpisodeRecord], None]]]:
     """Callbacks that show how far a run is, and each episode as it ends."""
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     with Progress(TextColumn("{task.description}"), *columns, console=Console(stderr=True)) as progress:
 
-        def begin(sweep: Sweep) -> None:
-            for line in _list_missing(sweep.check):
-                print_note(line)
-            print_note(f"run {sweep.folder}: {sweep.check.episodes} episodes, {len(sweep.check.missing)} missing")
-            progress.add_task(sweep.folder.name, total=sweep.total, completed=sweep.done)
+        def begin(folder: Path, manifest: Manifest, done: int) -> None:
+            episodes, missing = len(manifest.orders), manifest.missing
+            print_note(
+                "\n".join([*_list_missing(missing), f"run {folder}: {episodes} episodes, {len(missing)} missing"])
+            )
+            progress.add_task(folder.name, total=episodes - len(missing), completed=done)
 
         def end(record: EpisodeRecord) -> None:
             progress.advance(progress.task_ids[0])

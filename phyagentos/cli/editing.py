@@ -1,4 +1,4 @@
-"""`paos edit`: SESSIONS.md in an editor, without concurrent rendering. `paos judge`: verdicts of sessions by hand."""
+"""`paos edit`: SESSIONS.md in an editor, without concurrent rendering."""
 
 import os
 import shlex
@@ -8,24 +8,34 @@ from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import typer
 
-from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+from phyagentos.cli.outcome import Exit, ExitCode, print_note
+from phyagentos.cli.reply import Reply
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.documents.body_codec import render_flow
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.edit_intake import EditIntake, Outcome, edit_by_hand
 from phyagentos.store.journal import choose_partition
 from phyagentos.store.shared_file import decode
-from phyagentos.store.views.history import History
+from phyagentos.store.views.page_history import History
 
 DEFAULT_EDITOR = "vi"
+
+
+class Edited(msgspec.Struct, frozen=True, kw_only=True):
+    """What was recorded of an edit, and what was refused, every word of which is in `rejected`."""
+
+    recorded: tuple[str, ...]
+    refused: tuple[str, ...]
+    rejected: Path | None = None
 
 
 def edit(
     workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path(),
     editor: Annotated[str, typer.Option(help="Command that edits a file; $VISUAL, $EDITOR or vi by default.")] = "",
-) -> int:
+) -> Reply[Edited]:
     """Edit SESSIONS.md, with or without a runtime: limits and priority of pending sessions, ends, new sessions."""
     place = Workspace.open(workspace)
     name, command = place.sessions_document.name, _choose_editor(editor)
@@ -59,17 +69,15 @@ def _run_editor(command: list[str], copy: Path, text: str) -> str:
         raise Exit(ExitCode.INVALID_INPUT, why) from error
 
 
-def _report(outcome: Outcome, name: str, rejected: Path) -> ExitCode:
-    for entry in outcome.recorded:
-        print_result(f"{entry.id}: {entry.ev}" + (f" {render_flow(entry.body)}" if entry.ev == "amend" else ""))
-    for refusal in outcome.refused:
-        print_note(f"{name}:{refusal}")
-    if outcome.refused:
-        print_note(f"{len(outcome.refused)} refused; every word of it is in {rejected}")
-        return ExitCode.INVALID_INPUT
-    if not outcome.recorded:
-        print_note("nothing was changed")
-    return ExitCode.GOAL_MET
+def _report(outcome: Outcome, name: str, rejected: Path) -> Reply[Edited]:
+    bodies = [f" {render_flow(entry.body)}" if entry.ev == "amend" else "" for entry in outcome.recorded]
+    recorded = tuple(f"{entry.id}: {entry.ev}{body}" for entry, body in zip(outcome.recorded, bodies, strict=True))
+    refused = tuple(f"{name}:{refusal}" for refusal in outcome.refused)
+    found = Edited(recorded=recorded, refused=refused, rejected=rejected if refused else None)
+    if refused:
+        notes = [*refused, f"{len(refused)} refused; every word of it is in {rejected}"]
+        return Reply(found, "\n".join(recorded), notes, ExitCode.INVALID_INPUT)
+    return Reply(found, "\n".join(recorded), [] if recorded else ["nothing was changed"])
 
 
 def _choose_editor(given: str) -> list[str]:

@@ -12,7 +12,7 @@ from phyagentos.cli.outcome import ExitCode, print_note
 from phyagentos.cli.reply import Reply
 from phyagentos.errors import Problem
 from phyagentos.operations import preflight as preflights
-from phyagentos.operations.preflight import Preflight, PreflightReport
+from phyagentos.operations.preflight import Preflight, SessionCheck
 from phyagentos.protocol.sessions.lookahead import LookaheadResult, Outcomes
 
 _WHOSE = "Whose settings count; needed for a session."
@@ -37,16 +37,16 @@ def preflight(
     return Reply(found, text, [*notes, refused], ExitCode.REJECTED)
 
 
-def _render(report: PreflightReport) -> Iterator[str]:
+def _render(report: SessionCheck) -> Iterator[str]:
     """One session for people."""
-    yield f"{report.session}: {'fits' if report.fits else 'would be REJECTED'}"
+    yield f"{report.session}: {'would be REJECTED' if report.problems else 'fits'}"
     for word, problems in (("problem", report.problems), ("later  ", report.decided_later)):
         yield from (line for each in problems for line in _render_problem(word, each, report.session))
     yield from (f"  awaits   {name} from {value}" for name, value in report.awaits.items())
     if report.plan is not None:
         yield from (f"  {line}" for line in str(report.plan).splitlines())
         yield from (f"  tool     {line}" for line in str(report.tools).splitlines())
-    for trial in report.dry_run:
+    for trial in report.trials:
         reason = f": {trial.code} {trial.message}" if trial.outcome != "possible" else ""
         yield f"  dry run  {trial.motion}: {trial.outcome}{reason} ({trial.ms:.0f} ms)"
     if report.forecast is not None:

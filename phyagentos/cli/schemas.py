@@ -1,7 +1,8 @@
 """JSON Schemas of every authored file and of every document, made from the same models that read them.
 
 Editors use those of authored files through `# yaml-language-server: $schema=…`. The schema of a document describes its
-front matter with one more key, `blocks`: heading -> YAML block. `protocol/schemas/` holds them all; a test compares.
+front matter with one more key, `blocks`: heading -> YAML block. Beside them are those of what commands print with
+`--json`. `protocol/schemas/` holds them all; a test compares.
 The pages of `docs/documents/` have the fields of each as Markdown tables.
 """
 
@@ -13,11 +14,13 @@ from typing import Any
 
 import msgspec
 
+from phyagentos.cli.results import build_result_schema, iter_commands
 from phyagentos.errors import DefinitionError
 from phyagentos.operations.schema_fields import iter_structures, list_fields
 from phyagentos.protocol.documents.markdown import render_table
 from phyagentos.protocol.documents.schema import Authored
 
+RESULTS = "results/"  # of a command, its words joined by underscores: `results/store_check`
 BASE = "https://json-schema.org/draft/2020-12/schema"
 
 
@@ -29,13 +32,19 @@ class ShownSchema(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def show(kind: str) -> ShownSchema:
-    """The schema of a kind, none without it; raises DefinitionError for an unknown kind."""
-    return ShownSchema(kinds=tuple(names_of_schemas()), schema=build_schema(kind) if kind else {})
+    """The schema of a kind, none without it; raises DefinitionError `UNKNOWN_SCHEMA`."""
+    kinds = (*names_of_schemas(), *names_of_results())
+    return ShownSchema(kinds=kinds, schema=build_schema(kind) if kind else {})
 
 
 def names_of_schemas() -> list[str]:
     """Every kind that has a schema, sorted."""
     return sorted(_builders())
+
+
+def names_of_results() -> list[str]:
+    """The schema of each command's result, sorted."""
+    return sorted(f"{RESULTS}{command.replace(' ', '_')}" for command, _ in iter_commands())
 
 
 def render_schema(kind: str) -> str:
@@ -45,6 +54,8 @@ def render_schema(kind: str) -> str:
 
 def build_schema(kind: str) -> dict[str, Any]:
     """The schema as data; raises DefinitionError for an unknown kind."""
+    if kind.startswith(RESULTS):
+        return build_result_schema(kind.removeprefix(RESULTS).replace("_", " "))
     builders = _builders()
     if kind not in builders:
         raise DefinitionError.unknown("UNKNOWN_SCHEMA", "paos schema", kind, builders)

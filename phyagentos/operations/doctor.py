@@ -135,7 +135,7 @@ def check_packages() -> MachineFinding:
             bad.append(f"{requirement.name} {version}, needs {requirement.specifier}")
     found, fix = (
         "; ".join(bad) or f"{len(core)} packages as required",
-        "Install the project again: pip install phyagentos.",
+        "Install the project again: pip install . in the checkout, or the path of the wheel.",
     )
     return MachineFinding.weigh("packages", found, fix, is_fine=not bad, bad=Grade.BROKEN)
 

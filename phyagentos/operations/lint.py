@@ -125,10 +125,9 @@ def lint_file(
             return [Problem("UNKNOWN_KIND", f"{path}:1:1", found, expected, hint)]
         if kind is FileKind.SUITE and check_suite is not None:
             check_suite(path)
-        _check(kind, path, library, runs_python=runs_python)
+        return list(_check(kind, path, library, runs_python=runs_python))
     except DefinitionError as error:
         return list(name_option(error, library.iter_predicates()).problems)
-    return []
 
 
 def find_kind(path: Path) -> FileKind | None:
@@ -170,28 +169,27 @@ def _read_keys(path: Path) -> list[str]:
     return [str(key) for key in data] if isinstance(data, dict) else []
 
 
-def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -> None:
-    """Check a file as its reader does; raises DefinitionError with every problem."""
+def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -> Sequence[Problem]:
+    """What its reader finds wrong; raises DefinitionError where that cannot even read it."""
     from phyagentos.agent.goals.catalogue import Catalogue
 
-    problems: Sequence[Problem] = ()
     match kind:
         case FileKind.DOCUMENT:
             check_document(read_text(path), path.name, str(path))
             if path.name == TARGETS.file:
-                problems = find_unshared(list(read_target_registry(path).values()))
+                return find_unshared(list(read_target_registry(path).values()))
         case FileKind.SETTINGS:
             check_settings(path)
         case FileKind.GOAL_GRAPH:
             from phyagentos.agent.goals.graph import check_goal_graph
 
-            problems = check_goal_graph(path, Catalogue.read(library))
+            return check_goal_graph(path, Catalogue.read(library))
         case FileKind.WANTED:
             from phyagentos.agent.planning.domain import read_wanted
 
             read_wanted(path, Catalogue.read(library))
         case FileKind.SKILL:
-            problems = check_skill(path, library)
+            return check_skill(path, library)
         case FileKind.TREE:
             from phyagentos.runtime.execution.leaf_registry import build_registry, read_registry
             from phyagentos.runtime.execution.tree_check import check_loaded_tree
@@ -199,19 +197,16 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             tree, problems = load_tree(path)
             registry = build_registry(library) if runs_python else read_registry(library)
             found = check_loaded_tree(tree, library, registry) if tree is not None else ()
-            problems = [*problems, *found]
+            return [*problems, *found]
         case FileKind.SCENE:
             from phyagentos.runtime.models.scene_start import find_start_problems
 
-            problems = find_start_problems(path)
+            return find_start_problems(path)
         case FileKind.TARGET:
             known = {**Catalogue.read(library).targets, (own := read_target(path)).target: own}
-            problems = [
-                each for each in find_unshared(list(known.values())) if each.address.startswith(f"{own.target}/")
-            ]
+            return [each for each in find_unshared(list(known.values())) if each.address.startswith(f"{own.target}/")]
         case FileKind.FAULTS:
             from phyagentos.protocol.world.faults import read_faults
 
             read_faults(path)
-    if problems:
-        raise DefinitionError(problems)
+    return ()

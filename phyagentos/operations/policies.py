@@ -6,8 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import msgspec
-
 from phyagentos.assembly.project import open_library
 from phyagentos.errors import DefinitionError
 from phyagentos.operations.workspaces import read_ledger
@@ -22,21 +20,7 @@ if TYPE_CHECKING:
 MODEL_SUFFIX = ".onnx"
 
 
-class Served(msgspec.Struct, frozen=True, kw_only=True):
-    """A policy that was served until it was ended, and where."""
-
-    endpoint: str
-
-
-class Replay(msgspec.Struct, frozen=True, kw_only=True):
-    """Each chunk of a session beside the recorded one, and how many differ."""
-
-    chunks: int
-    differing: int
-    answers: tuple[Answer, ...]
-
-
-def serve(skill: str, model: str, on_begun: Callable[[str], None], *, endpoint: str = "") -> Served:
+def serve(skill: str, model: str, on_begun: Callable[[str], None], *, endpoint: str = "") -> None:
     """Serve a policy until Ctrl-C, at the endpoint that its skill declares without another.
 
     `model` is FILE.onnx, or FILE.py:CLASS or MODULE:CLASS with `start` and `infer`. Raises DefinitionError
@@ -56,14 +40,12 @@ def serve(skill: str, model: str, on_begun: Callable[[str], None], *, endpoint: 
         expected = "openpi://HOST:PORT or tcp://HOST:PORT"
         raise DefinitionError.of("ENDPOINT_INVALID", "--endpoint", repr(descriptor.endpoint), expected)
     serve_at(_load(model), descriptor, on_begun)
-    return Served(endpoint=descriptor.endpoint)
 
 
-def replay(root: Path, session: str, *, endpoint: str = "", timeout_s: float = 10.0) -> Replay:
-    """Show a policy, at the recorded endpoint without another, what one was shown in a session; compare the answers."""
+def replay(root: Path, session: str, *, endpoint: str = "", timeout_s: float = 10.0) -> tuple[Answer, ...]:
+    """Show a policy, at the recorded endpoint without another, what one was shown in a session, and compare chunks."""
     known = get_session(session, read_ledger(root, session).sessions)
-    answers = tuple(replay_exchanges(root, known, endpoint, timeout_s))
-    return Replay(chunks=len(answers), differing=sum(not each.is_same for each in answers), answers=answers)
+    return tuple(replay_exchanges(root, known, endpoint, timeout_s))
 
 
 def _load(model: str) -> "Policy":

@@ -22,7 +22,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lookahead import LookaheadResult, read_lookahead
 from phyagentos.protocol.sessions.session import GoalId, Session
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, Trial
+from phyagentos.runtime.preflight.adapter_plan import Finding
 from phyagentos.runtime.worker.orders import Checked
 from phyagentos.store.subjects import get_session
 
@@ -32,45 +32,36 @@ OF_THE_MOMENT = frozenset(  # may change
 )
 
 
-class PreflightReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What one session would be granted, or why it would be refused.
+class SessionCheck(Finding, frozen=True, kw_only=True):
+    """What one session would be granted; it would be refused where there is any problem.
 
     Attributes:
-        plan: How it would be carried out, with `tools` of the target; None where there is any problem.
-        dry_run: Motions that were tried.
-        problems: Those that refuse it; `decided_later` are those that earlier sessions may still change.
+        decided_later: Problems that earlier sessions may still remove.
         awaits: Parameters whose values earlier sessions provide -> the reference.
         after: Nodes that come before it.
         forecast: That of its evidence, where one was made; `forecast_problem` says why it cannot be read.
-        ms: What the examination cost, wall time [ms], without the loading of a scene.
     """
 
     session: str
-    fits: bool
     skill: str
     target: str
-    plan: AdapterPlan | None
-    tools: TargetToolManifest | None
-    dry_run: tuple[Trial, ...]
-    problems: tuple[Problem, ...]
-    decided_later: tuple[Problem, ...]
-    awaits: dict[str, str]
-    after: tuple[str, ...]
+    decided_later: tuple[Problem, ...] = ()
+    awaits: dict[str, str] = {}
+    after: tuple[str, ...] = ()
     forecast: LookaheadResult | None = None
     forecast_problem: str = ""
-    ms: float = 0.0
 
 
 class Preflight(msgspec.Struct, frozen=True, kw_only=True):
     """The sessions of a goal graph, or one of a workspace, checked."""
 
     subject: str
-    sessions: tuple[PreflightReport, ...]
+    sessions: tuple[SessionCheck, ...]
 
     @property
     def refused(self) -> tuple[str, ...]:
         """Sessions that would be rejected."""
-        return tuple(each.session for each in self.sessions if not each.fits)
+        return tuple(each.session for each in self.sessions if each.problems)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,32 +124,30 @@ def _settle(session: Session) -> Session:
     return msgspec.structs.replace(session, **changed)
 
 
-def _report(session: Session, checked: Checked, order: _Order) -> PreflightReport:
+def _report(session: Session, checked: Checked, order: _Order) -> SessionCheck:
     after = order.after[session.id]
     awaits = {name: str(value) for name, value in session.parameters.items() if OPEN in str(value)}
     missing = {f"{session.id}: parameters.{name}" for name in awaits}
     found = [each for each in checked.problems if each.code != "PARAMETER_MISSING" or each.address not in missing]
     later = [each for each in found if after and each.code in OF_THE_MOMENT]
-    problems = tuple(each for each in found if each not in later)
     forecast, unreadable = None, ""
     if order.source is not None:
         try:
             forecast = read_lookahead(order.source.evidence_of(session.id))
         except ExecutionError as error:
             unreadable = str(error)
-    return PreflightReport(
+    return SessionCheck(
         session=session.id,
-        fits=not problems,
         skill=session.skill,
         target=session.target,
         plan=checked.plan,
         tools=checked.tools,
-        dry_run=checked.trials,
-        problems=problems,
+        problems=tuple(each for each in found if each not in later),
+        trials=checked.trials,
+        ms=round(checked.ms, 3),
         decided_later=tuple(later),
         awaits=awaits,
         after=tuple(after),
         forecast=forecast,
         forecast_problem=unreadable,
-        ms=round(checked.ms, 3),
     )

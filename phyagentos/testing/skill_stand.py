@@ -25,7 +25,7 @@ from phyagentos.runtime.execution.leaf_registry import LeafRegistry, build_regis
 from phyagentos.runtime.execution.loop import Cancel
 from phyagentos.runtime.execution.port_types import EXPORTED_TYPES, PORT_TYPES
 from phyagentos.runtime.motion.process import Planner
-from phyagentos.runtime.perception.world_model import TrueWorld
+from phyagentos.runtime.perception.world_model import GroundTruthWorldModel
 from phyagentos.runtime.policies.policy_runtime import Policies
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.recorder import Bundles
@@ -96,7 +96,7 @@ class SkillStand:
         self.clock = clock or ManualClock()
         self.handle = TargetSessionHandle(DirectConnection(self.target), limits, sees_truth=True)
         self.beats: list[dict[str, Any]] = []
-        world = TrueWorld(profile.target, self.handle, profile=profile)
+        world = GroundTruthWorldModel(profile.target, self.handle, profile=profile)
         self.runner = SessionRunner(
             target=Embodiment(handle=self.handle, world=world, profile=profile, limits=limits),
             skills=SkillLoader(

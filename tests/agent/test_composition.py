@@ -209,6 +209,7 @@ def test_each_slip_is_told_at_its_place_in_its_own_file(whole, catalogue, file, 
     assert any(re.search(rf"/{file}.yaml:{place}: {told}", each) for each in problems), (place, problems)
 
 
+@pytest.mark.slow
 def test_files_that_include_each_other_are_refused_and_so_are_too_many(write_graph, catalogue):
     part = PART.replace("      carry:\n", "      more: {include: graph}\n      carry:\n")
     write_graph(part, "part.yaml")

@@ -52,6 +52,7 @@ def read_back(text):
     return {block.name: yaml.safe_load(block.yaml) for block in iter_blocks(text)}
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(sections=SECTIONS, purpose=PURPOSES, budget=st.integers(LEAST, 3_000), shuffled=st.randoms())
 def test_a_context_keeps_its_budget_its_order_and_its_items_whole(sections, purpose, budget, shuffled):
@@ -80,6 +81,7 @@ def test_a_context_keeps_its_budget_its_order_and_its_items_whole(sections, purp
     assert build_context(purpose, iter(sections), budget).text == context.text
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(sections=SECTIONS, purpose=PURPOSES, budget=st.integers(LEAST, 2_000), more=st.integers(1, 500))
 def test_a_larger_budget_never_shows_less(sections, purpose, budget, more):

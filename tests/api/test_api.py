@@ -249,6 +249,37 @@ def test_a_run_orders_what_the_command_orders(asked, monkeypatch, paos, tmp_path
     assert asked[0] == asked[1]
 
 
+CUBES = "tabletop/cubes_and_trays"
+COMPILE = ("compile", "tidy_table", "--set", "targets.arm=ur5e")
+
+
+@pytest.mark.parametrize(
+    ("call", "command"),
+    [
+        (lambda w: library.why("red", workspace=w), ("why", "red", "-w", "{}")),
+        (library.status, ("status", "-w", "{}")),
+        (lambda _: library.compile("tidy_table", overrides={"targets.arm": "ur5e"}), COMPILE),
+        (lambda _: library.lint(ROOT / "goal_graphs"), ("lint", ROOT / "goal_graphs")),
+        (lambda _: library.plan(ROOT / "tests/api/put_red.goal.yaml"), ("plan", ROOT / "tests/api/put_red.goal.yaml")),
+        (lambda _: library.ask("make coffee", scene=CUBES), ("ask", "make coffee", "--scene", CUBES)),
+    ],
+    ids=["why", "status", "compile", "lint", "plan", "ask"],
+)  # fmt: skip
+def test_a_function_returns_what_its_command_prints_as_json(stored, paos, call, command):
+    printed = paos(*(str(word).format(stored) for word in command), "--json").out
+    assert json.loads(msgspec.json.encode(call(stored))) == json.loads(printed)
+
+
+def test_a_request_becomes_a_graph_in_a_workspace_that_a_run_takes(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    asked = library.ask("put the cube into the red tray", scene=CUBES)
+    (question,) = asked.questions
+    found = library.ask("put the cube into the red tray", scene=CUBES, answers={question.key: "red_cube"})
+    assert found.goal["accept"] == ["inside(red_cube, red_tray)"]
+    assert Path(found.graph).is_relative_to(found.workspace)
+    assert library.open_workspace(found.workspace).goals == {}
+
+
 @pytest.mark.parametrize(
     ("options", "code"),
     [

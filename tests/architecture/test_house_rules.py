@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "phyagentos"
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -59,6 +61,7 @@ def test_importing_the_package_loads_nothing_but_itself():
     assert {name for name in loaded if name.partition(".")[0] not in sys.stdlib_module_names} == {"phyagentos"}
 
 
+@pytest.mark.slow
 def test_every_public_name_of_the_package_is_documented():
     silent = []
     for path in MODULES:
@@ -77,6 +80,7 @@ def test_no_code_is_left_unfinished():
     assert not found
 
 
+@pytest.mark.slow
 def test_what_runs_a_session_or_a_goal_has_at_most_eight_collaborators():
     counts = {name: count_parameters(find_class(name)) for name in COMPOSED}
     assert not {name: count for name, count in counts.items() if count > MAX_COLLABORATORS}, counts
@@ -110,34 +114,32 @@ def modules_of(package: str) -> list[str]:
     return [name.removesuffix(".__init__") for name in names if not name.endswith("__main__")]
 
 
+@pytest.mark.slow
 def test_the_agent_plane_loads_no_body():
     loaded = loaded_by(*modules_of("agent"))
     assert not loaded & BODY_LIBRARIES
     assert not {name for name in loaded if name.startswith("phyagentos.runtime")}
 
 
+@pytest.mark.slow
 def test_the_runtime_plane_loads_no_goal_graph():
     loaded = loaded_by(*modules_of("runtime"))
     assert "networkx" not in loaded
     assert not {name for name in loaded if name.startswith("phyagentos.agent")}
 
 
+@pytest.mark.slow
 def test_the_boundary_loads_neither_plane_nor_simulator():
     loaded = loaded_by(*modules_of("protocol"))
     assert not loaded & (BODY_LIBRARIES | {"networkx"})
     assert not {name for name in loaded if name.startswith(("phyagentos.agent", "phyagentos.runtime"))}
 
 
+@pytest.mark.slow
 def test_the_command_line_loads_no_plane_before_it_needs_one():
     loaded = loaded_by("phyagentos.cli.app")
     assert not loaded & (BODY_LIBRARIES | {"networkx", "numpy"})
     assert not {name for name in loaded if name.startswith(("phyagentos.agent", "phyagentos.runtime"))}
-
-
-def test_the_import_contracts_hold():
-    linter = Path(sys.executable).parent / "lint-imports"
-    done = subprocess.run([linter, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
-    assert done.returncode == 0, done.stdout + done.stderr
 
 
 SPEAKS = ("print", "input", "exit", "SystemExit", "redirect_stdout")
@@ -155,6 +157,7 @@ MAY_START = {
     "phyagentos/bench/availability.py": "environments of others, made and looked at",
     "phyagentos/bench/episode.py": "episodes",
     "phyagentos/bench/sweep.py": "policies of a suite",
+    "phyagentos/operations/doctor.py": "a picture, tried without a screen",
     "phyagentos/runtime/channel.py": "planners",
     "phyagentos/runtime/drivers/gymnasium.py": "environments of others",
     "phyagentos/runtime/supervision/world_process.py": "worlds and workers",

@@ -32,6 +32,7 @@ def test_seed_gives_the_same_case_whatever_was_drawn_before():
     assert len({json.dumps(render_scene(case.room, "x"), default=float) for case in CASES}) == len(CASES)
 
 
+@pytest.mark.slow
 def test_scenes_goals_and_faults_pass_lint(tmp_path):
     write_project(CASES[:12], tmp_path)
     found = lint_paths([tmp_path])

@@ -243,11 +243,13 @@ def _ask_in_terminal(approval: bytes, *words: str, before: bytes = b"") -> tuple
             os.close(far)
 
 
+@pytest.mark.slow
 def test_a_key_press_approves_and_another_does_not():
     assert "RUNS" in _ask_in_terminal(b"y", SHORT, *CUBES)[1]
     assert "RUNS" not in _ask_in_terminal(b"n", SHORT, *CUBES)[1]
 
 
+@pytest.mark.slow
 def test_questions_are_put_in_the_terminal():
     code, out = _ask_in_terminal(b"n", "put the cube into the red tray", *CUBES, before=b"9\n2\n")
 

@@ -233,7 +233,7 @@ def test_why_of_a_goal_tells_its_nodes_and_the_first_cause(run, paos):
     assert "  execution   skill_failed GRASP_LOST: 6.50 s simulated, 0 commands, 0 safety interventions" in blocked
     assert paos("why", "tidy-7.blue", *place).out.splitlines() == blocked
     found = json.loads(paos("why", "red", *place, "--json").out)
-    assert (found["found"]["state"], found["explanation"][0]) == ("failed", "tidy-7.red: failed")
+    assert (found["session"]["state"], found["explanation"][0]) == ("failed", "tidy-7.red: failed")
 
 
 def test_why_where_nothing_ran_yet_says_so(run, paos):

@@ -39,6 +39,7 @@ def write(tmp_path):
     return write
 
 
+@pytest.mark.slow
 def test_everything_that_ships_is_clean(paos):
     folders = [
         "goal_graphs",

@@ -95,6 +95,7 @@ for number in range(10_000):
 """
 
 
+@pytest.mark.slow
 def test_two_runs_at_once_that_are_killed_in_the_middle_leave_whole_batches(tmp_path):
     folder = tmp_path / "memory"
     command = [sys.executable, "-c", WRITER, str(folder)]

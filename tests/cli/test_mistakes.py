@@ -62,6 +62,7 @@ def make_and_rate(paos, mistake: dict, root: Path) -> tuple[float, str]:
     return rate(result.err, mistake, address), result.err
 
 
+@pytest.mark.slow
 def test_forty_mistakes_are_told_with_their_place_and_words(paos, tmp_path):
     assert len(MISTAKES) == 40
     ratings, poor = [], []

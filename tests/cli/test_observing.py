@@ -71,6 +71,7 @@ def test_logs_print_whole_lines_by_process_and_nothing_that_steers_a_terminal(he
     assert "Did you mean 'agent'?" in paos("logs", "agnet").err
 
 
+@pytest.mark.slow
 def test_logs_follow_what_is_written_later(here):
     log = here.workspace.logs / "agent.log"
     log.write_text("one\n")
@@ -130,6 +131,7 @@ def test_a_stop_that_reaches_nothing_says_so(paos):
     assert (result.code, "NOT_RUNNING" in result.err) == (ExitCode.INVALID_INPUT, True)
 
 
+@pytest.mark.slow
 def test_shells_complete_the_names_of_graphs():
     asked = {"_PAOS_COMPLETE": "complete_bash", "COMP_WORDS": "paos run tidy", "COMP_CWORD": "2"}
     code = "import sys; sys.argv = ['paos']; from phyagentos.__main__ import main; main()"

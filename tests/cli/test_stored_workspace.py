@@ -61,5 +61,6 @@ def test_its_evidence_is_judged_again_as_it_was(stored, paos):
     assert json.loads(judged.out)["verdict"] == "success"
 
 
+@pytest.mark.slow
 def test_its_documents_lint(stored, paos):
     assert paos("lint", stored).code == ExitCode.GOAL_MET

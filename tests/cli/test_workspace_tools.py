@@ -64,6 +64,7 @@ def test_every_tool_declares_what_it_does_and_takes(registry):
         assert tool.is_destructive == (tool.name in {"cancel", "estop"})
 
 
+@pytest.mark.slow
 def test_every_tool_refuses_hostile_arguments_and_changes_nothing(registry, workspace):
     hostile = [
         {"subject": {"$ref": "x"}, "graph": 1, "goal": [], "text": None, "id": [], "words": 2, "session": 3},

@@ -17,7 +17,7 @@ from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.lookahead.forecaster import Case, ForecasterSite, open_forecaster
 from phyagentos.runtime.lookahead.service import ForecastService
-from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
+from phyagentos.runtime.perception.world_model import WORLD, GroundTruthWorldModel
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
@@ -50,7 +50,7 @@ def case(site):
     limits = read_safety(site.workspace.safety).targets["panda"]
     handle = TargetSessionHandle(Loopback(ServedTarget(driver, ReceiveLog(None))), limits, sees_truth=True)
     handle.load(SCENE)
-    truth = TrueWorld("panda", handle)
+    truth = GroundTruthWorldModel("panda", handle)
     truth.enter(SCENE)
     session = make_contract(
         parameters={"object": "coaster", "destination": "tray"}, accept=("inside(coaster, tray)",), scene=SCENE

@@ -27,6 +27,8 @@ from phyagentos.runtime.targets.websocket import connect_websocket
 from phyagentos.testing import DRIVER_CHECKS, DriverSubject, ReachedTarget
 from tests.monitors.silence import LogMonitor
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 KIT = ROOT / "kits" / "target_server"
 SLIDE = ROOT / "examples" / "projects" / "05_any_body" / "slide.py"

@@ -19,6 +19,8 @@ from phyagentos.runtime.targets.websocket import connect_websocket
 from phyagentos.testing import ReachedTarget
 from tests.conformance.test_target_server import SLIDE, Served
 
+pytestmark = pytest.mark.slow
+
 SLOW = '''
 import time
 

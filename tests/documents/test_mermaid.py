@@ -29,6 +29,8 @@ from phyagentos.store.renderer import Views
 from phyagentos.store.views.tasks import render_graph, render_tasks
 from phyagentos.testing import ManualClock
 
+pytestmark = pytest.mark.slow
+
 BLOCK = re.compile(r"^```mermaid\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 HARD_NAMES = [
     *('a "quoted" name', "it's", "[brackets]", "(round)", "{curly}", "<b>html</b>", "<script>alert(1)</script>", "end"),

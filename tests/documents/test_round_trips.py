@@ -34,6 +34,8 @@ from phyagentos.store.views.tasks import render_tasks
 
 from .values import NAMES, NUMBERS, TEXTS, WHOLE, check_schema, draw, draw_struct
 
+pytestmark = pytest.mark.slow
+
 FEW = settings(
     max_examples=25,
     deadline=None,

@@ -9,7 +9,7 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
-from phyagentos.operations.why import explain_session
+from phyagentos.operations.why import why
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.go2_bus import compute_crc, define_messages
 from phyagentos.runtime.drivers.devices.specs import GO2
@@ -156,8 +156,8 @@ def test_a_cut_bus_ends_the_session_as_a_lost_target_that_names_the_network(robo
     (session,) = journey.finish().sessions
 
     assert (session.ended, session.code) == ("target_lost", "TARGET_LOST")
-    why = explain_session(journey.workspace, journey.mission.ledger, session.id)
-    assert "lo: no LowState within 0.2 s; check cable, power and interface" in why
+    told = "\n".join(why(journey.workspace.root, session.id).explanation)
+    assert "lo: no LowState within 0.2 s; check cable, power and interface" in told
 
 
 def test_an_interface_that_is_not_there_is_named(menagerie, need_package, open_site):

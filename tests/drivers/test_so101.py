@@ -4,7 +4,7 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
-from phyagentos.operations.why import explain_session
+from phyagentos.operations.why import why
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.specs import SO101
 from phyagentos.testing import DRIVER_CHECKS, DriverSubject
@@ -80,8 +80,8 @@ def test_a_cut_cable_ends_the_session_as_a_lost_target_that_names_the_port(arm, 
     (session,) = journey.finish().sessions
 
     assert (session.ended, session.code) == ("target_lost", "TARGET_LOST")
-    why = explain_session(journey.workspace, journey.mission.ledger, session.id)
-    assert f"TARGET_LOST: the target refused Halt: {arm.port}: a servo: [TxRxResult] There is no status packet!" in why
+    told = "\n".join(why(journey.workspace.root, session.id).explanation)
+    assert f"TARGET_LOST: the target refused Halt: {arm.port}: a servo: [TxRxResult] There is no status packet!" in told
 
 
 def test_a_servo_that_complains_stops_the_arm(arm, subject):

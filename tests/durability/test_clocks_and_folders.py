@@ -17,6 +17,8 @@ from phyagentos.testing import ManualClock
 from . import second_reader
 from .workloads import DAY_S, LANE, NOON_S, identify, make_submit
 
+pytestmark = pytest.mark.slow
+
 PACKAGE = Path(phyagentos.__file__).parent
 HOUR_S = 3600.0
 MIDNIGHT_S = 12 * DAY_S

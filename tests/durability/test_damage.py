@@ -14,6 +14,8 @@ from . import damages, second_reader
 from .patient import Patient
 from .workloads import LANE, identify
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def patient(memory):

@@ -11,6 +11,8 @@ from . import damages
 from .patient import Patient
 from .workloads import fold, list_live
 
+pytestmark = pytest.mark.slow
+
 WORKLOAD = ("batch", "claim", "archive", "batch", "claim", "rotate", "submit", "checkpoint", "batch")
 
 

@@ -15,6 +15,8 @@ from . import second_reader
 from .interception import Calls, intercept
 from .workloads import LANE, NOON_S, Bench, identify, make_submit
 
+pytestmark = pytest.mark.slow
+
 COMMANDS = ("submit", "batch", "claim", "checkpoint", "rotate", "claim", "archive", "defer", "submit")
 KINDS = {"ENOSPC": errno.ENOSPC, "EIO": errno.EIO, "EINTR": errno.EINTR, "EDQUOT": errno.EDQUOT}
 SYNCS = {"fsync", "fdatasync"}

@@ -1,6 +1,10 @@
 """kill -9 of random writers: what `commit` returned stands, and nobody sees half of anything."""
 
+import pytest
+
 from .processes import run_module
+
+pytestmark = pytest.mark.slow
 
 
 def test_random_writers_are_killed_and_nothing_acknowledged_is_lost(memory, node, scale, figures):

@@ -5,6 +5,8 @@ import pytest
 from .processes import run_module
 from .real_disk import OPTIONS
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("mount", OPTIONS)
 def test_the_power_of_a_real_file_system_goes_and_nothing_acknowledged_is_lost(memory, scale, figures, mount):

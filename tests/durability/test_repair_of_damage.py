@@ -4,6 +4,8 @@ import random
 import shutil
 from collections import Counter
 
+import pytest
+
 from phyagentos.errors import ExecutionError
 from phyagentos.store.follower import Follower
 from phyagentos.store.recovery.inspection import inspect_partition
@@ -14,6 +16,8 @@ from phyagentos.testing import ManualClock
 from . import damages, second_reader
 from .test_damage_and_checkpoint import KeptPatient
 from .workloads import DAY_S, LANE, identify
+
+pytestmark = pytest.mark.slow
 
 OWN_EVENTS = {"lost", "repair"}
 

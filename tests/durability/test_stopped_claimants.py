@@ -19,6 +19,8 @@ from phyagentos.testing import ManualClock
 
 from .workloads import LANE, NOON_S, make_submit
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 CLAIMANT = """
 import json, sys

@@ -17,7 +17,7 @@ from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.motion.profile_checks import check_profile
-from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
+from phyagentos.runtime.perception.world_model import WORLD, GroundTruthWorldModel
 from phyagentos.runtime.preflight.arguments import iter_posture_problems
 from phyagentos.runtime.preflight.dry_run import DryRun
 from phyagentos.runtime.targets.receive_log import ReceiveLog
@@ -72,7 +72,7 @@ def test_an_unknown_posture_is_refused_with_the_nearest_name(ask, profile, libra
 def test_a_posture_through_the_table_is_refused_before_anything_moves(open_bench, ask, profile, library, registry):
     bench, _ = open_bench()
     bench.handle.load(ask("aside").scene)
-    world = TrueWorld("panda", bench.handle, profile=profile)
+    world = GroundTruthWorldModel("panda", bench.handle, profile=profile)
     world.enter(ask("aside").scene)
     dry_run = DryRun(
         planner=bench.planner,

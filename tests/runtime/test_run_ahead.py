@@ -10,7 +10,7 @@ from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.session import Ended, Limits
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.execution.leaf import Leaf, Role, Status
-from phyagentos.runtime.perception.world_model import Glance, TrueWorld
+from phyagentos.runtime.perception.world_model import ConfirmationCapture, GroundTruthWorldModel
 from phyagentos.runtime.targets import wire
 from phyagentos.testing import make_cube
 
@@ -65,7 +65,7 @@ def move(build_bench, build_session, doubles, profile):
     def move(target=None, distance_rad=0.3, **changes):
         bench = build_bench(target or doubles.PerfectTarget(profile, [doubles.make_cube()]))
         bench.target.q = bench.target.q + distance_rad
-        tap = bench.handle._connection = Tap(bench.handle._connection)
+        tap = bench.handle.link.connection = Tap(bench.handle.link.connection)
         execution = bench.run(build_session(skill="home", parameters={}, **changes))
         return tap, bench, execution
 
@@ -103,18 +103,18 @@ def test_where_nothing_is_to_be_seen_no_sample_holds_up_the_next_command(move):
     assert tap.alone <= 3, "the first command, and those about the end of a motion"
 
 
-class Glancing(TrueWorld):
+class Glancing(GroundTruthWorldModel):
     """Plans glances at the cubes; `is_sure` decides what each of them shows."""
 
     is_sure = staticmethod(lambda _number: True)
     planned = 0
 
-    def plan_glance(self, things, time_s):
+    def plan_confirmation(self, things, time_s):
         self.planned += 1
         self.expected_s = time_s
-        return Glance(things, wire.Capture(cameras=("overhead",)), None)
+        return ConfirmationCapture(things, wire.Capture(cameras=("overhead",)), None)
 
-    def read_glance(self, glance, frames):
+    def read_confirmation(self, glance, frames):
         assert self.step.time_s == pytest.approx(self.expected_s)
         assert [type(each) for each in frames] == [wire.Frames]
         world = self._describe(self._handle.step)
@@ -126,7 +126,7 @@ class Glancing(TrueWorld):
 @pytest.fixture
 def glancing(monkeypatch, doubles):
     """The true world with glances; the target sends frames without pictures."""
-    monkeypatch.setattr("phyagentos.testing.skill_stand.TrueWorld", Glancing)
+    monkeypatch.setattr("phyagentos.testing.skill_stand.GroundTruthWorldModel", Glancing)
     monkeypatch.setattr(Glancing, "is_sure", staticmethod(lambda _number: True))
     handle = doubles.PerfectTarget.handle
 
@@ -227,7 +227,7 @@ def test_fingers_move_while_the_worker_records(build_bench, build_session, plant
         monkeypatch.setattr(TargetSessionHandle, "can_run_ahead", property(lambda _, can=can_run_ahead: can))
         bench = build_bench(doubles.PerfectTarget(profile, [doubles.make_cube()]), library=library)
         bench.target.width_m = 0.04
-        tap = bench.handle._connection = Tap(bench.handle._connection)
+        tap = bench.handle.link.connection = Tap(bench.handle.link.connection)
         execution = bench.run(build_session(skill="planted", parameters={}, id=f"tidy-1.n{number}"))
         ticks.append(execution.ticks)
 

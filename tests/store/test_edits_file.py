@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from phyagentos.store import shared_file
-from phyagentos.store.shared_file import GRACE_S, MISSING_S, SharedFile, exchange, may_be_written
+from phyagentos.store.shared_file import GRACE_S, MISSING_S, SharedFile, may_be_written
 
 MARK = "<!-- end of view -->\n"
 
@@ -198,28 +198,6 @@ def test_the_folder_aside_may_be_deleted(shelf):
     assert shelf.put("two\n")
 
     assert shelf.take() == [("theirs\n" + MARK, True)]
-
-
-def test_a_folder_in_its_place_is_put_aside(shelf):
-    shelf.path.unlink()
-    shelf.path.mkdir()
-    (shelf.path / "precious").write_text("x")
-    assert shelf.put("two\n")
-    assert shelf.take(2.0) == []
-
-    assert shelf.path.read_text() == "two\n" + MARK
-    (folder,) = [path for path in shelf.aside.iterdir() if path.is_dir()]
-    assert (folder / "precious").read_text() == "x"
-
-
-def test_an_exchange_names_what_is_missing(tmp_path):
-    one, two = tmp_path / "one", tmp_path / "two"
-    one.write_text("1")
-    with pytest.raises(FileNotFoundError, match="two"):
-        exchange(one, two)
-    two.write_text("2")
-    exchange(one, two)
-    assert (one.read_text(), two.read_text()) == ("2", "1")
 
 
 def test_the_system_tells_who_may_write(tmp_path):

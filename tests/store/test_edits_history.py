@@ -5,8 +5,8 @@ import pytest
 from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Entry
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.views import history
-from phyagentos.store.views.history import History
+from phyagentos.store.views import page_history
+from phyagentos.store.views.page_history import History
 from phyagentos.store.views.sessions import render_page
 
 
@@ -53,20 +53,20 @@ def test_what_was_rendered_lately_is_remembered(open_journal, submit, open_histo
         agent.commit([submit(f"s{number}")])
         watched.read_new()
         watched.build_page()
-    monkeypatch.setattr(history, "_begin", None)
+    monkeypatch.setattr(page_history, "_begin", None)
 
     assert [len(watched.find_page(seq).shown) for seq in range(1, 11)] == list(range(1, 11))
 
 
 def test_the_oldest_renderings_are_let_go(open_journal, submit, open_history, monkeypatch):
-    monkeypatch.setattr(history, "PAGES_KEPT", 20)
+    monkeypatch.setattr(page_history, "PAGES_KEPT", 20)
     agent = open_journal()
     watched = open_history(agent.folder)
     for number in range(30):
         agent.commit([submit(f"s{number}")])
         watched.read_new()
         watched.build_page()
-    monkeypatch.setattr(history, "_begin", lambda _: (Ledger(), Follower(agent.folder)))
+    monkeypatch.setattr(page_history, "_begin", lambda _: (Ledger(), Follower(agent.folder)))
 
     assert [len(watched.find_page(seq).shown) for seq in (1, 10, 11, 30)] == [1, 10, 11, 30]
     assert len(watched._pages) == 20
@@ -83,7 +83,7 @@ def test_a_record_that_is_still_to_come_is_not_told(story, open_history):
 
 def test_a_large_journal_is_read_from_its_checkpoint(story, open_history, open_journal, monkeypatch):
     lane, texts = story
-    monkeypatch.setattr(history, "SMALL_BYTES", 0)
+    monkeypatch.setattr(page_history, "SMALL_BYTES", 0)
     journal = open_journal(by="upkeep")
     ledger = journal.open_ledger()
     assert ledger.seq == 120

@@ -6,7 +6,6 @@ import re
 import pytest
 
 from phyagentos.store.edits import edit_intake, inbox
-from phyagentos.store.journal import Entry
 
 CONTRACT = """kind: submit
 contract:
@@ -162,12 +161,6 @@ def test_many_requests_are_taken_in_several_turns(stand, monkeypatch):
     assert len(names(stand, "done")) == 5
 
 
-def test_a_few_aliases_are_read(stand):
-    drop(stand, "wave-1.yaml", CONTRACT.replace("wave", "&w wave", 1).replace("skill: wave", "skill: *w"))
-
-    assert stand.sessions["wave-1"].contract.skill == "wave"
-
-
 @pytest.mark.parametrize("name", ["n" * 255, "n" * 250 + ".yaml", "n" * 246])
 def test_a_long_name_is_refused_as_any_other(stand, name):
     for _ in range(2):
@@ -187,13 +180,6 @@ def test_what_this_program_fails_on_is_refused_with_the_error(stand, monkeypatch
 
     told = (stand.workspace.inbox / "refused" / "r.yaml.reason.md").read_text()
     assert "this program failed on it (KeyError: 'odd')" in told
-
-
-def test_a_claimed_session_keeps_its_limits(stand):
-    stand.commit("runtime", Entry("a", "claim"))
-    drop(stand, "late", "{kind: amend, session: a, priority: 2}")
-
-    assert "asked for 'amend' in state 'claimed'" in (stand.workspace.inbox / "refused" / "late.reason.md").read_text()
 
 
 def test_a_file_that_is_written_straight_into_the_folder_is_waited_for(stand):

@@ -12,7 +12,7 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.edits.sections import compare
 from phyagentos.store.journal import Entry
 from phyagentos.store.shared_file import decode
-from phyagentos.store.views.history import History
+from phyagentos.store.views.page_history import History
 from phyagentos.store.views.sessions import END_MARK
 from phyagentos.testing import ManualClock
 

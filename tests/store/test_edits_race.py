@@ -6,7 +6,7 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.store import shared_file
-from phyagentos.store.views.history import History
+from phyagentos.store.views.page_history import History
 from phyagentos.store.views.sessions import END_MARK
 
 from .edit_stand import EditStand

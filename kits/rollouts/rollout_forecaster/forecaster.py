@@ -18,7 +18,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.placed_scenes import read_placed
 from phyagentos.protocol.sessions.lookahead import ROLLOUTS, Alternative, Forecast
 from phyagentos.protocol.sessions.session import Ended, Session
-from phyagentos.protocol.sessions.strategy import Strategy
+from phyagentos.protocol.sessions.strategy import SiteLabel, Strategy
 from phyagentos.protocol.sessions.trace import Role, find_label
 from phyagentos.protocol.settings.safety import get_target_limits, read_safety
 from phyagentos.protocol.world.environment import Environment
@@ -197,8 +197,7 @@ def _arrive_otherwise(tried: Tried) -> Strategy:
 
 
 def _place_elsewhere(tried: Tried) -> Strategy:
-    """Another place: a label is `<site>.<yaw>`."""
-    return tried.strategy.avoid(site=tried.site.partition(".")[0])
+    return tried.strategy.avoid(site=SiteLabel.parse(tried.site).site)
 
 
 _Remedies = tuple[Callable[[Tried], Strategy], ...]

@@ -31,7 +31,7 @@ from phyagentos.runtime.execution.loop import Outcome, SessionLoop
 from phyagentos.runtime.execution.tree_loader import build_tree
 from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
 from phyagentos.runtime.motion.process import Planner
-from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
+from phyagentos.runtime.perception.world_model import WORLD, GroundTruthWorldModel
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
@@ -104,7 +104,7 @@ class Stage:
         self.handle.load(self.scene)
         self.start = settle_estimate(self.physics, environment, profile)
         self._snapshot = robot.snapshot().data
-        self.world = TrueWorld(profile.target, self.handle, profile=profile)
+        self.world = GroundTruthWorldModel(profile.target, self.handle, profile=profile)
 
     @property
     def physics(self) -> Physics:

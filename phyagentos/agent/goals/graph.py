@@ -121,20 +121,9 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
     dag = _build_dag(nodes)
     failing = {each: () for node in nodes.values() for edge in node.on_failure for each in edge}
     rescuers = {each: tuple(n for n, node in nodes.items() if each in chain(*node.on_failure)) for each in failing}
-    order_dag = dag.copy()  # what waits for a node waits for those that run when it has failed, too
-    order_dag.add_edges_from((r, name) for name, node in nodes.items() for b in node.after for r in rescuers.get(b, ()))
-    while not nx.is_directed_acyclic_graph(order_dag):
-        edges = nx.find_cycle(order_dag)
-        cycle = [*(edge[0] for edge in edges), edges[0][0]]
-        start = nodes[cycle[0]]
-        problems.append(
-            located.problem("CYCLE", start.path, " -> ".join(cycle), "no way back", "Remove one of these edges.")
-        )
-        order_dag.remove_edge(cycle[-2], cycle[-1])  # only to find what else is wrong
+    order = _sort(nodes, dag, rescuers, located, problems)
     checks = Checks(spec, nodes, located, catalogue)
     problems += checks.check_spec()
-    rank = {name: index for index, name in enumerate(nodes)}
-    order = tuple(nx.lexicographical_topological_sort(order_dag, key=rank.__getitem__))
     choices, more = checks.check_bindings(dag, order)
     by_finding = {(problem.code, problem.address, problem.found): problem for problem in reversed([*problems, *more])}
     unique = list(reversed(by_finding.values()))
@@ -158,6 +147,26 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
         rescuers=rescuers,
     )
     return graph, []
+
+
+def _sort(
+    nodes: Mapping[str, Node],
+    dag: "nx.DiGraph[str]",
+    rescuers: Mapping[str, tuple[str, ...]],
+    located: Located,
+    problems: list[Problem],
+) -> tuple[str, ...]:
+    """The nodes in order, each after those that run when one that it waits for has failed; cycles go to `problems`."""
+    order_dag = dag.copy()
+    order_dag.add_edges_from((r, name) for name, node in nodes.items() for b in node.after for r in rescuers.get(b, ()))
+    while not nx.is_directed_acyclic_graph(order_dag):
+        edges = nx.find_cycle(order_dag)
+        cycle = [*(edge[0] for edge in edges), edges[0][0]]
+        hint = "Remove one of these edges."
+        problems.append(located.problem("CYCLE", nodes[cycle[0]].path, " -> ".join(cycle), "no way back", hint))
+        order_dag.remove_edge(cycle[-2], cycle[-1])  # only to find what else is wrong
+    rank = {name: index for index, name in enumerate(nodes)}
+    return tuple(nx.lexicographical_topological_sort(order_dag, key=rank.__getitem__))
 
 
 def _find_kept(

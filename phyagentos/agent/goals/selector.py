@@ -14,7 +14,7 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
 from phyagentos.protocol.predicates import syntax
-from phyagentos.protocol.predicates.meaning import find_held
+from phyagentos.protocol.predicates.meaning import find_held, normalize
 from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate, substitute
 
 ANY = "any"
@@ -89,9 +89,12 @@ def select(
 def unify(wanted: syntax.Formula, offered: syntax.Formula) -> dict[str, Any] | None:
     """Values of the variables of `offered` that make it equal to `wanted`, or None."""
     match wanted, offered:
-        case syntax.Call(name, terms), syntax.Call(other, patterns) if name == other and len(terms) == len(patterns):
+        case syntax.Call(), syntax.Call():
+            asked, promised = normalize(wanted), normalize(offered)
+            if asked.name != promised.name or len(asked.terms) != len(promised.terms):
+                return None
             bound: dict[str, Any] = {}
-            for term, pattern in zip(terms, patterns, strict=True):
+            for term, pattern in zip(asked.terms, promised.terms, strict=True):
                 if not _unify_term(term, pattern, bound):
                     return None
             return bound
@@ -192,8 +195,9 @@ def _find_unfit(runtime: SkillRuntime, parameters: Mapping[str, Any], mechanisms
 
 
 def find_predicates(texts: Iterable[str]) -> set[str]:
-    """Names of the predicates in some texts."""
-    return {call.name for text in texts for call in syntax.iter_calls(parse_predicate(text, template=True).formula)}
+    """Names of the predicates in some texts, one for each meaning."""
+    formulas = (parse_predicate(text, template=True).formula for text in texts)
+    return {normalize(call).name for formula in formulas for call in syntax.iter_calls(formula)}
 
 
 def begins_with_holding(runtime: SkillRuntime) -> bool:

@@ -97,27 +97,12 @@ def build_domain(
         DefinitionError: A predicate that cannot be planned for, or `UNKNOWN_TARGET`.
     """
     roles = _resolve_targets(wanted, catalogue)
-    targets = {name: catalogue.targets[name] for name in dict.fromkeys(roles.values())}
-    things = list_carried(world)
-    stages, invariants = _read_goal(wanted, things, roles, lambda path: ".".join(map(str, path)))
-    texts = (*chain(*wanted.steps), *wanted.accept, *wanted.constraints)
-    calls = [call for text in texts for call in iter_calls(parse_predicate(text).rename_targets(roles).formula)]
-    relations = (relation for each in world.entities.values() for relation in find_places(each, world))
-    present = [Call(each.name, tuple(map(Name, each.arguments))) for each in relations]
-    scope = Scope(
-        world=world,
-        things=things,
-        places=_list_places(world, things, calls, present, everywhere=everywhere),
-        spots=_list_spots(world, things, calls, next(iter(targets.values()))),
-        wanted=calls,
-        present=present,
-        targets=targets,
-        lids={place: lid for place in world.entities if (lid := find_lid(world, place))},
-    )
+    stages, invariants = _read_goal(wanted, list_carried(world), roles, lambda path: ".".join(map(str, path)))
+    scope = _make_scope(wanted, roles, catalogue, world, everywhere=everywhere)
     kept = [each.literals[0] for each in invariants if len(each.literals) == 1]
     broken = {(fact, not value) for fact, value in kept}
     operators = [each for each in list_operators(catalogue.skills, scope) if broken.isdisjoint(each.changes.items())]
-    facts = dict.fromkeys(make_fact(call) for call in present)
+    facts = dict.fromkeys(make_fact(call) for call in scope.present)
     facts |= dict.fromkeys(fact for each in operators for fact in (*each.requires, *each.changes))
     facts |= dict.fromkeys(fact for stage in stages for each in stage for fact, _ in each.literals)
     view = View(now=world, initial=world)
@@ -136,6 +121,26 @@ def build_domain(
         exact=tuple(group for group in groups if group & initial and _is_exact(group, needed)),
     )
     return Domain(problem=problem, roles=roles, operators=tuple(operators), state=state)
+
+
+def _make_scope(
+    wanted: WantedGoal, roles: Mapping[str, str], catalogue: Catalogue, world: Environment, *, everywhere: bool
+) -> Scope:
+    targets, things = {name: catalogue.targets[name] for name in dict.fromkeys(roles.values())}, list_carried(world)
+    texts = (*chain(*wanted.steps), *wanted.accept, *wanted.constraints)
+    calls = [call for text in texts for call in iter_calls(parse_predicate(text).rename_targets(roles).formula)]
+    relations = (relation for each in world.entities.values() for relation in find_places(each, world))
+    present = [Call(each.name, tuple(map(Name, each.arguments))) for each in relations]
+    return Scope(
+        world=world,
+        things=things,
+        places=_list_places(world, things, calls, present, everywhere=everywhere),
+        spots=_list_spots(world, things, calls, next(iter(targets.values()))),
+        wanted=calls,
+        present=present,
+        targets=targets,
+        lids={place: lid for place in world.entities if (lid := find_lid(world, place))},
+    )
 
 
 def _resolve_targets(wanted: WantedGoal, catalogue: Catalogue) -> dict[str, str]:

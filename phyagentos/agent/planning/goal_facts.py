@@ -10,7 +10,7 @@ from itertools import product
 from phyagentos.agent.planning.problem import Condition, Fact
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.predicates.library import Meaning
-from phyagentos.protocol.predicates.meaning import find_definition, read_statement
+from phyagentos.protocol.predicates.meaning import find_definition, normalize, read_statement
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.predicates.syntax import (
     And,
@@ -51,6 +51,7 @@ def make_fact(formula: Call | Compare) -> Fact:
     """Its canonical text: without numbers that are the defaults, or that say how close a point is met."""
     if isinstance(formula, Compare):
         return render(formula)
+    formula = normalize(formula)
     at_point = any(isinstance(term, Point) for term in formula.terms)
     pairs = zip(formula.terms, list_defaults(formula), strict=False)
     kept = [term for term, d in pairs if not (isinstance(term, Number) and (at_point or term.value == d))]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from phyagentos.agent.goals.selector import Choice, find_lacks
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, propose
-from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.case import Case, UnmetObjective
 from phyagentos.geometry import Vector
 from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
 from phyagentos.protocol.capabilities.targets import TargetProfile
@@ -15,6 +15,7 @@ from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import Statement, read_statement
 from phyagentos.protocol.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.protocol.predicates.syntax import Variable
+from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support
 
@@ -66,15 +67,15 @@ def propose_moving(
         yield from _iter_ways(case, world, target, name, spot, tried)
 
 
-def find_blockers(miss: Miss) -> list[str]:
+def find_blockers(miss: UnmetObjective) -> list[str]:
     """Movable entities that obstruct the planner or fill the destination; the commonest first."""
     world, event = miss.world, miss.failed_leaf
     if world is None:
         return []
     own = miss.session.find_object(world)
     counted: Counter[str] = Counter()
-    for pair, count in dict(event.numbers.get("rejected", {}) if event else {}).items():
-        counted.update({name: int(count) for name in str(pair).split("|") if name in world.entities})
+    for reason, count in dict(event.numbers.get("rejected", {}) if event else {}).items():
+        counted.update({name: int(count) for name in Contact.parse(reason) or () if name in world.entities})
     if FULL in miss.codes:
         for place in miss.session.parameters.values():
             counted.update(find_filling(world, str(place)) if place != own else ())

@@ -16,7 +16,7 @@ from phyagentos.agent.repair.looking import LEAD
 from phyagentos.agent.repair.retrying import find_of_skill, keep_requires, revise_requires
 from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
 from phyagentos.protocol.predicates.library import Meaning
-from phyagentos.protocol.predicates.meaning import Statement, read_meanings, read_statement
+from phyagentos.protocol.predicates.meaning import Statement, normalize_text, read_meanings, read_statement
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.predicates.syntax import Call, Formula, Name, Or, Variable
 from phyagentos.protocol.sessions.session import Session
@@ -84,7 +84,10 @@ def bind_requires(case: Case, choice: Choice) -> tuple[str, ...]:
     """Preconditions of a chosen skill, with its arguments, and those of the node."""
     values = {**choice.parameters, "target": choice.target}
     own = (parse_predicate(substitute(text, values)).text for text in case.catalogue.skills[choice.skill].requires)
-    return tuple(dict.fromkeys((*own, *keep_requires(case))))
+    by_meaning: dict[str, str] = {}
+    for text in (*own, *keep_requires(case)):
+        by_meaning.setdefault(normalize_text(text), text)
+    return tuple(by_meaning.values())
 
 
 def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -> dict[str, Any] | None:
@@ -178,10 +181,11 @@ def _bind_held(case: Case, skill: SkillRuntime) -> dict[str, Any] | None:
 def _choose(wanted: str, guarantee: str, skill: SkillRuntime) -> dict[str, Any] | None:
     """Arguments that make a guarantee, or one of its alternatives, the wanted promise."""
     formula: Formula = parse_predicate(wanted).formula
-    match formula, parse_predicate(guarantee, template=True).formula:
-        case Call(name), Or(parts):
-            chooser = next((key for key, each in skill.parameters.items() if name in each.choices), None)
-            bound = next((found for part in parts if (found := unify(formula, part)) is not None), None)
-            return None if chooser is None or bound is None else {**bound, chooser: name}
-        case _, offered:
-            return unify(formula, offered)
+    offered = parse_predicate(guarantee, template=True).formula
+    if not isinstance(offered, Or):
+        return unify(formula, offered)
+    for part in offered.parts:
+        if isinstance(part, Call) and (bound := unify(formula, part)) is not None:
+            chooser = next((key for key, each in skill.parameters.items() if part.name in each.choices), None)
+            return None if chooser is None else {**bound, chooser: part.name}
+    return None

@@ -16,7 +16,7 @@ from phyagentos.agent.understanding.vocabulary import ROLE, Vocabulary, iter_lit
 from phyagentos.errors import DefinitionError, find_nearest
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.library import ArgumentKind, Meaning, get_predicate_library
-from phyagentos.protocol.predicates.meaning import find_definition, read_statement
+from phyagentos.protocol.predicates.meaning import find_definition, normalize, read_statement
 from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate
 
 _Literal = tuple[bool, syntax.Call]  # whether it is to be true
@@ -195,7 +195,7 @@ def _find_incapable(formula: syntax.Formula, vocabulary: Vocabulary) -> Iterator
     """Literals that no skill brings about. To end a place is to bring the thing to another."""
     able = vocabulary.capabilities
     places = {each.name for each in get_predicate_library() if _names_place(each.meaning)}
-    for is_true, call in iter_literals(formula):
+    for is_true, call in ((is_true, normalize(call)) for is_true, call in iter_literals(formula)):
         name, meaning = call.name if is_true else f"not {call.name}", read_statement(call).meaning
         is_ended = not is_true and call.name in places and not places.isdisjoint(able)
         is_flipped = not is_true and any(each in able for each in list_opposites(call))
@@ -218,7 +218,7 @@ def _iter_clashes(group: Sequence[syntax.Formula], constraints: Sequence[syntax.
 
 def _excludes(one: _Literal, other: _Literal) -> bool:
     """Whether two conditions exclude each other, as far as their names alone say."""
-    (is_true, call), (is_other_true, second) = one, other
+    (is_true, call), (is_other_true, second) = ((value, normalize(call)) for value, call in (one, other))
     said, other_said = read_statement(call), read_statement(second)
     is_place = _names_place(said.meaning)
     if call == second:

@@ -1,6 +1,7 @@
 """Statements by what they mean: which call says that an object is inside, held or seen, and at which place.
 
-The one way from a formula to a decision: a predicate of a plug-in that declares the same meaning is read alike.
+The one way from a formula to a decision. Predicates of one meaning are taken to be true of the same things, whatever
+they measure: one of a plug-in is promised, planned for and repaired by the skills that ship. Verdicts evaluate each.
 """
 
 from collections.abc import Iterable
@@ -15,7 +16,17 @@ from phyagentos.protocol.predicates.library import (
     get_predicate_library,
 )
 from phyagentos.protocol.predicates.predicate import parse_predicate
-from phyagentos.protocol.predicates.syntax import Call, Formula, Name, Number, Term, Variable, iter_calls, render
+from phyagentos.protocol.predicates.syntax import (
+    Call,
+    Formula,
+    Name,
+    Number,
+    Term,
+    Variable,
+    iter_calls,
+    map_calls,
+    render,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +63,26 @@ def read_statement(formula: Formula | None) -> Statement:
     terms = {part: term for term, part in zip(formula.terms, definition.parts, strict=False) if part is not None}
     number = next((term.value for term in formula.terms if isinstance(term, Number)), None)
     return Statement(definition.meaning, terms.get(Part.OBJECT), terms.get(Part.PLACE), number)
+
+
+@lru_cache(maxsize=8192)
+def normalize(call: Call) -> Call:
+    """The same statement by the predicate that is written for its meaning; the call itself where it declares none."""
+    definition = find_definition(call)
+    if definition is None or definition.meaning is None:
+        return call
+    written = get_predicate_library().get_of_meaning(definition.meaning)
+    if written is definition:
+        return call
+    said = dict(zip(definition.parts, call.terms, strict=False))
+    others = (term for part, term in zip(definition.parts, call.terms, strict=False) if part is None)
+    terms = (said.get(part) if part is not None else next(others, None) for part in written.parts)
+    return Call(written.name, tuple(term for term in terms if term is not None))
+
+
+def normalize_text(text: str) -> str:
+    """The canonical text of a predicate, each call as `normalize` writes it."""
+    return render(map_calls(parse_predicate(text, template=True).formula, normalize))
 
 
 def read_meanings(texts: Iterable[str]) -> list[Meaning | None]:

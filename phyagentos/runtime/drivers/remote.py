@@ -119,7 +119,7 @@ class RemoteDriver(TargetPort):
                 reply = wire.await_reply(self._channel, silence_s, self.is_ending, is_last=not self._n_sent)
         except ExecutionError as error:
             where = f"{self.profile.target!r} at {self.profile.endpoint or 'its endpoint'}"
-            reason = str(error).removeprefix(f"{error.code}: ")
+            reason = error.message
             self._lost = ExecutionError(error.code, f"{type(request).__name__} to {where}: {reason}")
             raise self._lost from error
         return reply

@@ -196,7 +196,7 @@ class OwnWire(PolicyService):
     def exchange(self, request: wire.Request, timeout_s: float, silence_s: float) -> wire.Reply:
         deadline = Deadline(timeout_s)
         data = self._transport.exchange(wire.encode(request), min(timeout_s, silence_s))
-        while isinstance(reply := wire.decode_reply(data), wire.Beat):
+        while isinstance(reply := wire.decode_reply(data), wire.KeepAlive):
             try:
                 left_s = deadline.compute_left_s()
             except TimeoutError:

@@ -21,6 +21,7 @@ from phyagentos.protocol.predicates.meaning import Statement, read_statement
 from phyagentos.protocol.predicates.predicate import find_formula
 from phyagentos.protocol.predicates.syntax import Name, Point
 from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.entity_geometry import find_tops_below
 from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.runtime.execution.context import compute_leaf_seed
@@ -373,7 +374,7 @@ def _judge(name: str, answer: MotionAnswer | None, ms: float, *, proves: bool = 
     if not isinstance(answer, NoPlan):
         return Trial(motion=name, outcome="possible", ms=ms)
     code = PROOFS.get(answer.code, "")
-    walls = {reason for reason in answer.rejected if is_wall(reason.partition("|")[2])}
+    walls = {each for each in answer.rejected if (met := Contact.parse(each)) and is_wall(met.other)}
     if answer.code == "NO_IK" and answer.rejected and set(answer.rejected) <= REACH_REASONS:
         code = "OUT_OF_REACH"
     elif answer.code == "NO_IK" and walls and set(answer.rejected) <= walls | {"ik", "occupied", "far"}:

@@ -130,7 +130,7 @@ class ServedTarget:
             reply = self._refuse(request, is_taken=is_taken) or self._carry_out(request)
         except ExecutionError as error:
             code = "ESTOPPED" if error.code == "ABORTED" and self.look_for_stops() else error.code
-            reply = wire.Refused(code, str(error).removeprefix(f"{error.code}: "))
+            reply = wire.Refused(code, error.message)
         except DefinitionError as error:
             reply = wire.Refused(error.problems[0].code, str(error))
         except (OSError, ValueError, TypeError, msgspec.ValidationError) as error:

@@ -18,7 +18,7 @@ from phyagentos.store.edits.request_form import AmendRequest, Request, plan, ref
 from phyagentos.store.edits.sections import Edit, compare, find_view
 from phyagentos.store.journal import Journal
 from phyagentos.store.shared_file import SharedFile, decode
-from phyagentos.store.views.history import History
+from phyagentos.store.views.page_history import History
 
 OPERATOR = "operator"  # who wrote a record that came from an edit
 NOTES_S = 600.0  # a refusal stands at the head of SESSIONS.md for so long

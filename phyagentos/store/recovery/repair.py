@@ -21,7 +21,6 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.checkpoint import NAME as CHECKPOINT
 from phyagentos.store.checkpoint import find_seen_seq
 from phyagentos.store.compaction import keep_still
-from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import JOURNAL_ID, MAX_PAYLOAD_BYTES, Record, encode_batch, encode_record
 from phyagentos.store.recovery.inspection import LOST
 from phyagentos.store.recovery.survey import Frame, Gap, Survey, iter_surveys
@@ -84,14 +83,14 @@ def repair_partition(folder: Path, *, accept_loss: bool, by: str, clock: Clock, 
     With a torn end alone `is_done` is False: opening a `Journal` cuts it. Raises ExecutionError `JOURNAL_LOCKED`;
     OSError where the disk refused: what was done so far does no harm, and the repair can be tried again.
     """
-    with keep_still(folder) as lock:
+    with keep_still(folder):
         plan = _Plan(folder, by=by, clock=clock, file_io=file_io)
         try:
             plan.stage()
             repair = plan.result()
             if not repair.is_needed or repair.is_only_torn or not accept_loss:
                 return repair
-            return plan.carry_out(lock)
+            return plan.carry_out()
         finally:
             plan.discard()
 
@@ -130,9 +129,8 @@ class _Plan:
             gaps=self._gaps, sessions=list(self._concerned), changed=self._changed, is_done=is_done, aside=aside
         )
 
-    def carry_out(self, lock: PartitionLock) -> Repair:
+    def carry_out(self) -> Repair:
         """Put the staged files in place, the newest first, and report it in a new segment."""
-        lock.announce("")  # followers look at the folder from now on
         (self._folder / CHECKPOINT).unlink(missing_ok=True)  # it holds a position that is about to move
         aside: dict[str, Path] = {}
         for each in reversed(self._changed):
@@ -141,7 +139,7 @@ class _Plan:
             self._io.replace(each.staged, each.survey.path)
         for place in {each.survey.path.parent for each in self._changed}:
             sync_folder(place, self._io)
-        self._record_repair(lock, aside)
+        self._record_repair(aside)
         return self.result(list(aside.values()), is_done=True)
 
     def discard(self) -> None:
@@ -185,7 +183,7 @@ class _Plan:
             markdown=render_body(body),
         )
 
-    def _record_repair(self, lock: PartitionLock, aside: dict[str, Path]) -> None:
+    def _record_repair(self, aside: dict[str, Path]) -> None:
         """Begin a segment with the `repair` records: a running process finds that it does not fit what it knows."""
         files = [
             {"segment": each.survey.name, "before": each.survey.sha256, "after": each.after}
@@ -209,7 +207,6 @@ class _Plan:
         front = Front(self._folder.name, name, self._seq + 1, self._before, self._sealed)
         staged = self._folder / f".{name}.tmp"
         write_file(staged, front.encode() + encode_batch(records), self._io, durable=True)
-        lock.announce(name)
         self._io.replace(staged, self._folder / f"{name}.md")
         sync_folder(self._folder, self._io)
 

@@ -2,10 +2,14 @@
 
 from collections import Counter
 
+import pytest
+
 from benchmarks.requests import LEAST, LEAST_UNSEEN, SETS, Grade, grade, measure
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 
 from .conftest import get_vocabulary
+
+pytestmark = pytest.mark.slow
 
 
 def test_written_requests_are_right_often_enough_and_never_silently_wrong():

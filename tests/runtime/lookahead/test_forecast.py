@@ -28,7 +28,7 @@ from phyagentos.runtime.lookahead.service import ForecastService
 from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
+from phyagentos.runtime.perception.world_model import WORLD, GroundTruthWorldModel
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
@@ -59,7 +59,7 @@ def environment(library, profile, limits):
     handle = TargetSessionHandle(Loopback(ServedTarget(driver, ReceiveLog(None))), limits, sees_truth=True)
     scene = Scene(name=WAITER, seed=SEED, episode="e")
     handle.load(scene)
-    truth = TrueWorld("panda", handle)
+    truth = GroundTruthWorldModel("panda", handle)
     truth.enter(scene)
     return truth.observe(WORLD)
 

@@ -10,7 +10,7 @@ from phyagentos.geometry import convert_euler
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.scenes import SceneSpec
-from phyagentos.runtime.drivers.mujoco.encounters import CLEARANCE_M, Encounters
+from phyagentos.runtime.drivers.mujoco.inter_robot_collisions import CLEARANCE_M, InterRobotCollisions
 from phyagentos.runtime.drivers.mujoco.local_limits import LocalLimits
 from phyagentos.runtime.drivers.mujoco.physics import Physics, advance
 from phyagentos.runtime.models.robot import build_robot
@@ -227,7 +227,7 @@ def test_a_profile_with_a_base_names_its_pose_first(scooter):
 
 @pytest.fixture
 def hall(scooter):
-    """Two scooters a metre and a half apart in one world: the physics of each by its name, and their encounters."""
+    """Two scooters a metre and a half apart in one world: the physics of each by its name, and their collisions."""
     profile, folder = scooter
     arms = {name: profile.arm.model_copy(update={"home_rad": (0.0, y, 0.0, 0.0)}) for name, y in BERTHS_M.items()}
     both = [(profile.model_copy(update={"target": name, "arm": arm}), folder) for name, arm in arms.items()]
@@ -236,7 +236,7 @@ def hall(scooter):
     for each in robots.values():
         each.actuation.place_at_home()
     advance(robots.values(), 50)
-    return robots, Encounters(robots)
+    return robots, InterRobotCollisions(robots)
 
 
 def slide(robot, y_m, rows=400):
@@ -247,39 +247,39 @@ def slide(robot, y_m, rows=400):
 @pytest.mark.sim
 def test_a_base_announces_its_way_and_keeps_its_distance_from_another_base(hall):
     """A way through where the other stands, or through a way that it has announced, is not admitted; nothing moves."""
-    robots, encounters = hall
+    robots, collisions = hall
     before = robots["left"].state.read_state()
 
-    assert encounters.admit("left", slide(robots["left"], -1.2), "", EMPTY) == "right"
-    assert encounters.admit("left", slide(robots["left"], -0.2), "", EMPTY) == ""
-    assert encounters.admit("right", slide(robots["right"], 0.0), "", EMPTY) == "left"
-    assert encounters.admit("right", slide(robots["right"], -1.2), "", EMPTY) == ""
-    assert encounters.find_announced("left")[-1] == pytest.approx((0.0, -0.2, 0.0, 0.0))
+    assert collisions.admit("left", slide(robots["left"], -1.2), "", EMPTY) == "right"
+    assert collisions.admit("left", slide(robots["left"], -0.2), "", EMPTY) == ""
+    assert collisions.admit("right", slide(robots["right"], 0.0), "", EMPTY) == "left"
+    assert collisions.admit("right", slide(robots["right"], -1.2), "", EMPTY) == ""
+    assert collisions.find_announced("left")[-1] == pytest.approx((0.0, -0.2, 0.0, 0.0))
     assert (robots["left"].state.read_state() == before).all()
 
 
 @pytest.mark.sim
 def test_no_two_compared_places_of_a_base_are_farther_apart_than_robots_keep_from_each_other(hall):
     """A thin thing beside the way of a base is found wherever it stands."""
-    robots, encounters = hall
-    encounters.admit("left", slide(robots["left"], 2.0), "", EMPTY)
+    robots, collisions = hall
+    collisions.admit("left", slide(robots["left"], 2.0), "", EMPTY)
 
-    assert np.diff(encounters.find_announced("left")[:, 1]).max() < CLEARANCE_M
+    assert np.diff(collisions.find_announced("left")[:, 1]).max() < CLEARANCE_M
 
 
 @pytest.mark.sim
 def test_of_two_bases_each_drives_on_its_own_wheels_and_what_touches_is_noted(hall):
     """One drives into the other, which stands by its own motors: both are told, once they touch."""
-    robots, encounters = hall
+    robots, collisions = hall
     for q_rad in slide(robots["left"], -1.2)[::2]:
         robots["left"].actuation.set_servos(q_rad, np.zeros(4), 0.0)
         for _ in range(10):
             advance(robots.values(), 1)
-            encounters.note()
-        if touched := encounters.take_touched("left"):
+            collisions.note()
+        if touched := collisions.take_touched("left"):
             break
 
-    assert touched.keys() == {"right"} == encounters.take_touched("right").keys() ^ {"left", "right"}
+    assert touched.keys() == {"right"} == collisions.take_touched("right").keys() ^ {"left", "right"}
     assert -0.6 < robots["left"].state.q_rad[1] < -0.4
     assert robots["right"].state.q_rad == pytest.approx((0.0, BERTHS_M["right"], 0.0, 0.0), abs=0.05)
 

@@ -242,7 +242,7 @@ def test_a_xacro_file_without_what_expands_it_is_told_before_anything_runs(beak,
         lambda: require_models(profile.model_copy(update={"model": "beak.xacro"}), folder),
         lambda: read_model(folder / "beak.xacro"),
     ):
-        with pytest.raises(DefinitionError, match=r"MODEL_UNREADABLE.*phyagentos\[xacro\]"):
+        with pytest.raises(DefinitionError, match=r"MODEL_UNREADABLE.*pip install '\.\[xacro\]'"):
             read()
 
 

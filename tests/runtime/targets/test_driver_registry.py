@@ -64,4 +64,4 @@ def test_a_real_robot_whose_package_is_absent_is_refused_with_its_extra(monkeypa
     assert (profile.kind, profile.driver) == ("real_robot", name)
     with pytest.raises(DefinitionError, match="NO_DRIVER") as caught:
         getattr(specs, name.upper()).open(site)
-    assert f"pip install 'phyagentos[{name}]'" in str(caught.value)
+    assert f"pip install '.[{name}]'" in str(caught.value)

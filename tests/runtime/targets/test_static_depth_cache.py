@@ -11,7 +11,7 @@ from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.settings.sensors import NoiseLevel, read_sensors
 from phyagentos.runtime.drivers.mujoco.ray_cast import SKY, RayCaster
 from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
-from phyagentos.runtime.drivers.mujoco.static_depth_cache import Hits, MovingSolids, Rays, Shot, shoot
+from phyagentos.runtime.drivers.mujoco.static_depth_cache import Hits, MovingSolids, Rays, Shot, cast_rays
 
 pytestmark = pytest.mark.sim
 
@@ -98,7 +98,7 @@ def test_the_compiled_light_has_the_bits_of_array_operations(physics):
     model.light_cutoff[1], model.light_type[1] = 25.0, mujoco.mjtLightType.mjLIGHT_SPOT
     for data in pose_many(physics):
         rays = aim(lens, mounting.find(data))
-        hits, lengths = shoot(model, data, rays), np.linalg.norm(lens.compute_rays(), axis=1)
+        hits, lengths = cast_rays(model, data, rays), np.linalg.norm(lens.compute_rays(), axis=1)
         inside = np.arange(len(lengths)) % 7 == 0  # some rays leave a solid
         hits = Hits(hits.geoms, hits.distances_m, np.where(inside[:, None], -hits.normals, hits.normals))
         caster = RayCaster(model)

@@ -188,38 +188,34 @@ class FaultInjector:
 
     def _resolve(self, physics: Physics, fault: Fault) -> FaultActivation:
         """Draw all open parameters of a fault."""
-        if isinstance(fault, Stall):
-            return FaultActivation(
-                kind=fault.kind, body=fault.joint, time_s=physics.time_s, duration_s=fault.duration_s
-            )
-        if isinstance(fault, Push):
-            angle = self._rng.uniform(0, 2 * np.pi) if fault.direction_rad is None else fault.direction_rad
-            return FaultActivation(
-                kind=fault.kind,
-                body=fault.joint,
-                time_s=physics.time_s,
-                duration_s=fault.duration_s,
-                force_n=_as_tuple(fault.force_n * np.array([np.cos(angle), np.sin(angle), 0.0])),
-            )
-        if isinstance(fault, SensorFault):
-            return _resolve_corruption(physics, fault)
+        begun = FaultActivation(
+            kind=fault.kind, body=_find_body(fault), time_s=physics.time_s, duration_s=fault.duration_s
+        )
+        match fault:
+            case Stall():
+                return begun
+            case Push():
+                angle = self._rng.uniform(0, 2 * np.pi) if fault.direction_rad is None else fault.direction_rad
+                force_n = fault.force_n * np.array([np.cos(angle), np.sin(angle), 0.0])
+                return msgspec.structs.replace(begun, force_n=_as_tuple(force_n))
+            case Freeze():
+                return msgspec.structs.replace(begun, mode=fault.stamp, qpos=tuple(physics.data.qpos.tolist()))
+            case Blackout():
+                return msgspec.structs.replace(begun, mode=fault.mode)
+            case Misdate():
+                return msgspec.structs.replace(begun, by_s=fault.by_s)
+            case Miscalibrate():
+                return msgspec.structs.replace(begun, by_m=fault.by_m, by_rad=fault.by_rad)
         start = physics.queries.find_position(fault.object)
         goal, lift = start, 0.0
-        if isinstance(fault, Nudge):
-            goal = start + self._choose_nudge(physics, start, fault.by_m)
-        elif isinstance(fault, Move):
-            goal, lift = self._choose_place(physics, fault, start), HAND_HEIGHT_M
-        elif isinstance(fault, Remove):
-            goal, lift = np.array([*fault.to_m, start[2]]), HAND_HEIGHT_M
-        return FaultActivation(
-            kind=fault.kind,
-            body=fault.object,
-            time_s=physics.time_s,
-            duration_s=fault.duration_s,
-            start_m=_as_tuple(start),
-            goal_m=_as_tuple(goal),
-            lift_m=lift,
-        )
+        match fault:
+            case Nudge():
+                goal = start + self._choose_nudge(physics, start, fault.by_m)
+            case Move():
+                goal, lift = self._choose_place(physics, fault, start), HAND_HEIGHT_M
+            case Remove():
+                goal, lift = np.array([*fault.to_m, start[2]]), HAND_HEIGHT_M
+        return msgspec.structs.replace(begun, start_m=_as_tuple(start), goal_m=_as_tuple(goal), lift_m=lift)
 
     def _choose_nudge(self, physics: Physics, start: Array, by_m: float) -> Array:
         """Between the fingers and out: along the axis that is neither approach nor closing, to the emptier side."""
@@ -241,18 +237,11 @@ class FaultInjector:
         return max(places, key=lambda place: physics.queries.find_clearance(place, start))
 
 
-def _resolve_corruption(physics: Physics, fault: SensorFault) -> FaultActivation:
-    """A camera's fault, with the state that a frozen picture shows."""
-    activation = FaultActivation(kind=fault.kind, body=fault.camera, time_s=physics.time_s, duration_s=fault.duration_s)
-    match fault:
-        case Freeze():
-            return msgspec.structs.replace(activation, mode=fault.stamp, qpos=tuple(physics.data.qpos.tolist()))
-        case Blackout():
-            return msgspec.structs.replace(activation, mode=fault.mode)
-        case Misdate():
-            return msgspec.structs.replace(activation, by_s=fault.by_s)
-        case Miscalibrate():
-            return msgspec.structs.replace(activation, by_m=fault.by_m, by_rad=fault.by_rad)
+def _find_body(fault: Fault) -> str:
+    """What a fault strikes: the joint, the pattern of cameras, or the object."""
+    if isinstance(fault, Stall | Push):
+        return fault.joint
+    return fault.camera if isinstance(fault, SensorFault) else fault.object
 
 
 def _carry(physics: Physics, activation: FaultActivation) -> None:

@@ -27,8 +27,8 @@ from phyagentos.protocol.world.environment import TargetState
 from phyagentos.protocol.world.idealisations import Aspect, Idealisation
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.cameras import CameraRig
-from phyagentos.runtime.drivers.mujoco.encounters import Encounters
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
+from phyagentos.runtime.drivers.mujoco.inter_robot_collisions import InterRobotCollisions
 from phyagentos.runtime.drivers.mujoco.joint_controller import JointController, Motion
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.drivers.mujoco.local_limits import END_MARGIN_RAD
@@ -136,14 +136,14 @@ class SimulatedWorld:
             rig = CameraRig(scene.model, self.sensors, request.seed, request.episode, robot.prefix)
             robot.enter(Embodiment(physics, controller, rig, own))
         self._present = request, wire.Loaded(request.episode, scene.model_sha256)
-        self.simulation.begin_episode(scene, Encounters(bodies) if len(bodies) > 1 else None)
+        self.simulation.begin_episode(scene, InterRobotCollisions(bodies) if len(bodies) > 1 else None)
 
     def admit(self, name: str, motion: wire.Announce) -> Motion:
         """Admit a motion, in no time; returns the robot in its way. Those of one moment come in the order of names."""
         yield from ()
         held = {each: robot.look().holding for each, robot in self.robots.items()}
-        encounters = self.simulation.encounters
-        return encounters.admit(name, motion.q_rad, motion.beside, held) if encounters is not None else ""
+        collisions = self.simulation.collisions
+        return collisions.admit(name, motion.q_rad, motion.beside, held) if collisions is not None else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,8 +299,8 @@ class MujocoDriver(TargetDriver):
 
     def _come_to_rest(self) -> Motion:
         """Halt; what was announced is over with the first physics step, which all robots take together."""
-        if (encounters := self.world.simulation.encounters) is not None:
-            encounters.withdraw(self.profile.target)
+        if (collisions := self.world.simulation.collisions) is not None:
+            collisions.withdraw(self.profile.target)
         return (yield from self.controller.halt())
 
     @override
@@ -310,7 +310,7 @@ class MujocoDriver(TargetDriver):
 
     @override
     def report(self) -> wire.Step:
-        physics, controller, encounters = self.physics, self.controller, self.world.simulation.encounters
+        physics, controller, collisions = self.physics, self.controller, self.world.simulation.collisions
         if not self._moved or physics.time_s >= self._moved[-1][0] + MOTION_PERIOD_S - physics.model.opt.timestep:
             self._moved.append((physics.time_s, physics.data.qpos.copy()))
         return wire.Step(
@@ -319,19 +319,19 @@ class MujocoDriver(TargetDriver):
             tracking_error_rad=physics.actuation.find_lag(controller.q_rad),
             contact_force_n=controller.take_force(),
             contact_force_error_n=controller.force_error_n,
-            touched_n={} if encounters is None else encounters.take_touched(self.profile.target),
+            touched_n={} if collisions is None else collisions.take_touched(self.profile.target),
         )
 
     @override
     def observe(self, *, truth: bool) -> wire.Observation:
-        physics, encounters = self.physics, self.world.simulation.encounters
+        physics, collisions = self.physics, self.world.simulation.collisions
         states = {name: robot.look() for name, robot in self.world.robots.items()}
         holders = {entity: name for name, state in states.items() for entity in state.holding}
         target = states.pop(self.profile.target)
         neighbours: tuple[wire.Neighbour, ...] = ()
-        if encounters is not None:
+        if collisions is not None:
             neighbours = tuple(
-                wire.Neighbour(name, state, encounters.find_announced(name)) for name, state in states.items()
+                wire.Neighbour(name, state, collisions.find_announced(name)) for name, state in states.items()
             )
         seen = wire.Observation(time_s=physics.time_s, target=target, neighbours=neighbours)
         if not truth:
