@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from phyagentos.runtime.lookahead.rollouts import Rollout, find_cause
+from rollout_forecaster.playback import Rollout, find_cause
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
@@ -55,7 +55,7 @@ OTHER_NAMES = {
     "fallen": "toppled",
 }
 CACHES = (
-    predicate._parse,
+    predicate.read_formula,
     predicate.has_metric,
     meaning.read_statement,
     meaning.list_kinds,
