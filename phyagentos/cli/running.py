@@ -40,6 +40,7 @@ def agent(
     with_parent: WithParent = None,
     verify: Verify = None,
     memory: WhichMemory = None,
+    trust_python: TrustPython = False,
 ) -> Reply[object]:
     """Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict."""
     from phyagentos.assembly.agent_plane import run_agent
@@ -47,6 +48,7 @@ def agent(
     about = f"agent of {workspace}: submits, judges; `paos watch -w {workspace}` carries out; Ctrl-C ends"
     _prepare(with_parent, about)
     file, overrides = get_file(graph, "goal_graphs"), parse_overrides(set_)
+    admit_python(workspace, file, is_trusted=trust_python, announce=print_note)
     report = run_agent(workspace, file, seed, overrides=overrides, goal=goal, verify=verify, memory=memory)
     text = f"goal {report.goal}: {report.verdict}  {report.reason}"
     return Reply(report, text, code=ExitCode(report.exit_code))

@@ -51,7 +51,7 @@ def compile_graph(
     try:
         return describe_graph(read_goal_graph(path, Catalogue.read(library), overrides))
     except DefinitionError as error:
-        raise name_option(error, library.iter_predicates()) from error
+        raise DefinitionError(name_option(error.problems, library.iter_predicates())) from error
 
 
 def describe_graph(graph: GoalGraph) -> CompiledGraph:

@@ -125,9 +125,10 @@ def lint_file(
             return [Problem("UNKNOWN_KIND", f"{path}:1:1", found, expected, hint)]
         if kind is FileKind.SUITE and check_suite is not None:
             check_suite(path)
-        return list(_check(kind, path, library, runs_python=runs_python))
+        problems = _check(kind, path, library, runs_python=runs_python)
+        return name_option(problems, library.iter_predicates())
     except DefinitionError as error:
-        return list(name_option(error, library.iter_predicates()).problems)
+        return name_option(error.problems, library.iter_predicates())
 
 
 def find_kind(path: Path) -> FileKind | None:

@@ -248,6 +248,7 @@ def start_planes(
     """Start the runtime first: it warms up while the agent compiles."""
     watch = start_watch(workspace, faults=faults, pictures=request.pictures)
     agent = [str(graph), "--workspace", str(workspace.root), "--seed", str(request.seed), "--goal", goal]
+    agent += ["--trust-python"]  # as admitted here
     agent += ["--verify", request.verify] if request.verify is not None else []
     agent += ["--memory", request.memory] if request.memory is not None else []
     agent += [part for override in request.overrides or () for part in ("--set", override)]

@@ -10,10 +10,12 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import Problem
 from phyagentos.plugins import read_source, run_file
 from phyagentos.protocol.predicates import meaning, predicate
 from phyagentos.protocol.predicates.library import PredicateDefinition, get_predicate_library
+
+_CACHED = (meaning.read_statement, meaning.normalize, meaning.list_kinds, meaning.state)
 
 
 def load_predicates(files: Iterable[Path]) -> None:
@@ -25,7 +27,7 @@ def load_predicates(files: Iterable[Path]) -> None:
         found = run_file(path, "BROKEN_PREDICATES").values()
         for definition in {each.name: each for each in found if isinstance(each, PredicateDefinition)}.values():
             get_predicate_library().admit(definition)
-        for cached in (predicate.has_metric, predicate.read_formula, meaning.read_statement, meaning.list_kinds):
+        for cached in (*_CACHED, predicate.has_metric, predicate.read_formula):
             cached.cache_clear()
 
 
@@ -40,10 +42,13 @@ def read_predicate_names(path: Path) -> list[str]:
     ]
 
 
-def name_option(error: DefinitionError, files: Iterable[Path]) -> DefinitionError:
+def name_option(problems: Iterable[Problem], files: Iterable[Path]) -> list[Problem]:
     """The same problems; a predicate that one of the files defines is unknown until an option executes that file."""
+    problems = list(problems)
+    if all(each.code != "UNKNOWN_PREDICATE" for each in problems):
+        return problems  # no file is looked at
     defined = {repr(name): path for path in files for name in read_predicate_names(path)}
-    return DefinitionError([_name_option(each, defined.get(each.found.partition(" ")[0])) for each in error.problems])
+    return [_name_option(each, defined.get(each.found.partition(" ")[0])) for each in problems]
 
 
 def _name_option(problem: Problem, path: Path | None) -> Problem:
