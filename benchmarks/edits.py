@@ -26,7 +26,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish
 from phyagentos.bench.report import Ask
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
@@ -298,9 +298,7 @@ def main() -> int:
         figures[f"{name}_lost"] = float(sum(cell.lost for cell in row))
         figures[f"{name}_renderings_per_s"] = min(cell.publishes_per_s for cell in row)
     asked = {name: ask for name, ask in ASKED.items() if name in figures}
-    line, holds = format_outcome(figures, asked)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, asked)
 
 
 if __name__ == "__main__":
