@@ -131,6 +131,7 @@ static: $(STAMP)
 	@$(BIN)/mypy --no-error-summary kits/target_server/target_server
 	@$(BIN)/mypy --no-error-summary --ignore-missing-imports kits/lerobot_bridge
 	@MYPYPATH=kits/learned_forecaster $(BIN)/mypy --no-error-summary kits/learned_forecaster/learned_forecaster
+	@MYPYPATH=kits/rollouts $(BIN)/mypy --no-error-summary kits/rollouts/rollout_forecaster
 	@$(BIN)/lint-imports > $(VENV)/contracts.log 2>&1 || { cat $(VENV)/contracts.log; exit 1; }
 
 format: $(STAMP)  ## let ruff rewrite what it can

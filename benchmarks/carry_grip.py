@@ -61,7 +61,7 @@ def carry(seed: int, *, is_shaped: bool) -> Carried:
     physics = Physics.alone(profile, folder, spec, seed)
     physics.start(0.1)
     still = np.zeros_like(home)
-    physics.set_servos(home, still, 0.0)
+    physics.actuation.set_servos(home, still, 0.0)
     physics.step(400)
     lifted = home.copy()
     lifted[3] += 0.15
@@ -85,14 +85,14 @@ def compare(one: InHand, other: InHand) -> tuple[float, float]:
 def play(physics: Physics, timed: Timed) -> None:
     """Follow a timed motion with closed fingers, physics step by physics step."""
     for q, qd in zip(timed.trajectory.q_rad, timed.trajectory.qd_rad_s, strict=True):
-        physics.set_servos(q, qd, 0.0)
+        physics.actuation.set_servos(q, qd, 0.0)
         physics.step()
 
 
 def find_in_hand(physics: Physics) -> InHand:
     """Pose of the thing in the frame of the tool."""
     mujoco.mj_kinematics(physics.model, physics.data)
-    position, rotation = physics.find_tcp()
+    position, rotation = physics.queries.find_tcp()
     body = physics.data.body("thing")
     return rotation.T @ body.xmat.reshape(3, 3), rotation.T @ (body.xpos - position)
 

@@ -24,7 +24,6 @@ from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.planes import start_watch
 from phyagentos.bench.report import Ask
-from phyagentos.cli.forecasts import render_worth
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.calibration import Scored, compute_record
@@ -38,10 +37,11 @@ from phyagentos.runtime.lookahead.service import ForecastService
 from phyagentos.store.forecast_record import iter_outcomes
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "kits" / "learned_forecaster"))  # where it is not installed
+sys.path += [str(ROOT / "kits" / kit) for kit in ("learned_forecaster", "rollouts")]  # where they are not installed
 
 from learned_forecaster.forecaster import open_learned  # noqa: E402
 from learned_forecaster.training import train_model  # noqa: E402
+from rollout_forecaster.calibration import calibrate, render  # noqa: E402
 
 TASKS = ("serve", "serve_far", "balance")
 ARM, TREE, MODEL = "panda", "pick_and_place", "model.json"
@@ -126,7 +126,7 @@ def main(
             "base_rate": (base, [0.0]),
         }
     for name, (scored, costs) in foreseen.items():
-        print("\n".join(render_worth(name, scored, least=2)))
+        print("\n".join(render(name, calibrate(scored, 2), 2)))
         print(f"  {fmean(costs):.1f} ms each\n")
     reference = compute_record(base).brier
     figures = {f"brier_of_{name}": compute_record(scored).brier for name, (scored, _) in foreseen.items()}

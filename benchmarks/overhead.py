@@ -45,8 +45,8 @@ from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, SkillStatus, TickResult
-from phyagentos.runtime.perception.world_model import TrueWorld
-from phyagentos.runtime.targets.driver import TargetDriver
+from phyagentos.runtime.perception.world_model import GroundTruthWorldModel
+from phyagentos.runtime.targets.driver import TargetPort
 from phyagentos.runtime.targets.handshake import greet, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
@@ -149,7 +149,7 @@ class World:
     profile: TargetProfile
     limits: TargetLimits
     library: Library
-    open: Callable[[], TargetDriver]
+    open: Callable[[], TargetPort]
 
 
 @contextmanager
@@ -177,7 +177,7 @@ def open_libero(environments: Path, folder: Path) -> Iterator[World]:
     profile, python, scene = libero.read_profile(), environments / "libero" / "bin" / "python", SCENES["libero"]
     with serve(python.absolute(), profile, scene, folder / "outcomes.jsonl") as server:
 
-        def open_remote() -> TargetDriver:
+        def open_remote() -> TargetPort:
             channel = connect_websocket(server.endpoint)
             greet(channel, mint(server.key))
             return RemoteDriver(profile, channel, server.key)
@@ -217,7 +217,9 @@ def time_path(world: World, steps: int, seed: int, folder: Path) -> tuple[list[f
         handle = TargetSessionHandle(Loopback(target), world.limits, sees_truth=True)
         name, scene = world.profile.target, Scene(name=world.scene, seed=seed, episode=f"sway-{seed}")
         runner = SessionRunner(
-            target=Embodiment(handle=handle, world=TrueWorld(name, handle), profile=world.profile, limits=world.limits),
+            target=Embodiment(
+                handle=handle, world=GroundTruthWorldModel(name, handle), profile=world.profile, limits=world.limits
+            ),
             skills=skills,
             bundles=Bundles(folder),
             clock=clock,

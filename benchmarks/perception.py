@@ -38,7 +38,7 @@ from phyagentos.protocol.settings.sensors import Sensors, read_sensors
 from phyagentos.protocol.world.environment import Entity, Status
 from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.inventory import ObjectModel
-from phyagentos.runtime.perception.strangers import is_stranger
+from phyagentos.runtime.perception.unknown_objects import is_unknown_object
 from phyagentos.runtime.targets.wire import Frames
 
 ROOT = find_shipped_root()
@@ -190,7 +190,7 @@ def score_prior(world: World, sensors: Sensors, prior: Prior, tally: Tally) -> N
         if body.fixed or body.joint is not None or body.part_of or body.place.frame:
             continue
         position, _ = world.find(name)
-        own = [each for each in seen if is_stranger(each.name) or name in {each.name, *each.alternatives}]
+        own = [each for each in seen if is_unknown_object(each.name) or name in {each.name, *each.alternatives}]
         away_mm = min((1e3 * measure_distance(each, position) for each in own), default=np.inf)
         tally.things += 1
         if away_mm > 1e3 * MIXED_UP_M:
@@ -213,9 +213,9 @@ def run_frozen(world: World, sensors: Sensors, level: str, tally: Tally) -> None
         belief = stage.look()
         tally.suspected += [each.status == "frozen" for each in belief.sensors.values()]
     earlier, physics = stage.latest.frames, world.physics
-    physics.data.qpos[physics.q_address] += MOVED_RAD
-    physics.look()
-    stage.state = physics.read_target({})
+    physics.data.qpos[physics.state.q_address] += MOVED_RAD
+    physics.queries.look()
+    stage.state = physics.queries.read_target({})
     now = {frame.camera: frame for frame in stage.take_frames().frames}
     changes = {name: {"time_s": frame.time_s, "world_T_camera": frame.world_T_camera} for name, frame in now.items()}
     frozen = Frames(tuple(msgspec.structs.replace(each, **changes[each.camera]) for each in earlier))

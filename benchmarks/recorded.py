@@ -20,7 +20,7 @@ from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.perception.world_model import TrueWorld
+from phyagentos.runtime.perception.world_model import GroundTruthWorldModel
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
@@ -129,7 +129,7 @@ def _record_seed(robot: Robot, planner: LocalPlanner, seed: int, faults: FaultFi
         runner = SessionRunner(
             target=Embodiment(
                 handle=handle,
-                world=TrueWorld(robot.profile.target, handle),
+                world=GroundTruthWorldModel(robot.profile.target, handle),
                 profile=robot.profile,
                 limits=robot.limits,
             ),

@@ -38,7 +38,7 @@ from benchmarks.unseen_parts.figures import ASKED, Tally
 from benchmarks.unseen_parts.records import GoalRecord, Recorder, begin_record
 from phyagentos.agent.mission.report import build_report
 from phyagentos.bench.records import EpisodeRecord, read_records
-from phyagentos.cli.history import read_ledger
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.session import GoalId
 
 

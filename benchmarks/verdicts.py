@@ -125,7 +125,7 @@ def open_eye(robot: Robot, world: World) -> Eye:
     """An eye on one world; where things can be put into others is told by the scene file."""
     interiors = {
         entity.name: (np.array(entity.interior.center_m), np.array(entity.interior.half_m))
-        for entity in world.physics.entities
+        for entity in world.physics.scene.entities
         if entity.interior is not None
     }
     world.restore(world.recorded.before)
@@ -142,7 +142,7 @@ def judge_case(world: World, eye: Eye, kind: Kind, sensings: Sequence[Sensing], 
     for _ in range(TRIES):
         world.restore(world.recorded.after)
         SUCCESS.change(world, rng)
-        right = world.physics.read_state()
+        right = world.physics.state.read_state()
         if not is_success:
             kind.change(world, rng)
         answer = eye.judge(world.physics.data, accept)
@@ -150,7 +150,7 @@ def judge_case(world: World, eye: Eye, kind: Kind, sensings: Sequence[Sensing], 
             break
     else:
         return
-    now = world.physics.read_state()
+    now = world.physics.state.read_state()
     for sensing in sensings:
         own = np.random.default_rng(compute_seed(seed, sensing.level))
         yield Outcome(

@@ -8,10 +8,36 @@ Scripts and notebooks use the names of `phyagentos.api`, which is loaded with th
 from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
-__all__ = ["Figure", "GoalView", "SessionView", "WorkspaceView", "open_workspace", "run"]
+__all__ = [
+    "Figure",
+    "GoalView",
+    "SessionView",
+    "WorkspaceView",
+    "ask",
+    "compile",
+    "lint",
+    "open_workspace",
+    "plan",
+    "run",
+    "status",
+    "why",
+]
 
 if TYPE_CHECKING:  # a type checker sees these names, and no others
-    from phyagentos.api import Figure, GoalView, SessionView, WorkspaceView, open_workspace, run
+    from phyagentos.api import (
+        Figure,
+        GoalView,
+        SessionView,
+        WorkspaceView,
+        ask,
+        compile,
+        lint,
+        open_workspace,
+        plan,
+        run,
+        status,
+        why,
+    )
 else:
 
     def __getattr__(name: str) -> object:

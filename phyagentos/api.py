@@ -1,5 +1,6 @@
-"""`import phyagentos as paos`: workspaces, goals and sessions for scripts and notebooks.
+"""`import phyagentos as paos`: workspaces, goals and sessions for scripts and notebooks, and what the commands do.
 
+A function that is called like a command returns what the command prints with `--json`, as a struct.
 Views show what stood in documents and evidence when the workspace was opened; open it again for what came later. Each
 function loads what it needs when it is called.
 """
@@ -30,6 +31,13 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.subjects import get_session
 
 if TYPE_CHECKING:
+    from phyagentos.agent.planning.planned import Unsolvable
+    from phyagentos.operations.ask import Asked, NotUnderstood
+    from phyagentos.operations.compile import CompiledGraph
+    from phyagentos.operations.lint import LintReport
+    from phyagentos.operations.plan import PlannedGraph
+    from phyagentos.operations.status import WorkspaceStatus
+    from phyagentos.operations.why import Explanation
     from phyagentos.pictures.playback import Array, Playback
     from phyagentos.pictures.trees import TickingNode
 
@@ -79,14 +87,14 @@ def run(
     Raises DefinitionError with every problem, before anything is started; ExecutionError `PLANE_ENDED`; after an
     interrupt, once both planes have ended, KeyboardInterrupt.
     """
-    from phyagentos.assembly.mission_run import Interrupts, RunOrder, run_goal
+    from phyagentos.operations.run import Interrupts, RunRequest, run_goal
 
-    order = RunOrder(
+    request = RunRequest(
         graph=Path(goal_graph),
         seed=seed,
-        workspace=Path(workspace) if workspace is not None else None,
-        faults=Path(faults) if faults is not None else None,
-        overrides=[f"{name}={value}" for name, value in (overrides or {}).items()],
+        workspace=_to_path(workspace),
+        faults=_to_path(faults),
+        overrides=_list_overrides(overrides),
         world_mode=_choose("world_mode", world_mode, WorldMode),
         verify=_choose("verify", verify, VerificationMode),
         sense=_choose("sense", sense, Sensing),
@@ -95,10 +103,81 @@ def run(
         pictures=pictures,
         trusts_python=trust_python,
     )
-    fold = run_goal(order, interrupts := Interrupts(), SystemClock())
-    if interrupts.count or fold.goal is None:
+    report = run_goal(request, interrupts := Interrupts(), SystemClock())
+    if interrupts.count or report.goal is None:
         raise KeyboardInterrupt
-    return open_workspace(fold.workspace.root).goals[fold.goal.id]
+    return open_workspace(report.workspace).goals[report.goal.goal]
+
+
+def ask(
+    request: str,
+    *,
+    scene: str | None = None,
+    robot: str | None = None,
+    answers: Mapping[str, str] | None = None,
+    seed: int = 0,
+    workspace: str | Path | None = None,
+    output: str | Path | None = None,
+) -> "Asked | NotUnderstood | Unsolvable":
+    """Make a goal of a request in words, plan it and write its graph, without a model; nothing runs.
+
+    `answers` are those to the questions of an earlier call, by their keys. Then `run(asked.graph, seed=seed,
+    workspace=asked.workspace)`. Raises DefinitionError for an unknown scene or target.
+    """
+    from phyagentos.operations import ask as asking
+
+    return asking.ask(
+        request,
+        scene=scene,
+        robot=robot,
+        answers=answers,
+        seed=seed,
+        workspace=_to_path(workspace),
+        output=_to_path(output),
+    )
+
+
+def plan(goal: str | Path, *, seed: int = 0, workspace: str | Path | None = None) -> "PlannedGraph | Unsolvable":
+    """Plan a goal that says what must come true, from the start of its scene, or as a workspace last observed it."""
+    from phyagentos.assembly.project import get_file
+    from phyagentos.operations import plan as planning
+
+    return planning.plan(get_file(Path(goal), "goal_graphs"), seed=seed, workspace=_to_path(workspace))
+
+
+def compile(goal_graph: str | Path, *, overrides: Mapping[str, object] | None = None) -> "CompiledGraph":
+    """The sessions that a goal graph would make; raises DefinitionError with every problem."""
+    from phyagentos.assembly.project import get_file, parse_overrides
+    from phyagentos.operations.compile import compile_graph
+
+    return compile_graph(get_file(Path(goal_graph), "goal_graphs"), parse_overrides(_list_overrides(overrides)))
+
+
+def lint(*paths: str | Path, run_python: bool = False) -> "LintReport":
+    """Check authored files and folders; every problem with file, line and column."""
+    from phyagentos.bench.matrix import compile_suite
+    from phyagentos.operations.lint import lint_paths
+
+    return lint_paths(map(Path, paths), runs_python=run_python, check_suite=compile_suite)
+
+
+def why(subject: str = "", *, workspace: str | Path | None = None) -> "Explanation":
+    """Explain the verdict on a session, node or goal, the latest one without, of a workspace, the newest without.
+
+    Raises `NOT_A_WORKSPACE`, `UNKNOWN_SESSION`, `EVIDENCE_UNREADABLE`.
+    """
+    from phyagentos.operations import why as explaining
+    from phyagentos.operations.workspaces import get_newest
+
+    return explaining.why(_to_path(workspace) or get_newest()[0], subject)
+
+
+def status(workspace: str | Path | None = None) -> "WorkspaceStatus":
+    """How a workspace stands, the newest without; raises `NOT_A_WORKSPACE`, `JOURNAL_DAMAGED`."""
+    from phyagentos.operations.status import read_status
+    from phyagentos.operations.workspaces import get_newest
+
+    return read_status(_to_path(workspace) or get_newest()[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,15 +288,23 @@ class WorkspaceView:
 
     def why(self, subject: str = "") -> str:
         """What `paos why` prints of a session, node or goal, or of the latest goal; raises `UNKNOWN_SESSION`."""
-        from phyagentos.assembly.explanation import explain_subject
+        from phyagentos.operations.why import explain_subject
 
-        return explain_subject(Workspace(self.root), self._ledger, subject)[1]
+        return "\n".join(explain_subject(Workspace(self.root), self._ledger, subject).explanation)
 
     def replay(self, session: str) -> "Playback":
         """Its times, joint positions and tree over time, from evidence alone; raises `EVIDENCE_UNREADABLE`."""
         from phyagentos.pictures.playback import read_playback
 
         return read_playback(Workspace(self.root), self[session].status)
+
+
+def _to_path(given: str | Path | None) -> Path | None:
+    return Path(given) if given is not None else None
+
+
+def _list_overrides(given: Mapping[str, object] | None) -> list[str]:
+    return [f"{name}={value}" for name, value in (given or {}).items()]
 
 
 def _choose(name: str, value: str | None, options: type[OptionT]) -> OptionT | None:

@@ -4,12 +4,15 @@ AUTHORED = """
 AMBIGUOUS_REFERENCE  A reference names a node that `foreach` made several of.
 API_KEY_MISSING      The environment variable that holds a model's key is not set.
 BROKEN_BEHAVIOURS    A Python package of leaves cannot be imported or registered.
+BROKEN_PLUGIN        What an installed package announces does not load, or is of another kind.
+BROKEN_PREDICATES    A file of predicates in a project's folder cannot be loaded.
 BROKEN_TREE          A tree uses another one that is wrong itself.
 CONTEXT_TOO_LARGE    A token budget is too small for the head of a context and its question.
 CYCLE                Nodes wait for each other, or goal graphs or trees contain each other.
 DUPLICATE_BLOCK      A document holds the same block twice.
 DUPLICATE_KEY        A mapping holds the same key twice.
 DUPLICATE_LEAF       Two packages offer a leaf of the same name.
+DUPLICATE_PLUGIN     Two packages announce a plug-in of one kind under the same name.
 DUPLICATE_VALUE      A `foreach` names the same value twice.
 EMPTY_FOREACH        A `foreach` names no value.
 FRONT_MATTER_MISSING A document does not begin with its front matter.
@@ -34,7 +37,7 @@ NOTHING_SEEN         A node decides on what is seen, and no session before it se
 NOTHING_TO_ACCEPT    A node, or the goal, holds nothing by which it could be accepted.
 NOT_ALIKE            Things that are called interchangeable have different forms or colours.
 NOT_A_KEY            A port is wired to something that is no key of a tree.
-NOT_A_LEAF           A registered class is no leaf, or declares no role.
+NOT_A_LEAF           A registered class does not derive from `Leaf`.
 NOT_A_NODE           A value of a tree is no node.
 NOT_A_NUMBER         A comparison needs a number.
 NOT_A_PREDICATE      A condition of a tree is no predicate.
@@ -64,6 +67,7 @@ UNKNOWN_NOISE_LEVEL  No noise level of this name in sensors.yaml.
 UNKNOWN_NODE         No node of this name in the goal graph.
 UNKNOWN_OUTPUT       The skill has no output of this name.
 UNKNOWN_PARAMETER    The skill has no parameter of this name.
+UNKNOWN_PLUGIN       No plug-in of this name.
 UNKNOWN_PORT         The leaf or subtree has no port of this name.
 UNKNOWN_POSTURE      The target's profile names no posture so.
 UNKNOWN_PREDICATE    No predicate of this name.
@@ -98,6 +102,7 @@ YAML_SYNTAX          The text is not YAML, holds a value that does not fit its f
 """
 
 OPERATION = """
+ALREADY_OVER      The goal or the session has ended: its verdict or its state is final.
 CONTRADICTS_DONE  An amendment changes or takes out what has begun already.
 ENVIRONMENT_MISSING A Python environment that a suite declares is not there, or lacks a package.
 EXTRA_MISSING     A command needs packages of an extra that is not installed.
@@ -111,6 +116,7 @@ NOT_A_WORKSPACE   The folder is no workspace.
 NOT_BY_HAND       An edit by hand may not change this field.
 NOT_EXECUTED      The session never ran, so it cannot be run again.
 NOT_PAIRED        Two runs have no episode in common that could be compared.
+NOT_RUNNING       No workspace of this machine is running.
 NOT_LATCHED       There is no latched emergency stop to reset.
 NOT_PROMOTED      A lesson has not proved itself as a skill, or a skill was not made of one.
 NO_JOURNAL        The workspace has no such partition of the journal.
@@ -158,7 +164,6 @@ END_TORN             A segment ends in an unacknowledged batch; the next writer 
 EVIDENCE_BUSY        Another process prunes the evidence.
 EVIDENCE_UNREADABLE  A bundle lacks a file, or holds one that cannot be read.
 EVIDENCE_UNWRITABLE  The evidence folder cannot be changed.
-INDEX_UNAVAILABLE    The index in .cache cannot be used now; it is rebuilt.
 JOURNAL_CLOSED       The journal was closed.
 JOURNAL_DAMAGED      Bytes of the journal are not as they were written.
 JOURNAL_LOCKED       Another process has held the partition's lock for ten seconds.

@@ -89,7 +89,7 @@ class ExecutionError(PhyAgentOSError):
     """A process, a target, a file system or a motor did not do what was asked; `code` is like `TARGET_LOST`."""
 
     def __init__(self, code: str, message: str) -> None:
-        self.code = code
+        self.code, self.message = code, message
         super().__init__(f"{code}: {message}")
 
 
@@ -99,8 +99,14 @@ def needs_extra(extra: str, command: str) -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        hint = f"Install it: pip install 'phyagentos[{extra}]'"
-        raise DefinitionError.of("EXTRA_MISSING", command, str(error), f"the extra `{extra}`", hint) from error
+        raise DefinitionError.of(
+            "EXTRA_MISSING", command, str(error), f"the extra `{extra}`", format_install(extra)
+        ) from error
+
+
+def format_install(extra: str) -> str:
+    """How to install an extra; no registry has this package, so from where it was installed."""
+    return f"Install the extra: pip install '.[{extra}]' in the checkout, or 'PATH_OF_THE_WHEEL[{extra}]'."
 
 
 def find_nearest(name: str, possible: Iterable[str]) -> str | None:

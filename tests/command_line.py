@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from phyagentos.cli import stopping
 from phyagentos.cli.app import main
+from phyagentos.operations import stop
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Result:
 
 @pytest.fixture
 def paos(monkeypatch, capsys):
-    monkeypatch.setattr(stopping, "find_running", list)  # a test reaches no run of this machine but its own
+    monkeypatch.setattr(stop, "find_running", list)  # a test reaches no run of this machine but its own
 
     def call(*arguments: object) -> Result:
         monkeypatch.setenv("PAOS_DEBUG", "0")  # and forget what --debug sets

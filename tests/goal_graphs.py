@@ -6,7 +6,7 @@ from pathlib import Path
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.agent.mission.worklist import GoalDag, Worklist
-from phyagentos.cli.history import read_ledger
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation, iter_edges, iter_steps
 from phyagentos.protocol.workspace.workspace import Workspace

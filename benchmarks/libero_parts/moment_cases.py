@@ -37,7 +37,7 @@ from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.perception.world_model import TrueWorld
+from phyagentos.runtime.perception.world_model import GroundTruthWorldModel
 from phyagentos.runtime.targets.handshake import greet, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
@@ -86,7 +86,7 @@ class Observer:
         planner = LocalPlanner(MotionPlanner(profile, project / "robots" / ROBOT))
         self._runner = SessionRunner(
             target=Embodiment(
-                handle=self._handle, world=TrueWorld(ROBOT, self._handle), profile=profile, limits=limits
+                handle=self._handle, world=GroundTruthWorldModel(ROBOT, self._handle), profile=profile, limits=limits
             ),
             skills=SkillLoader(planner=planner, library=library, registry=build_registry(library)),
             bundles=Bundles(folder),

@@ -11,7 +11,7 @@ from phyagentos.geometry import compute_rotation, compute_rotation_vector
 from phyagentos.protocol.world.environment import Entity, Environment, Status
 from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.inventory import ObjectModel
-from phyagentos.runtime.perception.strangers import is_stranger
+from phyagentos.runtime.perception.unknown_objects import is_unknown_object
 
 STRANGER_M = 0.06  # from a body that has no name: the stranger is that body
 SIDES = ("first", "second", "height")
@@ -58,7 +58,7 @@ def compare(stage: Stage, belief: Environment, unnamed: dict[str, Thing]) -> Ite
             std = entity.turn_std_rad if is_hinge else entity.position_std_m
             yield Stated("angle of a door" if is_hinge else "opening of a drawer", error, std, f"{where} {name}")
     for entity in belief.entities.values():
-        if is_stranger(entity.name) and entity.status is Status.SEEN:
+        if is_unknown_object(entity.name) and entity.status is Status.SEEN:
             yield from _compare_stranger(stage, entity, unnamed, where)
 
 

@@ -42,9 +42,11 @@ class World:
 
     def find(self, name: str) -> tuple[Array, Array]:
         """Position (3,) and rotation (3, 3) of a body, as they are."""
-        self.physics.look()
+        self.physics.queries.look()
         body = self.physics.model.body(name).id
-        return np.array(self.physics.seen.xpos[body]), np.array(self.physics.seen.xmat[body]).reshape(3, 3)
+        return np.array(self.physics.queries.seen.xpos[body]), np.array(self.physics.queries.seen.xmat[body]).reshape(
+            3, 3
+        )
 
     def find_opening(self, name: str) -> float:
         """Opening of a body with a joint, as the joint says [m] or [rad]."""
@@ -85,8 +87,8 @@ class Stage:
         self.belief: Environment | None = None
         self.latest = Frames(())
         self.ms: list[float] = []
-        world.physics.look()
-        self.state = world.physics.read_target({})
+        world.physics.queries.look()
+        self.state = world.physics.queries.read_target({})
 
     def take_frames(self, cameras: Sequence[str] = ()) -> Frames:
         """What the cameras show, a while after the pictures before."""

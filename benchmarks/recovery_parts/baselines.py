@@ -12,7 +12,7 @@ from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.mission import goal_controller
 from phyagentos.agent.mission.recovery import Recovery
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, Decision
-from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.case import Case, UnmetObjective
 from phyagentos.agent.repair.clearing import PURPOSE
 from phyagentos.protocol.sessions.lifecycle import find_cancel
 from phyagentos.protocol.sessions.tasks import NodeState
@@ -83,7 +83,7 @@ class FullRestart:
 class RestartingRecovery(Recovery):
     """Recovery of a full restart: every begun node is open again, live sessions are cancelled; as ever for others."""
 
-    def _repair(self, node: str, miss: Miss, *, restores: bool = True) -> list[Entry]:
+    def _repair(self, node: str, miss: UnmetObjective, *, restores: bool = True) -> list[Entry]:
         if not isinstance(self.policy, FullRestart):
             return super()._repair(node, miss, restores=restores)
         decision = self.policy.choose(self.drafter.make_case(node, miss))

@@ -321,7 +321,7 @@ def _open(world: World) -> None:
 
 
 def _find_interior(world: World) -> tuple[np.ndarray, np.ndarray]:
-    entity = next(each for each in world.physics.entities if each.name == world.destination)
+    entity = next(each for each in world.physics.scene.entities if each.name == world.destination)
     assert entity.interior is not None
     return np.array(entity.interior.center_m), np.array(entity.interior.half_m)
 
@@ -346,7 +346,7 @@ def _drop_into(world: World, offset: np.ndarray, yaw: float) -> None:
 def _drop_on(world: World, support: str, offset: np.ndarray, yaw: float = 0.0, thing: str = "") -> None:
     _open(world)
     seen = world.physics.data.body(support).xpos
-    entity = next(each for each in world.physics.entities if each.name == support)
+    entity = next(each for each in world.physics.scene.entities if each.name == support)
     top = seen[2] + max(shape.pose.position_m[2] + shape.size_m[-1] for shape in entity.shapes)
     height = top + world.find_half_height(thing or world.object) + ON_TOP_M
     world.put(thing or world.object, np.array([*(seen[:2] + offset), height]), yaw)

@@ -138,9 +138,9 @@ class PerceivedSensing:
         world = self._world
         world.restore(world.recorded.after)
         physics = world.physics
-        physics.data.qpos[physics.q_address] = course["q_measured"][row]
-        physics.look()
-        state = physics.read_target({})
+        physics.data.qpos[physics.state.q_address] = course["q_measured"][row]
+        physics.queries.look()
+        state = physics.queries.read_target({})
         width = float(course["gripper_measured_m"][row])
         return msgspec.structs.replace(state, gripper_width_m=width, grip_force_n=30.0, holding=())
 
@@ -151,6 +151,6 @@ class PerceivedSensing:
 
     def _sense(self, frames: tuple[Frame, ...], time_s: float, before: Environment | None) -> Environment:
         physics = self._world.physics
-        physics.look()
-        state = physics.read_target(physics.find_touching())
+        physics.queries.look()
+        state = physics.queries.read_target(physics.queries.find_touching())
         return self._pipeline.sense(Frames(frames, {}), state, self._scene, time_s, before)

@@ -27,7 +27,7 @@ from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.perception.world_model import TrueWorld
+from phyagentos.runtime.perception.world_model import GroundTruthWorldModel
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
@@ -210,7 +210,7 @@ class Studio:
         runner = SessionRunner(
             target=Embodiment(
                 handle=handle,
-                world=TrueWorld(robot.profile.target, handle),
+                world=GroundTruthWorldModel(robot.profile.target, handle),
                 profile=robot.profile,
                 limits=robot.limits,
             ),

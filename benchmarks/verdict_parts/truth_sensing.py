@@ -16,9 +16,9 @@ def look(world: World, revision: int = 2) -> Environment:
     """The world as it is."""
     physics, scene = world.physics, world.recorded.bundle.session.scene
     target = world.recorded.bundle.session.target
-    physics.look()
-    state = physics.read_target(physics.find_touching())
-    entities = physics.read_entities(dict.fromkeys(state.holding, target))
+    physics.queries.look()
+    state = physics.queries.read_target(physics.queries.find_touching())
+    entities = physics.queries.read_entities(dict.fromkeys(state.holding, target))
     return Environment(
         time_s=physics.time_s,
         scene=scene.name,
@@ -26,7 +26,7 @@ def look(world: World, revision: int = 2) -> Environment:
         revision=revision,
         sensing=SENSING,
         entities={entity.name: entity for entity in entities},
-        regions={region.name: region for region in physics.regions},
+        regions={region.name: region for region in physics.scene.regions},
         targets={target: state},
     )
 

@@ -65,7 +65,7 @@ class World:
         """Free things, balls in a cup left out."""
         return [
             entity.name
-            for entity in self.physics.entities
+            for entity in self.physics.scene.entities
             if entity.movable and entity.kind != "ball" and self._has_free_joint(entity.name)
         ]
 
@@ -77,12 +77,12 @@ class World:
 
     def restore(self, state: np.ndarray) -> None:
         """Begin from a state."""
-        self.physics.restore(state)
+        self.physics.state.restore(state)
         mujoco.mj_forward(self.physics.model, self.physics.data)
 
     def find_initial(self, name: str) -> np.ndarray:
         """(7,) free pose of a thing before the session."""
-        state = self.physics.read_state()
+        state = self.physics.state.read_state()
         self.restore(self.recorded.before)
         pose = self._pose_of(name).copy()
         self.restore(state)
@@ -146,7 +146,7 @@ class World:
     def find_spot(self, rng: Rng, clearance_m: float = SPOT_CLEARANCE_M) -> np.ndarray:
         """(2,) a free spot of the table."""
         taken = [self.physics.data.body(name).xpos[:2] for name in self.movables]
-        taken.append(self.physics.find_tcp()[0][:2])
+        taken.append(self.physics.queries.find_tcp()[0][:2])
         for _ in range(200):
             spot = np.array([rng.uniform(*SPOT_X_M), rng.uniform(*SPOT_Y_M)])
             if all(np.linalg.norm(spot - other) > clearance_m for other in taken):
@@ -155,13 +155,13 @@ class World:
 
     def find_half_height(self, name: str) -> float:
         """Of a thing, from its frame down to its lowest point when it stands [m]."""
-        entity = next(each for each in self.physics.entities if each.name == name)
+        entity = next(each for each in self.physics.scene.entities if each.name == name)
         return max(shape.size_m[-1] - shape.pose.position_m[2] for shape in entity.shapes)
 
     def _find_contents(self, name: str) -> list[str]:
         data = self.physics.data
         inside = data.body(name).xpos
-        balls = (entity.name for entity in self.physics.entities if entity.kind == "ball")
+        balls = (entity.name for entity in self.physics.scene.entities if entity.kind == "ball")
         return [
             each
             for each in balls

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import msgspec
 
-from phyagentos.cli.history import read_ledger
 from phyagentos.clock import SystemClock
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Session

@@ -10,34 +10,21 @@ import msgspec
 
 from phyagentos.assembly.paths import FAULTS, OUTCOMES, RECORDED_FAULTS, TOKENS
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.capabilities.targets import TargetProfile, find_unshared
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSite, DriverSpec
+from phyagentos.runtime.targets.driver_registry import ENTRY_POINT_GROUP, DriverSite, DriverSpec, find_driver
 from phyagentos.runtime.targets.handshake import KEY_BYTES
 
 if TYPE_CHECKING:
     from phyagentos.runtime.drivers.mujoco.simulation import ReadAgreement
     from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
-    from phyagentos.runtime.targets.driver import TargetDriver
-
-
-def build_driver_registry() -> DriverRegistry:
-    """Shipped drivers and installed plug-ins."""
-    registry = DriverRegistry()
-    registry.register("debug", DriverSpec(open=_open_debug, kinds=("debug",), own_process=False))
-    registry.register(
-        "mujoco", DriverSpec(open=lambda site: _open_robot(_open_world(site.workspace), site), kinds=("simulation",))
-    )
-    everything = ("simulation", "real_robot", "debug")
-    registry.register("remote", DriverSpec(open=_open_remote, kinds=everything, own_process=False))
-    registry.register("gymnasium", DriverSpec(open=_open_gymnasium, kinds=("simulation",), own_process=False))
-    registry.load_plug_ins()
-    return registry
+    from phyagentos.runtime.targets.driver import TargetPort
 
 
 def choose_driver(targets: Mapping[str, TargetProfile], target: str) -> DriverSpec:
     """The driver that moves a target of TARGETS.md; raises DefinitionError: `NO_DRIVER`, `WORLD_NOT_SHARED`."""
-    spec, world = build_driver_registry().get(targets[target]), targets[target].world
+    spec, world = find_driver(DRIVERS, targets[target]), targets[target].world
     if problems := find_unshared([each for each in targets.values() if world and each.world == world]):
         raise DefinitionError(problems)
     return spec
@@ -49,7 +36,7 @@ def choose_graphics() -> None:
         os.environ.setdefault("MUJOCO_GL", "egl")
 
 
-def _open_debug(site: DriverSite) -> "TargetDriver":
+def _open_debug(site: DriverSite) -> "TargetPort":
     from phyagentos.runtime.drivers.debug import DebugDriver
 
     return DebugDriver(site.profile, site.workspace.library())
@@ -103,7 +90,7 @@ def _open_world(workspace: Workspace, read_agreement: "ReadAgreement | None" = N
     )
 
 
-def _open_remote(site: DriverSite) -> "TargetDriver":
+def _open_remote(site: DriverSite) -> "TargetPort":
     from phyagentos.runtime.drivers.remote import RemoteDriver
     from phyagentos.runtime.targets.handshake import greet, mint
     from phyagentos.runtime.targets.websocket import connect_websocket
@@ -122,7 +109,7 @@ def _open_remote(site: DriverSite) -> "TargetDriver":
     return RemoteDriver(site.profile, channel, key)
 
 
-def _open_gymnasium(site: DriverSite) -> "TargetDriver":
+def _open_gymnasium(site: DriverSite) -> "TargetPort":
     from phyagentos.runtime.drivers.gymnasium import open_gymnasium
 
     choose_graphics()
@@ -142,3 +129,16 @@ def read_secret(path: Path) -> bytes:
     hint = "Write the key that the serving side was started with there, with mode 0600."
     expected = f"{2 * KEY_BYTES} hexadecimal digits"
     raise DefinitionError.of("NO_TOKEN", str(path), found, expected, hint)
+
+
+DRIVERS = Plugins[DriverSpec](
+    ENTRY_POINT_GROUP,
+    {
+        "debug": DriverSpec(open=_open_debug, kinds=("debug",), own_process=False),
+        "mujoco": DriverSpec(open=lambda site: _open_robot(_open_world(site.workspace), site), kinds=("simulation",)),
+        "remote": DriverSpec(open=_open_remote, kinds=("simulation", "real_robot", "debug"), own_process=False),
+        "gymnasium": DriverSpec(open=_open_gymnasium, kinds=("simulation",), own_process=False),
+    },
+    kind=DriverSpec,
+)
+"""Shipped drivers and those of installed packages; each is imported when it is opened."""

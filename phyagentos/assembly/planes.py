@@ -20,15 +20,19 @@ STOP_S = 20.0  # a plane that is well ends within this
 
 
 class Plane:
-    """One plane, running: `agent` or `watch`, which names the command and the log."""
+    """One plane, running: `agent` or `watch`, which names the command and the log; it dies with this process.
 
-    def __init__(self, name: str, arguments: Sequence[str], logs: Path) -> None:
+    One that `outlives` this process does not.
+    """
+
+    def __init__(self, name: str, arguments: Sequence[str], logs: Path, *, outlives: bool = False) -> None:
+        bound = [] if outlives else ["--with-parent", str(os.getpid())]
         self.name = name
         self.log = logs / f"{name}.log"
         with self.log.open("ab") as output:
             self._begin = output.tell()  # what an earlier run printed is not ours
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "phyagentos", name, *arguments, "--with-parent", str(os.getpid())],
+                [sys.executable, "-m", "phyagentos", name, *arguments, *bound],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=output,

@@ -6,34 +6,23 @@ import sys
 import threading
 from collections.abc import Mapping, Sequence
 from functools import partial
-from multiprocessing.connection import Client, Connection
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from phyagentos.assembly.drivers import build_driver_registry, choose_driver, choose_graphics, open_shared_world
+from phyagentos.assembly.drivers import DRIVERS, choose_graphics, open_shared_world
 from phyagentos.assembly.process_tuning import ask_for_precedence, collect_rarely
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.capabilities.registries import locate_models, read_skill_registry, read_target_registry
-from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.sessions.estop import is_latched
 from phyagentos.protocol.settings.perception import Sensing, read_perception
-from phyagentos.protocol.settings.safety import TargetLimits, as_numbers
-from phyagentos.protocol.settings.sensors import WORLD
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.channel import SPIN_S, Channel, Link
-from phyagentos.runtime.targets.driver_registry import DriverSite
-from phyagentos.runtime.targets.handshake import Tokens, greet
+from phyagentos.runtime.channel import SPIN_S
+from phyagentos.runtime.targets.driver_registry import DriverSite, find_driver
+from phyagentos.runtime.targets.handshake import Tokens
 
 if TYPE_CHECKING:
-    from phyagentos.runtime.actions.handle import TargetSessionHandle
-    from phyagentos.runtime.perception.look import FrameSource
-    from phyagentos.runtime.perception.world_model import WorldModel
-    from phyagentos.runtime.preflight.settings import Settings
     from phyagentos.runtime.targets.server import Door
-
-WORLD_START_S = 60.0  # a cold machine imports and compiles once
 
 
 def make_command(process: str, root: Path, target: str, *options: str) -> list[str]:
@@ -106,7 +95,7 @@ def serve_one(site: DriverSite, socket: str, tokens: Tokens, pace_by: Clock | No
     from phyagentos.runtime.targets.stop_listener import StopListener
 
     target, workspace = site.profile.target, site.workspace
-    driver = build_driver_registry().get(site.profile, f"{target}/target.yaml").open(site)
+    driver = find_driver(DRIVERS, site.profile, f"{target}/target.yaml").open(site)
     stops = StopListener(workspace.signals.parent, site.clock)
     log, truth = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", site.clock), reads_truth(workspace)
     served = ServedTarget(
@@ -149,113 +138,6 @@ def serve_shared(sites: list[DriverSite], sockets: Path, tokens: Mapping[str, To
     serve_together(members, serve_at, pace_by)
 
 
-def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: bool) -> None:
-    """The worker process of one target: serve the watchdog until it is gone."""
-    from phyagentos.protocol.settings.runtime_contract import WorldMode
-    from phyagentos.runtime.execution.leaf_registry import build_registry
-    from phyagentos.runtime.lookahead.gate import LookaheadGate
-    from phyagentos.runtime.lookahead.service import RehearsalProcess
-    from phyagentos.runtime.motion.process import LocalPlanner, NoModel, Planner, PlannerProcess
-    from phyagentos.runtime.motion.tool_bounds import read_tool_bounds
-    from phyagentos.runtime.policies.client import ask_policy
-    from phyagentos.runtime.policies.policy_runtime import Policies
-    from phyagentos.runtime.preflight.compatibility import Preflight
-    from phyagentos.runtime.preflight.examination import Examiner
-    from phyagentos.runtime.preflight.settings import read_settings
-    from phyagentos.runtime.supervision.workers import end_with_parent
-    from phyagentos.runtime.targets.receive_log import ReceiveLog
-    from phyagentos.runtime.targets.served_target import ServedTarget
-    from phyagentos.runtime.targets.server import Loopback
-    from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
-    from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
-    from phyagentos.runtime.worker.orders import serve_refusals
-    from phyagentos.runtime.worker.recorder import Bundles
-    from phyagentos.runtime.worker.runner import SessionRunner
-    from phyagentos.runtime.worker.worker import WorkerLoop
-
-    end_with_parent()
-    workspace, clock = Workspace.open(root), SystemClock()
-    library = workspace.library()
-    profile_path = library.get_target(target)
-    orders = Link(Connection(control), spin_s=0.0)
-    token = orders.recv_bytes()
-    try:
-        targets = read_target_registry(workspace.target_registry)
-        profile, spec = targets[target], choose_driver(targets, target)
-        skills = locate_models(read_skill_registry(workspace.skill_registry), library)
-        settings = read_settings(workspace, target)
-        registry = build_registry(library)
-        local = None
-        if not spec.own_process:
-            site = DriverSite(profile=profile, folder=profile_path.parent, workspace=workspace, clock=clock)
-            log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
-            local = ServedTarget(spec.open(site), log)
-    except DefinitionError as error:
-        serve_refusals(orders, error.problems)
-        return
-    bounds = read_tool_bounds(settings.limits)
-    shared = {name for name, each in targets.items() if profile.world and each.world == profile.world}
-    neighbours = {name: library.get_target(name) for name in sorted(shared - {target})}
-    planner: Planner = PlannerProcess(profile_path, bounds, neighbours) if profile.model else LocalPlanner(NoModel())
-    connection: Channel = Loopback(local) if local is not None else connect_to_world(socket, token, clock)
-    has_truth = not profile.model and profile.kind != "real_robot"
-    sees_truth = settings.perception.sensing is Sensing.TRUTH or has_truth
-    heartbeat = HeartbeatWriter(workspace.heartbeats, target, clock)
-    handle = open_handle(connection, settings.limits, workspace, profile_path, sees_truth=sees_truth)
-    world = open_world_model(workspace, target, profile, handle, settings)
-    embodiment = Embodiment(handle=handle, world=world, profile=profile, limits=settings.limits)
-    policies = Policies(
-        skills=skills,
-        profile=profile,
-        sensors=settings.sensors,
-        handle=handle,
-        late_max_s=settings.perception.embedded.max_age_s,
-        is_realtime=settings.contract.world_mode is WorldMode.REALTIME,
-    )
-    in_force = (workspace.safety, workspace.sensors, workspace.perception, workspace.runtime_contract)
-    runner = SessionRunner(
-        target=embodiment,
-        skills=SkillLoader(
-            planner=planner,
-            library=library,
-            registry=registry,
-            policies=policies,
-            skills=skills,
-            loops=workspace.loops,
-        ),
-        bundles=Bundles(workspace.root, settings=in_force, pictures=pictures),
-        clock=clock,
-        sampling_hz=settings.contract.sampling_hz,
-        record=settings.contract.record,
-    )
-    forecasts = RehearsalProcess([sys.executable, *make_command("rehearsal", workspace.root, target)])
-    gate = LookaheadGate(forecasts=forecasts, world=world, evidence=workspace.evidence)
-    collect_rarely()
-    if settings.contract.world_mode is WorldMode.REALTIME:
-        ask_for_precedence()
-    WorkerLoop(
-        control=orders,
-        target=embodiment,
-        examiner=Examiner(
-            preflight=Preflight(skills=skills, profile=profile, settings=settings, ask_policy=ask_policy),
-            handle=handle,
-            world=world,
-            planner=planner,
-            library=library,
-            registry=registry,
-            clock=clock,
-            show_look=runner.bundles.show,
-        ),
-        runner=runner,
-        heartbeat=heartbeat,
-        workspace=workspace,
-        clock=clock,
-        gate=gate,
-    ).run()
-    gate.close()
-    planner.close()
-
-
 def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
     """Answer the worker until it is gone."""
     from phyagentos.runtime.lookahead.service import open_service, serve
@@ -267,66 +149,12 @@ def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
     serve(service, Connection(descriptor))
 
 
-def open_world_model(
-    workspace: Workspace, target: str, profile: TargetProfile, handle: "FrameSource", settings: "Settings"
-) -> "WorldModel":
-    """What perception.yaml chooses; without a model the robot cannot be masked in pictures.
-
-    A real robot without a camera perceives itself, and nothing else.
-    """
-    from phyagentos.runtime.perception.world_model import TrueWorld
-
-    if profile.kind == "real_robot" and not settings.sensors.cameras:
-        return TrueWorld(target, handle, sensing="perceived", profile=profile)
-    if settings.perception.sensing is Sensing.TRUTH or not profile.model:
-        return TrueWorld(target, handle, profile=profile)
-    from phyagentos.runtime.perception.detection.detector_registry import open_detector
-    from phyagentos.runtime.perception.perceived_world import PerceivedWorld
-    from phyagentos.runtime.perception.robot_mask import RobotMask
-
-    library, chosen = workspace.library(), settings.perception.detector
-    address = "perception.yaml: detector.name"
-    cameras = settings.sensors.cameras.items()
-    return PerceivedWorld(
-        target,
-        handle,
-        library,
-        RobotMask(profile, library.get_target(target).parent),
-        moving=[name for name, sensor in cameras if sensor.camera is not None and sensor.camera.mount != WORLD],
-        max_age_s=settings.perception.embedded.max_age_s,
-        detector=open_detector(chosen.name, chosen.settings, address) if chosen is not None else None,
-        noisy=settings.sensors.get_noise().varies,
-        prior=settings.perception.prior,
-        profile=profile,
-    )
-
-
 def reads_truth(workspace: Workspace) -> bool:
     """Whether perception.yaml lets sessions read the ground truth; not where it cannot be read."""
     try:
         return read_perception(workspace.perception).sensing is Sensing.TRUTH
     except DefinitionError:
         return False
-
-
-def open_handle(
-    connection: Channel, limits: TargetLimits, workspace: Workspace, description: Path, *, sees_truth: bool = False
-) -> "TargetSessionHandle":
-    """The worker's access to its target; its guard checks the emergency stop before every command.
-
-    Postures are tested on the robot of its own `description`; preflight compares that with TARGETS.md.
-    """
-    from phyagentos.runtime.actions.collision import PostureCollision
-    from phyagentos.runtime.actions.handle import TargetSessionHandle
-    from phyagentos.runtime.models.robot import read_profile
-
-    signals, limit = workspace.signals.parent, limits.collision_depth_max
-    collision = None
-    if limit is not None:
-        collision = PostureCollision(*read_profile(description), min(as_numbers(limit)))
-    return TargetSessionHandle(
-        connection, limits, is_stopped=lambda: is_latched(signals), collision=collision, sees_truth=sees_truth
-    )
 
 
 def open_door(where: str, spin_s: float = SPIN_S, certificate: Path | None = None) -> "Door":
@@ -344,23 +172,6 @@ def open_door(where: str, spin_s: float = SPIN_S, certificate: Path | None = Non
     sys.stdout.write(f"{door.endpoint}\n")
     sys.stdout.flush()
     return door
-
-
-def connect_to_world(socket: str, token: bytes, clock: Clock) -> Link:
-    """The connection to a world process that may still be starting, opened with the token of this worker.
-
-    Raises ExecutionError `TARGET_LOST` when it is not served within the start-up time; `BAD_TOKEN`, `VERSION_MISMATCH`.
-    """
-    deadline_s = clock.now_s() + WORLD_START_S
-    while True:
-        try:
-            link = Link(Client(socket, "AF_UNIX"))
-            greet(link, token)
-            return link
-        except (FileNotFoundError, ConnectionRefusedError) as error:
-            if clock.now_s() > deadline_s:
-                raise ExecutionError("TARGET_LOST", f"no world listens at {socket}") from error
-            clock.sleep(0.02)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -384,7 +195,13 @@ def main(argv: Sequence[str] | None = None) -> None:
         elif given.process == "rehearsal":
             run_rehearsal(given.workspace, given.target, given.descriptor)
         else:
-            run_worker(given.workspace, given.target, given.socket, given.control, pictures=not given.no_pictures)
+            from phyagentos.assembly.worker_process import run_worker
+
+            rehearsal = [sys.executable, *make_command("rehearsal", given.workspace.resolve(), given.target)]
+            pictures = not given.no_pictures
+            run_worker(
+                given.workspace, given.target, given.socket, given.control, pictures=pictures, rehearsal=rehearsal
+            )
     except (DefinitionError, ExecutionError) as error:
         sys.stderr.write(f"{error}\n")  # now: the frames above hold connections, at whose end the supervisor kills
         sys.exit(1)

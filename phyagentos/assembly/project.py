@@ -1,7 +1,7 @@
 """Files and names of a project: what a path or a name means, parameters and roles of `--set`, whose Python may run.
 
-A project is a folder with any of goal_graphs/, trees/, skills/, scenes/, robots/, faults/. The folder of the given file
-comes first, then the working directory, then installed libraries and what ships.
+A project is a folder with any of goal_graphs/, trees/, skills/, predicates/, scenes/, robots/, faults/. The folder of
+the given file comes first, then the working directory, then installed libraries and what ships.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,11 +9,12 @@ from pathlib import Path
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.workspace.foreign_python import find_foreign_python
 from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
 PREFIX = "targets."
-FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol")
+FOLDERS = ("goal_graphs", "trees", "skills", "predicates", "scenes", "robots", "faults", "protocol")
 
 
 def find_project(path: Path) -> Path:
@@ -59,9 +60,12 @@ def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
 def admit_python(root: Path, *sources: Path, is_trusted: bool, announce: Callable[[str], object] = str) -> None:
     """Name the Python of an existing workspace that neither the projects of `sources` nor the working folder hold.
 
-    Raises DefinitionError `UNTRUSTED_PYTHON` unless it `is_trusted`; `LEADS_OUT`.
+    Then execute the predicates of the workspace, or, before there is one, of these projects.
+
+    Raises DefinitionError `UNTRUSTED_PYTHON` unless it `is_trusted`; `LEADS_OUT`; as `load_predicates`.
     """
-    found = find_foreign_python(Workspace.open(root), open_library(*sources)) if (root / MARKER).is_file() else ()
+    library, workspace = open_library(*sources), Workspace.open(root) if (root / MARKER).is_file() else None
+    found = find_foreign_python(workspace, library) if workspace is not None else ()
     if found and not is_trusted:
         expected = "a skill as in this project, in an installed package or as shipped"
         hint = "Read it; --trust-python lets it run."
@@ -69,3 +73,4 @@ def admit_python(root: Path, *sources: Path, is_trusted: bool, announce: Callabl
         raise DefinitionError(asked)
     for path in found:
         announce(f"trusted Python: {path}")
+    load_predicates((workspace.library() if workspace is not None else library).iter_predicates())

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from phyagentos.assembly.drivers import choose_driver
@@ -140,21 +140,11 @@ def _read_terms(workspace: Workspace) -> tuple[WorldMode, bool, bytes]:
 def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle: bool, outlived: bool) -> None:
     sockets = make_socket_folder(workspace.root)
     journal = Journal(workspace.root, side=Side.RUNTIME, by="watchdog", clock=clock)
-    edits = EditIntake(workspace, clock)
-    views = Views(workspace, journal.folder, clock, edits)
+    views = Views(workspace, journal.folder, clock, edits := EditIntake(workspace, clock))
     signals = RuntimeSignal(workspace, clock)
     known = read_target_registry(workspace.target_registry)
     shared = open_shared_time(known, workspace, sockets, clock)
     keeper = EvidenceKeeper(workspace)
-    worlds: dict[str, WorldProcess | None] = {}
-
-    def hire(target: str) -> Worker | None:
-        if target not in known:
-            return None
-        world = known[target].world or target
-        if world not in worlds:
-            worlds[world] = start_world(workspace, target, sockets, outlives=outlived)
-        return hire_worker(workspace, target, sockets, pictures=pictures, world=worlds[world])
 
     def on_record(record: Record) -> None:
         views.take_in(record)
@@ -166,15 +156,14 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         views.refresh()
         signals.refresh()
         keeper.refresh()
-        goals = views.ledger.goals.values()
-        if once_idle and goals and all(goal.verdict or goal.is_cancelled for goal in goals):
+        if once_idle and _is_done(views.ledger):
             watchdog.stop()
 
     rules = _read_rules(workspace)
     watchdog = Watchdog(
         workspace=workspace,
         journal=journal,
-        hire=hire,
+        hire=make_hire(workspace, known, sockets, pictures=pictures, outlived=outlived),
         clock=clock,
         publish=publish,
         on_record=on_record,
@@ -182,12 +171,10 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         ageing_per_s=rules.ageing_per_min / 60.0,
         lease_s=rules.lease_s,
     )
-
     views.share(watchdog.ledger, watchdog.follow)
     seal_rest(workspace, views.ledger)  # of a runtime that was killed
-
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: watchdog.stop())
+    signal.signal(signal.SIGTERM, lambda *_: watchdog.stop())
+    signal.signal(signal.SIGINT, lambda *_: watchdog.stop())
     collect_rarely()
     if rules.world_mode is WorldMode.LOCKSTEP:
         ask_for_prompt_wakeups()
@@ -200,6 +187,28 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     edits.close()
     signals.close()
     journal.close()
+
+
+def _is_done(ledger: Ledger) -> bool:
+    """Whether there are goals, and each has its verdict."""
+    return bool(ledger.goals) and all(goal.verdict or goal.is_cancelled for goal in ledger.goals.values())
+
+
+def make_hire(
+    workspace: Workspace, known: Mapping[str, TargetProfile], sockets: Path, *, pictures: bool, outlived: bool
+) -> Callable[[str], Worker | None]:
+    """What starts the worker of a target, with its world where that does not run yet; None for an unknown target."""
+    worlds: dict[str, WorldProcess | None] = {}
+
+    def hire(target: str) -> Worker | None:
+        if target not in known:
+            return None
+        world = known[target].world or target
+        if world not in worlds:
+            worlds[world] = start_world(workspace, target, sockets, outlives=outlived)
+        return hire_worker(workspace, target, sockets, pictures=pictures, world=worlds[world])
+
+    return hire
 
 
 def open_shared_time(

@@ -1,13 +1,13 @@
 """The judges that can be asked, and the verifier of a workspace; the only place that makes one with a key."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from phyagentos.agent.judging.judges.judge_registry import (
+    ForeignJudge,
     Judge,
     JudgeDefinition,
     JudgeSettings,
-    add_installed,
     choose_judges,
 )
 from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
@@ -17,8 +17,9 @@ from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError
 from phyagentos.network.chat import OpenAiEndpoint
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
-from phyagentos.protocol.settings.verification import JudgeName, Verification
+from phyagentos.protocol.settings.verification import JUDGE_ENTRY_POINTS, JudgeName, Verification
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 
@@ -39,34 +40,13 @@ def build_verifier(
     names, place = (settings.judges, f"{address}.judges") if judges is None else (judges, "--with")
     free: list[Judge] = []
     costly: list[Judge] = []
-    for definition in choose_judges(list_judges(), names, place):
+    for definition in choose_judges(JUDGES, names, place):
         options = settings.options.get(definition.name, {})
         judge = definition.open(JudgeSettings(verification=settings, clock=clock, options=options, address=address))
+        if definition.name not in JUDGES.shipped:
+            judge = ForeignJudge(judge, definition.name)
         (costly if definition.is_costly else free).append(judge)
     return SessionVerifier(judges=free, costly=costly, mode=settings.mode if mode is None else mode)
-
-
-def list_judges() -> dict[str, JudgeDefinition]:
-    """What ships, and what installed packages announce, by name."""
-    shipped: tuple[tuple[JudgeName, Callable[[JudgeSettings], Judge], str], ...] = (
-        (JudgeName.PREDICATES, lambda _: PredicateJudge(), "Acceptance, on the snapshots before and after."),
-        (JudgeName.HOLDS, lambda _: HoldJudge(), "What had to hold all through, on the worst samples."),
-        (
-            JudgeName.METRICS,
-            lambda settings: MetricJudge(settings.verification.criteria),
-            "Numbers that were measured on the way.",
-        ),
-        (JudgeName.LOOKAHEAD, lambda _: LookaheadJudge(), "The chance that was simulated before; it advises."),
-        (JudgeName.VISION, _open_vision, "A model that is shown the camera frames before and after."),
-    )
-    known = {
-        name.value: JudgeDefinition(
-            name=name.value, open=open, is_costly=name is JudgeName.VISION, description=description
-        )
-        for name, open, description in shipped
-    }
-    add_installed(known)
-    return known
 
 
 def _open_vision(settings: JudgeSettings) -> VisionJudge:
@@ -82,3 +62,42 @@ def _open_vision(settings: JudgeSettings) -> VisionJudge:
         raise DefinitionError.of("API_KEY_MISSING", address, found, "the key of the endpoint", hint)
     endpoint = OpenAiEndpoint(url=model.url, model=model.model, key=key, timeout_s=model.timeout_s)
     return VisionJudge(endpoint, model.max_questions)
+
+
+JUDGES = Plugins[JudgeDefinition](
+    JUDGE_ENTRY_POINTS,
+    {
+        each.name: each
+        for each in (
+            JudgeDefinition(
+                name=JudgeName.PREDICATES,
+                open=lambda _: PredicateJudge(),
+                description="Acceptance, on the snapshots before and after.",
+            ),
+            JudgeDefinition(
+                name=JudgeName.HOLDS,
+                open=lambda _: HoldJudge(),
+                description="What had to hold all through, on the worst samples.",
+            ),
+            JudgeDefinition(
+                name=JudgeName.METRICS,
+                open=lambda settings: MetricJudge(settings.verification.criteria),
+                description="Numbers that were measured on the way.",
+            ),
+            JudgeDefinition(
+                name=JudgeName.LOOKAHEAD,
+                open=lambda _: LookaheadJudge(),
+                description="The chance that was simulated before; it advises.",
+            ),
+            JudgeDefinition(
+                name=JudgeName.VISION,
+                open=_open_vision,
+                is_costly=True,
+                description="A model that is shown the camera frames before and after.",
+            ),
+        )
+    },
+    kind=JudgeDefinition,
+    unknown="UNKNOWN_JUDGE",
+)
+"""What ships, and what installed packages announce."""

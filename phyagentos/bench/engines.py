@@ -14,7 +14,7 @@ import msgspec
 
 from phyagentos.bench.episode import POLL_S, Job, carry_out
 from phyagentos.bench.records import EpisodeRecord
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, format_install
 
 PASSED_ON = ("PHYAGENTOS_MODELS", "PHYAGENTOS_ENVIRONMENTS", "MENAGERIE_ROOT", "PYTHONPATH", "MUJOCO_GL")
 CarryOut = Callable[[Job, Callable[[], bool]], EpisodeRecord | None]
@@ -63,7 +63,7 @@ def _join_cluster() -> CarryOut:
     try:
         import ray
     except ImportError as error:
-        hint = "pip install 'phyagentos[ray]', here and on every node."
+        hint = f"{format_install('ray')} Do so here and on every node."
         raise DefinitionError.of("RAY_MISSING", "--engine ray", str(error), "the package ray", hint) from error
     if not ray.is_initialized():
         ray.init(address=os.environ.get("RAY_ADDRESS"), log_to_driver=False)

@@ -4,10 +4,8 @@ Commands import their planes when they run, so that `paos --help` loads no solve
 """
 
 import ast
-import contextlib
 import functools
 import inspect
-import io
 import os
 import pkgutil
 import signal
@@ -15,7 +13,7 @@ import sys
 import textwrap
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin
 
 import typer
 from typer.core import TyperGroup
@@ -24,87 +22,132 @@ from typing_extensions import override
 from phyagentos.cli.outcome import ExitCode, print_json, report_exception
 
 PLAIN: dict[str, Any] = {"no_args_is_help": True, "rich_markup_mode": None, "pretty_exceptions_enable": False}
-COMMANDS = {  # name -> module and function; the first line of its docstring is the help
-    "run": "mission_run:run",
-    "ask": "asking:ask",
-    "agent": "running:agent",
-    "watch": "running:watch",
-    "status": "observing:status",
-    "runs": "observing:runs",
-    "logs": "observing:logs",
-    "preflight": "preflight:preflight",
-    "lint": "authoring:lint",
-    "compile": "authoring:compile_graph",
-    "plan": "planning:plan",
-    "import": "tree_exchange:import_tree",
-    "init": "authoring:init",
-    "describe": "describing:describe",
-    "list": "showing:list_names",
-    "schema": "showing:show_schema",
-    "lifecycle": "showing:show_lifecycle",
-    "why": "explaining:why",
-    "graph": "explaining:show_graph",
-    "view": "viewing:view",
-    "render": "rendering:render",
-    "context": "explaining:show_context",
-    "rerun": "explaining:rerun",
-    "cancel": "stopping:cancel",
-    "pause": "stopping:pause",
-    "resume": "stopping:resume",
-    "estop": "stopping:estop",
-    "edit": "editing:edit",
-    "amend": "amending:amend",
-    "judge": "editing:judge",
-    "doctor": "doctor:examine_machine",
-    "codes": "showing:show_codes",
-    "approve": "approving:approve",
-    "deny": "approving:deny",
-    "mcp": "mcp_server:serve",
-    "forecasts": "forecasts:show_forecasts",
-    "verify": "verification:verify",
-}
 EXPORTS = ("bt_xml", "html", "lerobot", "mcap", "mermaid", "rrd", "video")
 GROUPS = {  # name -> help, module and functions
-    "tree": ("Behaviour trees.", "tree_drawing", ("show",)),
-    "evidence": ("Evidence bundles.", "evidence", ("verify", "prune")),
-    "export": ("Trees, goals and sessions as files for the tools of others.", "exporting", EXPORTS),
-    "store": ("The journal of a workspace.", "store", ("check", "repair", "compact", "stats")),
+    "memory": ("What verdicts taught.", "memory", ("show", "why", "forget", "promote", "revoke")),
+    "tree": ("Behaviour trees.", "showing", ("show",)),
     "robot": ("Profiles of robots.", "robots", ("list_", "show", "check", "render", "new")),
+    "export": ("Trees, goals and sessions as files for the tools of others.", "exporting", EXPORTS),
+    "evidence": ("Evidence bundles.", "keeping", ("verify", "prune")),
+    "store": ("The journal of a workspace.", "keeping", ("check", "repair", "compact")),
     "policy": ("Policies that carry out skills.", "policies", ("serve", "replay")),
     "bench": (
         "Suites of many episodes on the ordinary path.",
         "bench",
         ("run", "resume", "report", "compare", "setup"),
     ),
-    "memory": ("What verdicts taught.", "memory", ("show", "why", "forget", "promote", "revoke")),
 }
+GROUP = ""
+SECTIONS = {  # of the help -> name -> module and function, the first line of whose docstring is its help; or a group
+    "Run": {
+        "run": "mission_run:run",
+        "ask": "asking:ask",
+        "plan": "planning:plan",
+        "preflight": "preflight:preflight",
+    },
+    "See": {
+        "why": "explaining:why",
+        "status": "observing:status",
+        "runs": "observing:runs",
+        "logs": "observing:logs",
+        "graph": "explaining:show_graph",
+        "view": "viewing:view",
+        "render": "exporting:render",
+        "memory": GROUP,
+    },
+    "Author": {
+        "init": "authoring:init",
+        "lint": "authoring:lint",
+        "compile": "authoring:compile_graph",
+        "list": "showing:list_names",
+        "describe": "showing:describe",
+        "schema": "showing:show_schema",
+        "tree": GROUP,
+        "robot": GROUP,
+        "import": "exporting:import_tree",
+        "export": GROUP,
+    },
+    "Control": {
+        "cancel": "stopping:cancel",
+        "pause": "stopping:pause",
+        "resume": "stopping:resume",
+        "estop": "stopping:estop",
+        "approve": "deciding:approve",
+        "deny": "deciding:deny",
+        "amend": "deciding:amend",
+        "edit": "editing:edit",
+    },
+    "Expert": {
+        "doctor": "doctor:examine_machine",
+        "agent": "running:agent",
+        "watch": "running:watch",
+        "mcp": "mcp_server:serve",
+        "verify": "judging:verify",
+        "judge": "judging:judge",
+        "rerun": "judging:rerun",
+        "context": "explaining:show_context",
+        "evidence": GROUP,
+        "store": GROUP,
+        "policy": GROUP,
+        "bench": GROUP,
+        "lifecycle": "showing:show_lifecycle",
+        "codes": "showing:show_codes",
+    },
+}
+COMMANDS = {name: at for each in SECTIONS.values() for name, at in each.items() if at}
+SERVERS = ("watch", "view", "mcp", "policy serve")  # until Ctrl-C: without a result
+HELP = """Robots run on sessions that are verified, not merely finished.
+
+\b
+Begin with
+  paos run tidy_table    a goal, carried out to its verdict
+  paos why               what decided that verdict
+  paos init DIR          a project of your own
+"""
 
 
 class Commands(TyperGroup):
     """The commands, of which only that which is called is loaded; to list them needs none."""
 
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        names: Any = dict.fromkeys([*COMMANDS, *GROUPS])  # a slip is compared with them
+        self.commands = names
+
     @override
     def list_commands(self, ctx: Any) -> list[str]:
-        return [*COMMANDS, *GROUPS]
+        return list(self.commands)
 
     @override
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        return load_command(cmd_name) if cmd_name in COMMANDS or cmd_name in GROUPS else None
+        return load_command(cmd_name) if cmd_name in self.commands else None
 
     @override
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        lines = [(name, read_summary(name)) for name in COMMANDS] + [(name, of[0]) for name, of in GROUPS.items()]
-        room = formatter.width - 6 - max(len(name) for name, _ in lines)
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, textwrap.shorten(line, room, placeholder="...")) for name, line in lines])
+        width = max(map(len, self.commands))
+        room = formatter.width - 6 - width
+        for title, names in SECTIONS.items():
+            lines = [
+                (f"{name:<{width}}", textwrap.shorten(read_summary(name), room, placeholder="...")) for name in names
+            ]
+            with formatter.section(title):
+                formatter.write_dl(lines)
 
 
 def read_summary(name: str) -> str:
     """The first line of a command's docstring, from its source: nothing is imported."""
+    if name in GROUPS:
+        return GROUPS[name][0]
     module, _, function = COMMANDS[name].partition(":")
+    return read_summaries(module)[function]
+
+
+@functools.cache
+def read_summaries(module: str) -> dict[str, str]:
+    """The first lines of the docstrings of a module's functions."""
     tree = ast.parse(Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8"))
-    found = next(each for each in tree.body if isinstance(each, ast.FunctionDef) and each.name == function)
-    return (ast.get_docstring(found) or "").partition("\n")[0]
+    functions = [each for each in tree.body if isinstance(each, ast.FunctionDef)]
+    return {each.name: (ast.get_docstring(each) or "").partition("\n")[0] for each in functions}
 
 
 def load_command(name: str) -> Any:
@@ -115,7 +158,7 @@ def load_command(name: str) -> Any:
     }
     made = typer.Typer(help=about or None, add_completion=False, **PLAIN)
     for each, place in places.items():
-        made.command(each)(with_json(pkgutil.resolve_name(f"phyagentos.cli.{place}")))
+        made.command(each)(answering(pkgutil.resolve_name(f"phyagentos.cli.{place}")))
     if name in GROUPS:
         made.callback()(lambda: None)
     return typer.main.get_command(made)
@@ -123,7 +166,7 @@ def load_command(name: str) -> Any:
 
 app = typer.Typer(
     name="paos",
-    help="Robots run on sessions that are verified, not merely finished.",
+    help=HELP,
     cls=Commands,
     **PLAIN,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -147,22 +190,19 @@ def _root(
         os.environ["PAOS_DEBUG"] = "1"  # both planes inherit it
 
 
-def with_json(command: Callable[..., object]) -> Callable[..., object]:
-    """The command with `--json`: where it has no such option, the lines that it prints become a list."""
+def answering(command: Callable[..., object]) -> Callable[..., object]:
+    """A command whose reply is printed, as JSON with `--json`; one without a reply prints by itself."""
     from phyagentos.cli.arguments import AsJson
+    from phyagentos.cli.reply import Reply
 
     signature = inspect.signature(command)
-    if "as_json" in signature.parameters:
+    if get_origin(signature.return_annotation) is not Reply:
         return command
 
     @functools.wraps(command)
     def call(*, as_json: bool, **arguments: object) -> object:
-        if not as_json:
-            return command(**arguments)
-        with contextlib.redirect_stdout(io.StringIO()) as text:
-            code = command(**arguments)
-        print_json({"exit_code": code or 0, "result": text.getvalue().splitlines()})
-        return code
+        reply = command(**arguments)
+        return reply.print(as_json=as_json) if isinstance(reply, Reply) else reply
 
     own = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=AsJson)
     call.__dict__["__signature__"] = signature.replace(parameters=[*signature.parameters.values(), own])
@@ -186,6 +226,10 @@ def main() -> None:
 def _to_exit_code(error: BaseException) -> int:
     show = getattr(error, "show", None)  # a usage error knows how to print itself
     if callable(show):
+        if nearest := getattr(error, "possibilities", None):
+            error.__dict__.update(
+                possibilities=None, message=f"{error}. Did you mean {' or '.join(map(repr, nearest))}?"
+            )
         show()
         return ExitCode.INVALID_INPUT
     if isinstance(error, SystemExit):

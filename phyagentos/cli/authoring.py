@@ -1,99 +1,75 @@
 """Commands for people who write goals and skills: `init`, `lint` and `compile`."""
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from phyagentos.agent.goals.catalogue import Catalogue
-from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph, render_mermaid
-from phyagentos.assembly.project import get_file, open_library, parse_overrides
-from phyagentos.cli.arguments import AsJson, Overrides, RunPython
-from phyagentos.cli.lint import find_warnings, lint_paths
-from phyagentos.cli.outcome import ExitCode, print_found, print_json, print_note, print_problems, print_result
-from phyagentos.protocol.documents.durable_files import require_empty
+from phyagentos.assembly.project import get_file, parse_overrides
+from phyagentos.cli.arguments import Overrides, RunPython
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.reply import Reply
 
-TEMPLATES = Path(__file__).with_name("scaffold")
+if TYPE_CHECKING:
+    from phyagentos.operations.compile import CompiledGraph
 
 
-def init(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is missing or empty.")]) -> None:
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is missing or empty.")],
+) -> Reply[object]:
     """Make a place of your own: a goal graph, a scene and a skill that run at once."""
-    require_empty(folder)
-    shutil.copytree(TEMPLATES, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__", ".*"))
-    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-        print_note(f"wrote {path}")
-    print_result(f"next: paos lint {folder} && paos run {folder / 'goal_graphs' / 'first.yaml'}")
+    from phyagentos.operations.init import init
+
+    found = init(folder)
+    return Reply(
+        found, f"next: paos lint {folder} && paos run {found.graph}", [f"wrote {each}" for each in found.files]
+    )
 
 
 def lint(
     paths: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Files, or folders to walk.")],
     run_python: RunPython = False,
-    as_json: AsJson = False,
-) -> int:
+) -> Reply[object]:
     """Check authored files and report every problem with file, line and column."""
-    checked, problems = lint_paths(paths, runs_python=run_python)
-    if as_json:
-        print_json({"checked": [str(path) for path in checked], "problems": problems})
-    count = print_problems(problems)
-    for warning in (each for path in checked for each in find_warnings(path)):
-        print_note(f"warning: {warning}")
-    if not checked:
-        print_note("no authored file found")
-        return ExitCode.INVALID_INPUT
-    files = f"{len(checked)} file{'s' if len(checked) != 1 else ''}"
-    if count:
-        print_note(f"{files} checked, {count} problem{'s' if count != 1 else ''}")
-        return ExitCode.INVALID_INPUT
-    (print_note if as_json else print_result)(f"{files} checked, no problem")
-    return ExitCode.GOAL_MET
+    from phyagentos.bench.matrix import compile_suite
+    from phyagentos.operations.lint import lint_paths
+
+    found = lint_paths(paths, runs_python=run_python, check_suite=compile_suite)
+    problems = list(dict.fromkeys(str(each).replace("\n", " ") for each in found.problems))
+    notes = [*problems, *(f"warning: {each}" for each in found.warnings)]
+    files = f"{len(found.checked)} file{'s' if len(found.checked) != 1 else ''} checked"
+    if found.checked and not problems:
+        return Reply(found, f"{files}, no problem", notes)
+    last = (
+        f"{files}, {len(problems)} problem{'s' if len(problems) != 1 else ''}" if problems else "no authored file found"
+    )
+    return Reply(found, notes=[*notes, last], code=ExitCode.INVALID_INPUT)
 
 
 def compile_graph(
     graph: Annotated[Path, typer.Argument(help="A goal graph: a file, or a name of `paos list graphs`.")],
     set_: Overrides = None,
     mermaid: Annotated[bool, typer.Option("--mermaid", help="The DAG as a Mermaid flowchart.")] = False,
-    as_json: AsJson = False,
-) -> None:
+    run_python: RunPython = False,
+) -> Reply[object]:
     """Show the DAG and the sessions that a goal graph would make; start nothing."""
-    path = get_file(graph, "goal_graphs")
-    compiled = read_goal_graph(path, Catalogue.read(open_library(path)), parse_overrides(set_))
-    if mermaid:
-        print_result(render_mermaid(compiled))
-    else:
-        facts = {"goal": compiled.name, "sessions": describe_nodes(compiled)}
-        print_found(facts, "\n".join(_render(compiled)), as_json=as_json)
+    from phyagentos.operations import compile as compiling
+
+    found = compiling.compile_graph(get_file(graph, "goal_graphs"), parse_overrides(set_), runs_python=run_python)
+    return Reply(found, found.mermaid if mermaid else "\n".join(_render(found)))
 
 
-def describe_nodes(graph: GoalGraph) -> list[dict[str, Any]]:
-    """The sessions that a graph would make, as data."""
-    return [
-        {
-            "node": name,
-            "skill": graph.choices[name].skill,
-            "target": graph.choices[name].target,
-            "parameters": dict(graph.choices[name].parameters),
-            "after": list(graph.nodes[name].after),
-            "on_failure": [list(edge) for edge in graph.nodes[name].on_failure],
-            "accept": list(graph.nodes[name].spec.accept),
-            "because": list(graph.choices[name].reasons),
-            "rejected": dict(graph.choices[name].rejected),
-        }
-        for name in graph.order
-    ]
-
-
-def _render(graph: GoalGraph) -> Iterator[str]:
-    yield f"{graph.name}: {graph.spec.objective}"
-    for name, parameter in graph.spec.parameters.items():
-        yield f"  --set {name}={parameter.default}: {parameter.type}  {parameter.description}".rstrip()
-    for node in describe_nodes(graph):
-        arguments = ", ".join(f"{key}={value}" for key, value in node["parameters"].items())
-        waits = [*node["after"], *(f"{' or '.join(edge)} on failure" for edge in node["on_failure"])]
+def _render(graph: "CompiledGraph") -> Iterator[str]:
+    yield f"{graph.goal}: {graph.objective}"
+    for name, parameter in graph.parameters.items():
+        yield f"  --set {name}={parameter['default']}: {parameter['type']}  {parameter['description']}".rstrip()
+    for node in graph.sessions:
+        arguments = ", ".join(f"{key}={value}" for key, value in node.parameters.items())
+        waits = [*node.after, *(f"{' or '.join(edge)} on failure" for edge in node.on_failure)]
         after = f"  after {', '.join(waits)}" if waits else ""
-        yield f"  {node['node']}: {node['skill']}({arguments}) on {node['target']}{after}"
-        yield from (f"      accept {text}" for text in node["accept"])
-        yield from (f"      because {reason}" for reason in node["because"])
-        yield from (f"      not {candidate}: {reason}" for candidate, reason in node["rejected"].items())
-    yield from (f"  goal accepts {text}" for text in graph.spec.accept)
+        yield f"  {node.node}: {node.skill}({arguments}) on {node.target}{after}"
+        yield from (f"      accept {text}" for text in node.accept)
+        yield from (f"      because {reason}" for reason in node.because)
+        yield from (f"      not {candidate}: {reason}" for candidate, reason in node.rejected.items())
+    yield from (f"  goal accepts {text}" for text in graph.accept)

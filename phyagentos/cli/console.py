@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 from typing_extensions import override
 
-from phyagentos.assembly.progress import Row, RunFold
+from phyagentos.operations.progress import Row, RunFold
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
@@ -49,6 +49,7 @@ class RunConsole:
         redraws = self._console.is_terminal and not quiet
         self._live = Live(console=self._console, auto_refresh=False, transient=True) if redraws else None
         self._title = title
+        self._fold: RunFold | None = None
         self._printed: dict[str, str] = {}
         self._notes: set[str] = set()
 
@@ -59,9 +60,14 @@ class RunConsole:
         if self._live is not None:
             self._live.stop()
 
+    @property
+    def rows(self) -> list[Row]:
+        """Those of the fold that was shown last, as it is now."""
+        return self._fold.rows() if self._fold is not None else []
+
     def show(self, fold: RunFold) -> None:
         """Bring the view up to date."""
-        rows = fold.rows()
+        self._fold, rows = fold, fold.rows()
         for row in rows:
             self._print_change(row)
         if self._live is not None:

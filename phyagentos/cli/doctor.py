@@ -1,79 +1,18 @@
 """`paos doctor`: whether this machine can run what the project promises, and what to do where it cannot."""
 
-import contextlib
-import fcntl
-import importlib.metadata
-import os
-import platform
-import shutil
-import socket
-import subprocess
-import sys
-import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass
-from datetime import datetime
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from packaging.requirements import Requirement
 from rich.table import Table
 from rich.text import Text
 
-from phyagentos.cli.arguments import AsJson
 from phyagentos.cli.console import CleanConsole
-from phyagentos.cli.outcome import ExitCode, print_json, print_note
+from phyagentos.cli.outcome import ExitCode, print_note
+from phyagentos.cli.reply import Reply
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError
-from phyagentos.protocol.capabilities.library import Library
-from phyagentos.store.edits.exchange import exchange
-from phyagentos.store.statistics import measure_sync
-from phyagentos.store.watch import Watch
-
-FREE_MIN_BYTES = 1 << 30
-SYNC_P99_MAX_MS = 20.0  # beyond it, a claim takes longer than a control period
-SKEW_MAX_S = 2.0
-EVENT_WAIT_S = 2.0
-LOCAL = frozenset({"ext2", "ext3", "ext4", "xfs", "btrfs", "zfs", "f2fs", "overlay", "tmpfs"})
-PRIORITY = 10
-RENDER_TIMEOUT_S = 60.0
-PACKAGES_OF_DEBIAN = "libegl1 libegl-mesa0 libgl1-mesa-dri"
-_RENDER = """
-import mujoco
-model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><light/></worldbody></mujoco>")
-with mujoco.Renderer(model, 32, 32) as renderer:
-    renderer.update_scene(mujoco.MjData(model))
-    renderer.render()
-"""
-
-
-class Grade(StrEnum):
-    """How good it is."""
-
-    FINE = "fine"
-    """As it should be."""
-    WEAK = "weak"
-    """All works, something is slower or missing."""
-    BROKEN = "broken"
-    """A promise cannot be kept here."""
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One line of the report; `fix` is empty where all is fine."""
-
-    subject: str
-    grade: Grade
-    found: str
-    fix: str = ""
-
-    @classmethod
-    def weigh(cls, subject: str, found: str, fix: str, *, is_fine: bool, bad: Grade = Grade.WEAK) -> "Finding":
-        """Fine, or else `bad` with its fix."""
-        return cls(subject, Grade.FINE, found) if is_fine else cls(subject, bad, found, fix)
-
+from phyagentos.operations import doctor
+from phyagentos.operations.doctor import Grade, MachineFinding
 
 STYLES = {Grade.FINE: "green", Grade.WEAK: "yellow", Grade.BROKEN: "bold red"}
 
@@ -81,207 +20,27 @@ STYLES = {Grade.FINE: "green", Grade.WEAK: "yellow", Grade.BROKEN: "bold red"}
 def examine_machine(
     folder: Annotated[Path, typer.Argument(help="Where workspaces will stand.")] = Path(),
     warm: Annotated[bool, typer.Option("--warm", help="Only compile every kernel that is not kept yet.")] = False,
-    as_json: AsJson = False,
-) -> ExitCode:
+) -> Reply[tuple[MachineFinding, ...]]:
     """Check this machine: graphics, locks, file events, clock, versions, ports, disk; print each fix."""
-    if not folder.is_dir():
-        raise DefinitionError.of("UNKNOWN_FOLDER", str(folder), expected="a folder that exists")
-    findings = [warm_kernels(SystemClock())] if warm else list(iter_findings(folder, SystemClock()))
-    if as_json:
-        print_json(findings)
-    else:
-        table = Table(box=None, pad_edge=False, header_style="dim")
-        for column in ("subject", "grade", "found", "what to do"):
-            table.add_column(column, overflow="fold")
-        for each in findings:
-            table.add_row(each.subject, Text(each.grade, STYLES[each.grade]), Text(each.found), Text(each.fix))
-        CleanConsole(highlight=False).print(table)
-    return ExitCode(any(each.grade is Grade.BROKEN for each in findings))  # GOAL_NOT_MET where any is
+    found = (warm_kernels(SystemClock()),) if warm else doctor.examine_machine(folder)
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for column in ("subject", "grade", "found", "what to do"):
+        table.add_column(column, overflow="fold")
+    for each in found:
+        table.add_row(each.subject, Text(each.grade, STYLES[each.grade]), Text(each.found), Text(each.fix))
+    is_broken = any(each.grade is Grade.BROKEN for each in found)
+    return Reply(found, table, code=ExitCode.GOAL_NOT_MET if is_broken else ExitCode.GOAL_MET)
 
 
-def iter_findings(folder: Path, clock: Clock) -> Iterator[Finding]:
-    """Every check, one after the other; scratch files are made and removed in `folder`."""
-    yield check_python()
-    yield check_packages()
-    yield check_graphics()
-    checks = (check_space, check_file_system, check_syncs, check_locks, check_exchange, check_events, check_clock)
-    for check in checks:
-        try:
-            yield check(folder, clock)
-        except OSError as error:
-            subject = check.__name__.removeprefix("check_").replace("_", " ")
-            yield Finding(subject, Grade.BROKEN, str(error), f"Make {folder} a folder that you may write to.")
-    yield check_scheduling()
-    yield check_ports()
-
-
-def warm_kernels(clock: Clock) -> Finding:
-    """Compile what numba compiles; a terminal shows which kernel it is at, anything else that it began."""
-    from phyagentos.assembly.kernels import compile_kernels
-
+def warm_kernels(clock: Clock) -> MachineFinding:
+    """Compile kernels; a terminal shows which it is at, anything else that it began."""
     began_s, names = clock.now_s(), list[str]()
     with CleanConsole(stderr=True).status("looking at kernels") as status:
 
-        def tell(name: str) -> None:
+        def show(name: str) -> None:
             if not names and not status.console.is_terminal:
                 print_note("compiling kernels, half a minute, once for this version")
             names.append(name)
             status.update(f"compiling kernel {len(names)}, {name}, {clock.now_s() - began_s:.0f} s")
 
-        try:
-            folder = compile_kernels(Library.open(), tell)
-        except RuntimeError as error:
-            if "cannot cache" not in str(error):
-                raise
-            fix = "Set NUMBA_CACHE_DIR to a folder that you may write to: no process of a run starts without one."
-            return Finding("kernels", Grade.BROKEN, str(error), fix)
-    return Finding("kernels", Grade.FINE, f"{len(names)} compiled in {clock.now_s() - began_s:.1f} s, kept in {folder}")
-
-
-def check_python() -> Finding:
-    """Version and processors."""
-    count = len(os.sched_getaffinity(0))
-    found = f"Python {platform.python_version()}, {count} processors"
-    fix = "Two processors let the world and the planner work side by side."
-    return Finding.weigh("python", found, fix, is_fine=count > 1)
-
-
-def check_packages() -> Finding:
-    """Every requirement of this project, extras excepted."""
-    bad: list[str] = []
-    wanted = [Requirement(text) for text in importlib.metadata.requires("phyagentos") or ()]
-    core = [each for each in wanted if each.marker is None or each.marker.evaluate({"extra": ""})]
-    for requirement in core:
-        try:
-            version = importlib.metadata.version(requirement.name)
-        except importlib.metadata.PackageNotFoundError:
-            bad.append(f"{requirement.name} is missing")
-            continue
-        if not requirement.specifier.contains(version, prereleases=True):
-            bad.append(f"{requirement.name} {version}, needs {requirement.specifier}")
-    found, fix = (
-        "; ".join(bad) or f"{len(core)} packages as required",
-        "Install the project again: pip install phyagentos.",
-    )
-    return Finding.weigh("packages", found, fix, is_fine=not bad, bad=Grade.BROKEN)
-
-
-def check_graphics() -> Finding:
-    """Whether a picture can be rendered without a screen, tried in a process of its own."""
-    failures = []
-    for backend in dict.fromkeys((os.environ.get("MUJOCO_GL", "egl"), "egl", "osmesa")):
-        try:
-            tried = subprocess.run(
-                [sys.executable, "-c", _RENDER],
-                env={**os.environ, "MUJOCO_GL": backend},
-                capture_output=True,
-                text=True,
-                timeout=RENDER_TIMEOUT_S,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            failures.append(f"{backend}: no picture within {RENDER_TIMEOUT_S:.0f} s")
-            continue
-        if tried.returncode == 0:
-            return Finding("graphics", Grade.FINE, f"pictures by {backend}")
-        failures.append(f"{backend}: {(tried.stderr.strip().splitlines() or ['no message'])[-1]}")
-    fix = f"Runs work without pictures. On Debian: apt-get install {PACKAGES_OF_DEBIAN}."
-    return Finding("graphics", Grade.WEAK, "; ".join(failures)[:200], fix)
-
-
-def check_space(folder: Path, clock: Clock) -> Finding:
-    """Free bytes."""
-    free = shutil.disk_usage(folder).free
-    fix = "A goal leaves some megabytes of evidence: make room."
-    return Finding.weigh("space", f"{free / 1e9:.1f} GB free", fix, is_fine=free >= FREE_MIN_BYTES)
-
-
-def check_file_system(folder: Path, clock: Clock) -> Finding:
-    """Whether it is a local one, on which locks and appends are what they promise."""
-    kind = find_file_system(folder)
-    fix = "Put workspaces on a local disk: on shared file systems two writers were measured to corrupt a log."
-    return Finding.weigh("file system", kind or "unknown", fix, is_fine=kind in LOCAL)
-
-
-def check_syncs(folder: Path, clock: Clock) -> Finding:
-    """How long a record needs to reach the disk."""
-    times = measure_sync(folder, clock)
-    found = f"append and fdatasync: median {times.p50_ms:.2f} ms, p99 {times.p99_ms:.2f} ms"
-    fix = "Every transition waits for the disk: use a faster one."
-    return Finding.weigh("durability", found, fix, is_fine=times.p99_ms <= SYNC_P99_MAX_MS)
-
-
-def check_locks(folder: Path, clock: Clock) -> Finding:
-    """Whether flock keeps a second holder out."""
-    with tempfile.NamedTemporaryFile(dir=folder) as first, Path(first.name).open("rb") as second:
-        fcntl.flock(first.fileno(), fcntl.LOCK_EX)
-        try:
-            fcntl.flock(second.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return Finding("locks", Grade.FINE, "flock excludes")
-    return Finding("locks", Grade.BROKEN, "flock lets two in", "Put workspaces on a local disk.")
-
-
-def check_exchange(folder: Path, clock: Clock) -> Finding:
-    """Whether two names can be exchanged in one step, which keeps a person's edit from being lost."""
-    with tempfile.TemporaryDirectory(dir=folder) as scratch:
-        one, two = Path(scratch) / "one", Path(scratch) / "two"
-        one.touch()
-        two.touch()
-        try:
-            exchange(one, two)
-        except OSError as error:
-            fix = "Edit documents with `paos edit`, which takes the lock."
-            return Finding("exchange", Grade.WEAK, str(error.strerror), fix)
-    return Finding("exchange", Grade.FINE, "names are exchanged in one step")
-
-
-def check_events(folder: Path, clock: Clock) -> Finding:
-    """Whether a new file wakes a waiting process."""
-    with tempfile.TemporaryDirectory(dir=folder) as scratch, Watch([Path(scratch)], clock=clock) as watch:
-        (Path(scratch) / "new").touch()
-        is_woken = bool(watch.is_event_driven and watch.wait(EVENT_WAIT_S))
-    fix = "Sessions are noticed by polling. Raise fs.inotify.max_user_instances and max_user_watches (sysctl)."
-    found = "inotify wakes" if is_woken else "inotify is not to be had here"
-    return Finding.weigh("file events", found, fix, is_fine=is_woken)
-
-
-def check_clock(folder: Path, clock: Clock) -> Finding:
-    """Whether the folder's clock is the machine's."""
-    with tempfile.NamedTemporaryFile(dir=folder) as file:
-        written_s = os.fstat(file.fileno()).st_mtime
-        skew_s = abs(datetime.fromisoformat(clock.wall_iso()).timestamp() - written_s)
-    fix = "The file server's clock differs from this machine's: synchronise both (chrony, systemd-timesyncd)."
-    return Finding.weigh("clock", f"{skew_s:.1f} s between files and machine", fix, is_fine=skew_s <= SKEW_MAX_S)
-
-
-def find_file_system(folder: Path) -> str:
-    """Kind of the file system that holds `folder`, empty where unknown."""
-    mounts = [("", "")]
-    with contextlib.suppress(OSError):
-        for line in Path("/proc/self/mounts").read_text(encoding="utf-8").splitlines():
-            _, mount, kind, *_ = line.split()
-            mount = mount.encode().decode("unicode_escape")
-            mounts += [(mount, kind)] if folder.resolve().is_relative_to(mount) else []
-    return max(reversed(mounts), key=lambda found: len(found[0]))[1]
-
-
-def check_scheduling() -> Finding:
-    """Whether a supervisor may ask to be woken first."""
-    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-    except PermissionError:
-        fix = "Wake-ups may come a tick late. Allow it: 'rtprio 10' for this user in /etc/security/limits.conf."
-        return Finding("scheduling", Grade.WEAK, "real-time priority is not granted", fix)
-    os.sched_setscheduler(0, policy, parameters)
-    return Finding("scheduling", Grade.FINE, "real-time priority is granted")
-
-
-def check_ports() -> Finding:
-    """Whether a server can listen on this machine, as policy servers do."""
-    try:
-        with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()[:2], 2.0):
-            return Finding("ports", Grade.FINE, "a local server can be reached")
-    except OSError as error:
-        return Finding("ports", Grade.WEAK, str(error), "Policy servers need the loopback: ip link set lo up.")
+        return doctor.warm_kernels(clock, show)

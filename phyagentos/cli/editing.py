@@ -1,4 +1,4 @@
-"""`paos edit`: SESSIONS.md in an editor, without concurrent rendering. `paos judge`: verdicts of sessions by hand."""
+"""`paos edit`: SESSIONS.md in an editor, without concurrent rendering."""
 
 import os
 import shlex
@@ -8,94 +8,76 @@ from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import typer
 
-from phyagentos.agent.judging.review import judge_goalless_sessions
-from phyagentos.assembly.verification import build_verifier
-from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+from phyagentos.cli.outcome import Exit, ExitCode, print_note
+from phyagentos.cli.reply import Reply
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.documents.body_codec import render_flow
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.edits.edit_intake import EditIntake
-from phyagentos.store.edits.merge import Merge
-from phyagentos.store.edits.reading import decode
-from phyagentos.store.edits.rejections import format_refusal
-from phyagentos.store.journal import Journal, choose_partition
-from phyagentos.store.views.history import History
+from phyagentos.store.edits.edit_intake import EditIntake, Outcome, edit_by_hand
+from phyagentos.store.journal import choose_partition
+from phyagentos.store.shared_file import decode
+from phyagentos.store.views.page_history import History
 
 DEFAULT_EDITOR = "vi"
+
+
+class Edited(msgspec.Struct, frozen=True, kw_only=True):
+    """What was recorded of an edit, and what was refused, every word of which is in `rejected`."""
+
+    recorded: tuple[str, ...]
+    refused: tuple[str, ...]
+    rejected: Path | None = None
 
 
 def edit(
     workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path(),
     editor: Annotated[str, typer.Option(help="Command that edits a file; $VISUAL, $EDITOR or vi by default.")] = "",
-) -> int:
+) -> Reply[Edited]:
     """Edit SESSIONS.md, with or without a runtime: limits and priority of pending sessions, ends, new sessions."""
     place = Workspace.open(workspace)
+    name, command = place.sessions_document.name, _choose_editor(editor)
     partition = place.sessions / choose_partition(place.sessions)
     partition.mkdir(parents=True, exist_ok=True)
+
+    def change(text: str) -> str:
+        with tempfile.TemporaryDirectory(prefix="paos-edit-") as scratch:
+            return _run_editor(command, Path(scratch) / name, text)
+
+    def note_wait() -> None:
+        print_note(f"{name} is being edited or rendered elsewhere; waiting")
+
     with closing(EditIntake(place, SystemClock(), adopts=False)) as edits, closing(History(partition)) as history:
-        merged = _edit_copy(edits, history, place.sessions_document.name, _choose_editor(editor))
-        _publish(edits, history)
-    return _report(merged, place.sessions_document.name, place.rejected_document)
+        return _report(edit_by_hand(edits, history, change, on_wait=note_wait), name, place.rejected_document)
 
 
-def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path()) -> int:
-    """Judge the executed sessions without a goal, which no agent looks at."""
-    place, clock = Workspace.open(workspace), SystemClock()
-    verifier = build_verifier(place, clock)
-    with closing(Journal(place.root, side=Side.AGENT, by="paos judge", clock=clock)) as journal:
-        judged = judge_goalless_sessions(place, journal, verifier)
-    for id, attempt in judged:
-        print_result(f"{id}: {attempt.verdict}  {attempt.reason}")
-    if not judged:
-        print_note("no session by hand waits for a verdict")
-    return ExitCode(any(attempt.verdict is not Verdict.SUCCESS for _, attempt in judged))  # GOAL_NOT_MET where any is
+def _run_editor(command: list[str], copy: Path, text: str) -> str:
+    """The text as a person left it."""
+    copy.write_text(text, encoding="utf-8")
+    try:
+        code = subprocess.run([*command, str(copy)], check=False).returncode
+    except OSError as error:
+        raise Exit(ExitCode.INVALID_INPUT, f"{command[0]}: {error.strerror}. Name an editor: --editor") from error
+    if code != 0:
+        raise Exit(ExitCode.INVALID_INPUT, f"{command[0]} ended with {code}; nothing was changed")
+    try:
+        return decode(copy.read_bytes())
+    except OSError as error:
+        why = f"the editor left no file: {error.strerror}; nothing was changed"
+        raise Exit(ExitCode.INVALID_INPUT, why) from error
 
 
-def _edit_copy(edits: EditIntake, history: History, name: str, command: list[str]) -> Merge:
-    """Let a person change a fresh rendering; the file is not replaced meanwhile."""
-    with edits.file.hold(wait=False) as is_free:
-        if not is_free:
-            print_note(f"{name} is being edited or rendered elsewhere; waiting")
-    with edits.file.hold(wait=True), tempfile.TemporaryDirectory(prefix="paos-edit-") as scratch:
-        history.read_new()
-        copy = Path(scratch) / name
-        copy.write_text(history.render(history.build_page()), encoding="utf-8")
-        try:
-            code = subprocess.run([*command, str(copy)], check=False).returncode
-        except OSError as error:
-            raise Exit(ExitCode.INVALID_INPUT, f"{command[0]}: {error.strerror}. Name an editor: --editor") from error
-        if code != 0:
-            raise Exit(ExitCode.INVALID_INPUT, f"{command[0]} ended with {code}; nothing was changed")
-        try:
-            text = decode(copy.read_bytes())
-        except OSError as error:
-            why = f"the editor left no file: {error.strerror}; nothing was changed"
-            raise Exit(ExitCode.INVALID_INPUT, why) from error
-        return edits.take_text(text, history)
-
-
-def _publish(edits: EditIntake, history: History) -> None:
-    """Show the result, where no runtime does; what came out may be an edit that was saved without `paos edit`."""
-    for _ in range(2):
-        edits.file.put(history.render(history.build_page(edits.notes)))
-        if not any(merged.accepted or merged.refused for merged in edits.take_file(history, at_once=True)):
-            return
-
-
-def _report(merged: Merge, name: str, rejected: Path) -> ExitCode:
-    for change in merged.accepted:
-        print_result(f"{name}:{change.line}: {change.summary}")
-    for refusal in merged.refused:
-        print_note(format_refusal(refusal, name))
-    if merged.refused:
-        print_note(f"{len(merged.refused)} refused; every word of it is in {rejected}")
-        return ExitCode.INVALID_INPUT
-    if not merged.accepted:
-        print_note("nothing was changed")
-    return ExitCode.GOAL_MET
+def _report(outcome: Outcome, name: str, rejected: Path) -> Reply[Edited]:
+    bodies = [f" {render_flow(entry.body)}" if entry.ev == "amend" else "" for entry in outcome.recorded]
+    recorded = tuple(f"{entry.id}: {entry.ev}{body}" for entry, body in zip(outcome.recorded, bodies, strict=True))
+    refused = tuple(f"{name}:{refusal}" for refusal in outcome.refused)
+    found = Edited(recorded=recorded, refused=refused, rejected=rejected if refused else None)
+    if refused:
+        notes = [*refused, f"{len(refused)} refused; every word of it is in {rejected}"]
+        return Reply(found, "\n".join(recorded), notes, ExitCode.INVALID_INPUT)
+    return Reply(found, "\n".join(recorded), [] if recorded else ["nothing was changed"])
 
 
 def _choose_editor(given: str) -> list[str]:

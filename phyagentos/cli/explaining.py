@@ -1,4 +1,4 @@
-"""Commands about sessions and goals that ran: `why`, `graph`, `context`, `rerun`."""
+"""Commands about sessions and goals that ran: `why`, `graph`, `context`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,13 +6,9 @@ from typing import Annotated
 import typer
 from msgspec.structs import asdict
 
-from phyagentos.assembly.project import admit_python
-from phyagentos.cli.arguments import AsJson, TrustPython, choose_newest
-from phyagentos.cli.history import read_ledger
-from phyagentos.cli.outcome import ExitCode, print_found, print_note, print_result
-from phyagentos.protocol.sessions.tasks import Relation, iter_edges, iter_steps
-from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.subjects import get_goal, get_session
+from phyagentos.cli.arguments import choose_newest
+from phyagentos.cli.reply import Reply
+from phyagentos.protocol.sessions.tasks import Relation
 
 _SHORT = "The part after the goal is enough."
 Id = Annotated[str, typer.Argument(metavar="SESSION", help=f"A session id. {_SHORT}")]
@@ -21,37 +17,31 @@ Space = Annotated[Path, _IN]
 Subject = Annotated[str, typer.Argument(metavar="SESSION|NODE|GOAL", help=f"The latest goal without. {_SHORT}")]
 
 
-def why(workspace: Space, subject: Subject = "", as_json: AsJson = False) -> None:
+def why(workspace: Space, subject: Subject = "") -> Reply[object]:
     """Explain a verdict: the layer, the leaf and the number that decided it; of a goal or node, the first cause."""
-    from phyagentos.assembly.explanation import explain_subject
+    from phyagentos.operations.why import why
 
-    found, lines = explain_subject(Workspace.open(workspace), read_ledger(workspace, subject), subject)
-    print_found({"found": found, "explanation": lines.splitlines()}, lines, as_json=as_json)
+    found = why(workspace, subject)
+    return Reply(found, "\n".join(found.explanation))
 
 
 def show_graph(
     workspace: Space,
     goal: Annotated[str, typer.Argument(metavar="GOAL", help="Its id; not needed where there is one goal.")] = "",
     mermaid: Annotated[bool, typer.Option("--mermaid", help="As a Mermaid flowchart.")] = False,
-    as_json: AsJson = False,
-) -> None:
+) -> Reply[object]:
     """Show a goal's graph as it stands: every attempt at a node, and what comes before it."""
-    from phyagentos.store.views.tasks import render_graph
+    from phyagentos.operations.goal_graph import show_graph
 
-    status = get_goal(goal, str(workspace), read_ledger(workspace).goals)
-    steps, edges = list(iter_steps(status)), list(iter_edges(status))
-    if mermaid:
-        print_result(render_graph(status))
-        return
-    lines = [f"{status.id}: {status.objective or status.graph} ({status.verdict or 'no verdict yet'})"]
-    width = max((len(step.name) for step in steps), default=0)
-    for step in steps:
-        relations = {each.before: each.relation for each in edges if each.step == step.name}
+    found = show_graph(workspace, goal)
+    lines = [f"{found.goal}: {found.objective or found.graph} ({found.verdict or 'no verdict yet'})"]
+    width = max((len(step.name) for step in found.steps), default=0)
+    for step in found.steps:
+        relations = {each.before: each.relation for each in found.edges if each.step == step.name}
         before = [name if how is Relation.AFTER else f"{name} ({how})" for name, how in relations.items()]
         after = f"  after {', '.join(before)}" if before else ""
         lines.append(f"  {step.name:<{width}}  {step.state:<11}{after}".rstrip())
-    facts = {"goal": status.id, "graph": status.graph, "verdict": status.verdict, "steps": steps, "edges": edges}
-    print_found(facts, "\n".join(lines), as_json=as_json)
+    return Reply(found, found.mermaid if mermaid else "\n".join(lines))
 
 
 def show_context(
@@ -59,32 +49,10 @@ def show_context(
     goal: Annotated[str, typer.Argument(metavar="GOAL", help="Its id; the latest one without.")] = "",
     for_: Annotated[str, typer.Option("--for", help="plan, verify or repair.")] = "plan",
     budget: Annotated[int, typer.Option(help="Most tokens of the text, of three bytes each.")] = 8_000,
-    as_json: AsJson = False,
-) -> None:
+) -> Reply[object]:
     """Print what a model would be shown: request, world, open nodes, verdicts, capabilities, lessons, limits."""
-    from phyagentos.agent.context.context import build_context
-    from phyagentos.agent.context.of_workspace import iter_sections
+    from phyagentos.operations.model_context import read_context
 
-    ledger, place = read_ledger(workspace), Workspace.open(workspace)
-    latest = dict(list(ledger.goals.items())[-1:])
-    status = get_goal(goal, str(workspace), ledger.goals if goal else latest) if goal or latest else None
-    context = build_context(for_, iter_sections(place, ledger, status), budget)
-    facts = asdict(context) | {"tokens": context.tokens, "sha256": context.sha256}
-    print_found(facts, context.text, as_json=as_json)
-    if not as_json:
-        print_note(f"{context.tokens} of {budget} tokens, sha256 {context.sha256}")
-
-
-def rerun(session: Id, workspace: Space, trust_python: TrustPython = False) -> int:
-    """Run a session once more from its own documents and compare the bits of the terminal state."""
-    from phyagentos.assembly.rerun import rerun_session
-
-    id = get_session(session, read_ledger(workspace, session).sessions)
-    admit_python(workspace, is_trusted=trust_python, announce=print_note)
-    repetition = rerun_session(workspace, id)
-    if repetition.differences:
-        print_result("\n".join([f"{id} came out differently:", *repetition.differences]))
-    else:
-        print_result(f"{id}: identical, bit for bit ({repetition.execution.ticks} commands)")
-    print_note(f"second bundle in {repetition.workspace}")
-    return ExitCode.GOAL_NOT_MET if repetition.differences else ExitCode.GOAL_MET
+    found = read_context(workspace, goal, purpose=for_, budget_tokens=budget)
+    facts = asdict(found) | {"tokens": found.tokens, "sha256": found.sha256}
+    return Reply(facts, found.text, [f"{found.tokens} of {budget} tokens, sha256 {found.sha256}"])

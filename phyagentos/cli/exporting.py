@@ -1,28 +1,23 @@
-"""`export`: verified sessions as training data, one session as a log, drawings as Mermaid."""
+"""Files for the tools of others: `export`, and `import` of trees; `render` draws sessions."""
 
 import os
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from phyagentos.assembly.project import open_library
-from phyagentos.cli.arguments import AsJson, choose_newest
-from phyagentos.cli.explaining import Id, Space, show_graph
-from phyagentos.cli.history import read_ledger
-from phyagentos.cli.outcome import print_found, print_note, print_result
-from phyagentos.cli.showing import show_lifecycle
-from phyagentos.cli.tree_drawing import show as show_tree
-from phyagentos.cli.tree_exchange import bt_xml as bt_xml  # noqa: PLC0414 - one of the group
-from phyagentos.errors import DefinitionError
-from phyagentos.protocol.sessions.session import SessionStatus
-from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.subjects import get_session
+from phyagentos.cli.arguments import RunPython
+from phyagentos.cli.explaining import Id, Space
+from phyagentos.cli.reply import Reply
+from phyagentos.operations import behaviour_trees, export
+from phyagentos.operations.behaviour_trees import ExportedTree, ImportedTrees
+from phyagentos.operations.export import MermaidText, Written, WrittenDataset
 
 _SPACES = typer.Argument(metavar="WORKSPACE…", help="Workspaces whose sessions succeeded.")
 _LIST = "Names with commas between."
+_IDS = typer.Argument(metavar="SESSION…", help="Session ids, the part after the goal is enough; a film shows all.")
 _TO = typer.Option("--to", metavar="FILE", help="The file that is written.")
+_DRAWN = typer.Option("--to", metavar="FILE", help="What is written: .png is a picture, .webp and .gif are films.")
 
 
 def lerobot(
@@ -33,69 +28,62 @@ def lerobot(
     entities: Annotated[str, typer.Option(help=f"Things whose pose, as believed before, is data. {_LIST}")] = "",
     skill: Annotated[str, typer.Option(help=f"Only sessions of these skills. {_LIST}")] = "",
     target: Annotated[str, typer.Option(help="Only sessions of this target.")] = "",
-    as_json: AsJson = False,
-) -> None:
+) -> Reply[WrittenDataset]:
     """Write sessions whose verdict is success as a LeRobotDataset, format v3.0."""
-    from phyagentos.export.demonstrations import Choice, read_demonstrations
-    from phyagentos.export.lerobot import write_dataset
-
-    choice = Choice(skills=_split(skill), target=target, cameras=_split(cameras), entities=_split(entities), fps=fps)
-    data = read_demonstrations(workspaces, choice)
-    write_dataset(data, choice, to, version("phyagentos"))
-    frames = sum(len(each.state) for each in data.episodes)
-    for reason, count in () if as_json else data.left_out.items():
-        print_note(f"left out: {count} ({reason})")
-    facts = {"episodes": len(data.episodes), "frames": frames, "fps": data.fps, "left_out": data.left_out}
-    print_found(facts, f"{to}: {len(data.episodes)} episodes, {frames} frames at {data.fps} Hz", as_json=as_json)
+    lists = {"cameras": _split(cameras), "entities": _split(entities), "skills": _split(skill)}
+    found = export.export_dataset(workspaces, to, fps=fps, target=target, **lists)
+    left_out = [f"left out: {count} ({reason})" for reason, count in found.left_out.items()]
+    return Reply(found, f"{to}: {found.episodes} episodes, {found.frames} frames at {found.fps} Hz", left_out)
 
 
 def mermaid(
     subject: Annotated[str, typer.Argument(help="A tree, `statechart`, or a goal; the only goal without.")] = "",
     workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help="Of the goal; else the newest.")] = None,
-) -> None:
+) -> Reply[MermaidText]:
     """Print a behaviour tree, the statechart of a session, or the graph of a goal as it stands, as Mermaid."""
-    if subject == "statechart":
-        show_lifecycle(mermaid=True)
-    elif subject in open_library().names_of_trees() or Path(subject).suffix in {".yaml", ".yml"}:
-        show_tree(subject, mermaid=True)
-    else:
-        show_graph(workspace or choose_newest(), subject, mermaid=True, as_json=False)
+    found = export.draw_mermaid(subject, workspace)
+    is_chosen = workspace is None and found.workspace is not None
+    return Reply(found, found.text, [f"workspace {found.workspace} (the newest)"] if is_chosen else [])
+
+
+def bt_xml(
+    tree: Annotated[str, typer.Argument(help="Name of a tree or of a skill, or the YAML file of a tree.")],
+    run_python: RunPython = False,
+) -> Reply[ExportedTree]:
+    """Print a behaviour tree and its subtrees as XML of BehaviorTree.CPP 4, with a model of every leaf."""
+    found = behaviour_trees.export_bt_xml(tree, runs_python=run_python)
+    return Reply(found, found.xml)
+
+
+def import_tree(
+    file: Annotated[Path, typer.Argument(metavar="TREE.xml", help="A file of BehaviorTree.CPP 4.")],
+    to: Annotated[Path, typer.Option("--to", metavar="DIR", help="A project: its trees/ gets what is new.")] = Path(),
+    run_python: RunPython = False,
+) -> Reply[ImportedTrees]:
+    """Write the behaviour trees of a file that Groot2 saved as YAML."""
+    found = behaviour_trees.import_trees(file, to, runs_python=run_python)
+    return Reply(found, "\n".join(map(str, found.files)) or "every tree of the file is in the library already")
 
 
 def html(
     workspace: Space,
     goal: Annotated[str, typer.Argument(help="Its id; the latest one without.")] = "",
     to: Annotated[Path, _TO] = Path("goal.html"),
-) -> None:
+) -> Reply[Written]:
     """Write a goal as one HTML file that opens without a server: graph, sessions, trees, pictures, verdicts."""
-    from phyagentos.view.archive import build_archive
-    from phyagentos.view.documents import Documents
+    from phyagentos.view.archive import write_archive
 
-    documents = Documents(workspace)
-    documents.refresh()
-    status = documents.find_goal(goal)
-    if status is None:
-        raise DefinitionError.unknown("UNKNOWN_GOAL", str(workspace), goal, documents.ledger.goals)
-    to.write_text(build_archive(documents, status), encoding="utf-8")
-    print_result(f"wrote {to}")
+    return _tell(write_archive(workspace, goal, to))
 
 
-def mcap(session: Id, workspace: Space, to: Annotated[Path, _TO] = Path("session.mcap")) -> None:
+def mcap(session: Id, workspace: Space, to: Annotated[Path, _TO] = Path("session.mcap")) -> Reply[Written]:
     """Write a session as MCAP, for Foxglove and Lichtblick: motion, tree, statechart, pictures, documents."""
-    from phyagentos.export.mcap_log import write_mcap
-
-    write_mcap(*_find_session(workspace, session), to)
-    print_result(f"wrote {to}")
+    return _tell(export.export_mcap(workspace, session, to))
 
 
-def rrd(session: Id, workspace: Space, to: Annotated[Path, _TO] = Path("session.rrd")) -> None:
+def rrd(session: Id, workspace: Space, to: Annotated[Path, _TO] = Path("session.rrd")) -> Reply[Written]:
     """Write a session for the viewer of Rerun: the bodies of its scene over time, the tree and the criteria."""
-    from phyagentos.export.rerun_view import write_rrd
-    from phyagentos.pictures.playback import read_playback
-
-    place, status = _find_session(workspace, session)
-    write_rrd(read_playback(place, status), status, to)
-    print_result(f"wrote {to}")
+    return _tell(export.export_rrd(workspace, session, to))
 
 
 def video(
@@ -104,21 +92,41 @@ def video(
     to: Annotated[Path, _TO] = Path("session.mp4"),
     camera: Annotated[str, typer.Option(help="A camera of the scene; a view from the front without.")] = "",
     fps: Annotated[int, typer.Option(min=1, max=60, help="Pictures a second.")] = 25,
-) -> None:
+) -> Reply[Written]:
     """Write a film of a session as MP4, drawn from its evidence as `paos render` draws it."""
-    os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported
-    from phyagentos.export.video import write_mp4
-    from phyagentos.pictures.playback import read_playback
-    from phyagentos.pictures.scene import Look, iter_film
-
-    playback = read_playback(*_find_session(workspace, session))
-    write_mp4(iter_film(playback, Look(camera=camera), fps=fps), to, fps)
-    print_result(f"wrote {to}")
+    draw_without_screen()
+    return _tell(export.export_video(workspace, session, to, camera=camera, fps=fps))
 
 
-def _find_session(root: Path, text: str) -> tuple[Workspace, SessionStatus]:
-    known = read_ledger(root, text).sessions
-    return Workspace.open(root), known[get_session(text, known)]
+def render(
+    sessions: Annotated[list[str], _IDS],
+    workspace: Space,
+    to: Annotated[Path, _DRAWN] = Path("session.png"),
+    at: Annotated[
+        float | None, typer.Option(help="Moment of a picture, seconds from the start; the end without.")
+    ] = None,
+    camera: Annotated[str, typer.Option(help="A camera of the scene; a view from the front without.")] = "",
+    size: Annotated[tuple[int, int], typer.Option(metavar="WIDTH HEIGHT", help="In pixels.")] = (800, 600),
+    fps: Annotated[int, typer.Option(min=1, max=60, help="Pictures a second of a film.")] = 12,
+    speed: Annotated[float, typer.Option(min=0.1, help="Of a film, as a multiple of the robot's own.")] = 1.0,
+    paths: Annotated[bool, typer.Option(help="Draw the tool's path, as planned and as measured.")] = True,
+    beliefs: Annotated[bool, typer.Option(help="Draw outlines of things where they are believed to be.")] = True,
+) -> Reply[Written]:
+    """Draw any moment of a session, or a film of sessions, from evidence alone."""
+    draw_without_screen()
+    from phyagentos.pictures.scene import Look
+
+    look = Look(camera=camera, width=size[0], height=size[1], paths=paths, beliefs=beliefs)
+    return _tell(export.render_sessions(workspace, sessions, to, look, at_s=at, fps=fps, speed=speed))
+
+
+def draw_without_screen() -> None:
+    """Let MuJoCo draw without a display, unless the environment says how; it reads that when it is imported."""
+    os.environ.setdefault("MUJOCO_GL", "egl")
+
+
+def _tell(found: Written) -> Reply[Written]:
+    return Reply(found, f"wrote {found.file}")
 
 
 def _split(text: str) -> tuple[str, ...]:

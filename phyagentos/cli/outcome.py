@@ -55,7 +55,7 @@ def print_json(value: object) -> None:
     """A value of structs and plain data as indented JSON on stdout."""
     import msgspec
 
-    print_result(msgspec.json.format(msgspec.json.encode(value), indent=2).decode())
+    print_result(msgspec.json.format(msgspec.json.encode(value, enc_hook=os.fspath), indent=2).decode())
 
 
 def print_found(value: object, text: str, *, as_json: bool) -> None:

@@ -8,7 +8,8 @@ import typer
 from phyagentos.assembly.process_tuning import end_with
 from phyagentos.assembly.project import admit_python, get_file, open_library, parse_overrides
 from phyagentos.cli.arguments import Overrides, TrustPython
-from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+from phyagentos.cli.outcome import Exit, ExitCode, print_note
+from phyagentos.cli.reply import Reply
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.settings.perception import Prior, Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
@@ -39,7 +40,7 @@ def agent(
     with_parent: WithParent = None,
     verify: Verify = None,
     memory: WhichMemory = None,
-) -> int:
+) -> Reply[object]:
     """Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict."""
     from phyagentos.assembly.agent_plane import run_agent
 
@@ -47,8 +48,8 @@ def agent(
     _prepare(with_parent, about)
     file, overrides = get_file(graph, "goal_graphs"), parse_overrides(set_)
     report = run_agent(workspace, file, seed, overrides=overrides, goal=goal, verify=verify, memory=memory)
-    print_result(f"goal {report.goal}: {report.verdict}  {report.reason}")
-    return report.exit_code
+    text = f"goal {report.goal}: {report.verdict}  {report.reason}"
+    return Reply(report, text, code=ExitCode(report.exit_code))
 
 
 def watch(
@@ -63,7 +64,7 @@ def watch(
 ) -> None:
     """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
     from phyagentos.assembly.runtime_plane import run_watch
-    from phyagentos.cli.lint import FileKind, find_other_kind, lint_file
+    from phyagentos.operations.lint import FileKind, find_other_kind, lint_file
 
     file = get_file(faults, "faults") if faults is not None else None
     if file is not None and (problems := find_other_kind(file, FileKind.FAULTS) or lint_file(file)):

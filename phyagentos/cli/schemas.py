@@ -1,33 +1,50 @@
 """JSON Schemas of every authored file and of every document, made from the same models that read them.
 
 Editors use those of authored files through `# yaml-language-server: $schema=…`. The schema of a document describes its
-front matter with one more key, `blocks`: heading -> YAML block. `protocol/schemas/` holds them all; a test compares.
+front matter with one more key, `blocks`: heading -> YAML block. Beside them are those of what commands print with
+`--json`. `protocol/schemas/` holds them all; a test compares.
 The pages of `docs/documents/` have the fields of each as Markdown tables.
 """
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from phyagentos.errors import DefinitionError
-from phyagentos.protocol.documents.markdown import render_table
-from phyagentos.protocol.documents.schema import Authored, iter_nested
+import msgspec
 
+from phyagentos.cli.results import build_result_schema, iter_commands
+from phyagentos.errors import DefinitionError
+from phyagentos.operations.schema_fields import iter_structures, list_fields
+from phyagentos.protocol.documents.markdown import render_table
+from phyagentos.protocol.documents.schema import Authored
+
+RESULTS = "results/"  # of a command, its words joined by underscores: `results/store_check`
 BASE = "https://json-schema.org/draft/2020-12/schema"
-_PLAIN = {
-    "string": "text",
-    "integer": "whole number",
-    "number": "number",
-    "boolean": "true or false",
-    "null": "nothing",
-}
+
+
+class ShownSchema(msgspec.Struct, frozen=True, kw_only=True):
+    """Every kind that has a schema, and the schema of the one that is asked for."""
+
+    kinds: tuple[str, ...]
+    schema: dict[str, Any] = {}
+
+
+def show(kind: str) -> ShownSchema:
+    """The schema of a kind, none without it; raises DefinitionError `UNKNOWN_SCHEMA`."""
+    kinds = (*names_of_schemas(), *names_of_results())
+    return ShownSchema(kinds=kinds, schema=build_schema(kind) if kind else {})
 
 
 def names_of_schemas() -> list[str]:
     """Every kind that has a schema, sorted."""
     return sorted(_builders())
+
+
+def names_of_results() -> list[str]:
+    """The schema of each command's result, sorted."""
+    return sorted(f"{RESULTS}{command.replace(' ', '_')}" for command, _ in iter_commands())
 
 
 def render_schema(kind: str) -> str:
@@ -37,6 +54,8 @@ def render_schema(kind: str) -> str:
 
 def build_schema(kind: str) -> dict[str, Any]:
     """The schema as data; raises DefinitionError for an unknown kind."""
+    if kind.startswith(RESULTS):
+        return build_result_schema(kind.removeprefix(RESULTS).replace("_", " "))
     builders = _builders()
     if kind not in builders:
         raise DefinitionError.unknown("UNKNOWN_SCHEMA", "paos schema", kind, builders)
@@ -84,72 +103,3 @@ def render_fields(kind: str) -> str:
         rows = ((f"`{name}`", *row) for name, row in list_fields(structure, definitions).items())
         tables.append(f"**{title}**\n\n{render_table(('field', 'is', 'default', 'meaning'), rows)}")
     return "\n".join(tables)
-
-
-def list_fields(structure: dict[str, Any], definitions: dict[str, Any]) -> dict[str, tuple[str, str, str]]:
-    """The fields of one structure: name -> what it is, default, meaning."""
-    needed = structure.get("required", ())
-    return {
-        name: (_describe_type(each, definitions), _describe_default(each, is_needed=name in needed), _describe(each))
-        for name, each in structure["properties"].items()
-    }
-
-
-def iter_structures(schema: dict[str, Any], definitions: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """The schema itself and every structure that it refers to, in the order of mention."""
-    yield schema.get("title", ""), schema
-    seen: dict[str, dict[str, Any]] = {}
-    waiting = [schema]
-    for current in waiting:
-        for each in iter_nested(current.get("properties", current)):
-            if isinstance(each, dict) and isinstance(each.get("$ref"), str):
-                name = each["$ref"].rsplit("/", 1)[-1]
-                if name not in seen:
-                    seen[name] = definitions[name]
-                    waiting.append(definitions[name])
-    yield from ((name, each) for name, each in seen.items() if "properties" in each)
-
-
-def _describe_type(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
-    if "$ref" in schema:
-        name = schema["$ref"].rsplit("/", 1)[-1]
-        named = definitions[name]
-        return _list_values(named["enum"]) if "enum" in named else name
-    if "allOf" in schema:
-        return _describe_type(schema["allOf"][0], definitions)
-    if "anyOf" in schema:
-        return " or ".join(_describe_type(each, definitions) for each in schema["anyOf"])
-    if "const" in schema:
-        return _list_values([schema["const"]])
-    if "enum" in schema:
-        return _list_values(schema["enum"])
-    if schema.get("type") == "array":
-        if "prefixItems" in schema:
-            return f"{len(schema['prefixItems'])} of: {_describe_type(schema['prefixItems'][0], definitions)}"
-        return f"list of: {_describe_type(schema.get('items') or {}, definitions)}"
-    if schema.get("type") == "object":
-        inner: Any = schema.get("additionalProperties") or next(iter(schema.get("properties", {}).values()), {})
-        return f"mapping to: {_describe_type(inner, definitions)}" if isinstance(inner, dict) else "mapping"
-    return _PLAIN.get(schema.get("type", ""), "anything")
-
-
-def _list_values(values: list[Any]) -> str:
-    return ", ".join(f"`{value}`" for value in values)
-
-
-def _describe_default(schema: dict[str, Any], *, is_needed: bool) -> str:
-    if is_needed:
-        return "required"
-    default = schema.get("default")
-    return "" if default in (None, "", [], (), {}) or isinstance(default, dict) else f"`{default}`"
-
-
-def _describe(schema: dict[str, Any]) -> str:
-    bounds = [
-        f"{word} {schema[key]}"
-        for key, word in (("minimum", "at least"), ("maximum", "at most"), ("exclusiveMinimum", "above"))
-        if key in schema
-    ]
-    text = schema.get("description", "")
-    text = text if text.endswith("...") else text.removesuffix(".")
-    return "; ".join(part for part in (text, *bounds) if part)

@@ -1,98 +1,96 @@
-"""Commands that show what there is: `list`, `schema`, `lifecycle`, `codes`."""
+"""Commands that show what there is: `list`, `describe`, `schema`, `lifecycle`, `codes`, `tree show`."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
+import rich.markup
 import typer
+from rich.tree import Tree as Printed
 
+from phyagentos.cli import schemas
 from phyagentos.cli.arguments import RunPython
-from phyagentos.cli.outcome import print_result
-from phyagentos.codes import CODES, Retry
-from phyagentos.errors import DefinitionError, format_hint
-from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.predicates.library import get_predicate_library
-from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS, render_mermaid
+from phyagentos.cli.reply import Reply
+from phyagentos.cli.schemas import ShownSchema
+from phyagentos.codes import Code
+from phyagentos.operations import behaviour_trees, listing
+from phyagentos.operations import describe as declarations
+from phyagentos.operations.behaviour_trees import DrawnTree
+from phyagentos.operations.describe import Described
+from phyagentos.operations.listing import RETRIES, Listing, Names, Statechart
+from phyagentos.pictures.trees import Drawing
 
-RETRIES = {
-    Retry.NEVER: "the same will happen",
-    Retry.EDITED: "once something was edited",
-    Retry.LATER: "once machine or target are well",
-    Retry.REPLANNED: "as a child session",
-    Retry.OBSERVED: "only after a fresh observation",
-}
+_STYLES = {"leaf": "cyan", "subtree": "magenta", "control": "bold"}
 
 
-class Listing(StrEnum):
-    """What `paos list` lists."""
-
-    GRAPHS = "graphs"
-    LEAVES = "leaves"
-    PREDICATES = "predicates"
-    SCENES = "scenes"
-    SKILLS = "skills"
-    TARGETS = "targets"
-    TREES = "trees"
-
-
-def list_names(kind: Listing, run_python: RunPython = False) -> None:
+def list_names(kind: Listing, run_python: RunPython = False) -> Reply[Names]:
     """Print the names that can be used here, one a line."""
-    for name in _find_names(kind, runs_python=run_python):
-        print_result(name)
+    found = listing.list_names(kind, runs_python=run_python)
+    return Reply(found, "\n".join(found.names))
+
+
+def describe(
+    kind: Annotated[str, typer.Argument(metavar="leaf|skill|predicate|fault|setting")] = "",
+    name: Annotated[str, typer.Argument(help="Which, or a field of it; every one, a line each, without.")] = "",
+) -> Reply[tuple[Described, ...]]:
+    """Describe a leaf, skill, predicate, fault or setting by its own declaration."""
+    found = declarations.describe(kind, name)
+    whole, lines = map(_render_declaration, found), (f"{each.name:<20} {each.summary}" for each in found)
+    return Reply(found, "\n\n".join(whole) if name else "\n".join(lines))
 
 
 def show_schema(
-    kind: Annotated[str | None, typer.Argument(help="goal_graph, tree, skill, scene, target, sessions, …")] = None,
+    kind: Annotated[str, typer.Argument(help="goal_graph, tree, skill, scene, target, sessions, …")] = "",
     fields: Annotated[bool, typer.Option("--fields", help="As a Markdown table of its fields.")] = False,
-) -> None:
-    """Print the JSON Schema of an authored file or a document; without a kind, the kinds."""
-    from phyagentos.cli import schemas
-
-    if kind is None:
-        print_result("\n".join(schemas.names_of_schemas()))
-    elif fields:
-        print_result(schemas.render_fields(kind))
-    else:
-        print_result(schemas.render_schema(kind))
+) -> Reply[ShownSchema]:
+    """Print the JSON Schema of an authored file, a document or a result; without a kind, the kinds."""
+    found = schemas.show(kind)
+    if not kind:
+        return Reply(found, "\n".join(found.kinds))
+    return Reply(found, schemas.render_fields(kind) if fields else schemas.render_schema(kind))
 
 
 def show_lifecycle(
     mermaid: Annotated[bool, typer.Option("--mermaid", help="As a Mermaid statechart.")] = False,
     target: Annotated[bool, typer.Option("--target", help="The phases of a target instead.")] = False,
-) -> None:
+) -> Reply[Statechart]:
     """Print the statechart of a session, or of a target: the table that is also the code."""
-    from phyagentos.runtime.supervision.target_phase import PHASE_TRANSITIONS, render_phases
-
-    if mermaid:
-        print_result(render_phases() if target else render_mermaid())
-        return
-    for row in PHASE_TRANSITIONS if target else SESSION_TRANSITIONS:
+    found, lines = listing.show_lifecycle(of_target=target), []
+    for row in found.transitions:
         condition = f"by {', '.join(row.by)}" if row.by else f"when {row.when}" if row.when else ""
-        print_result(f"{row.trigger:<15} {', '.join(row.sources)} -> {row.dest}   {condition}".rstrip())
+        lines.append(f"{row.trigger:<15} {', '.join(row.sources)} -> {row.dest}   {condition}".rstrip())
+    return Reply(found, found.mermaid if mermaid else "\n".join(lines))
 
 
 def show_codes(
-    name: Annotated[str | None, typer.Argument(help="One code; without it, all.")] = None,
-) -> None:
+    name: Annotated[str, typer.Argument(help="One code; without it, all.")] = "",
+) -> Reply[tuple[Code, ...]]:
     """Explain an error code: phase, meaning, who acts, whether trying again can help."""
-    if name is not None and name.upper() not in CODES:
-        expected, hint = "a code of `paos codes`", format_hint(name.upper(), CODES)
-        raise DefinitionError.of("UNKNOWN_CODE", "paos codes", repr(name), expected, hint)
-    for code in CODES.values() if name is None else (CODES[name.upper()],):
-        print_result(f"{code.name}: {code.meaning} ({code.phase}; {code.actor} acts; again: {RETRIES[code.retry]})")
+    found = listing.explain_codes(name)
+    acts = ((each, f"{each.phase}; {each.actor} acts; again: {RETRIES[each.retry]}") for each in found)
+    return Reply(found, "\n".join(f"{code.name}: {code.meaning} ({facts})" for code, facts in acts))
 
 
-def _find_names(kind: Listing, *, runs_python: bool) -> list[str]:
-    library = Library.open(Path.cwd())
-    match kind:
-        case Listing.LEAVES:
-            from phyagentos.runtime.execution.leaf_registry import build_registry, read_registry
+def show(
+    tree: Annotated[str, typer.Argument(help="Name of a tree, or its YAML file.")],
+    mermaid: Annotated[bool, typer.Option("--mermaid", help="As a Mermaid flowchart.")] = False,
+    svg: Annotated[Path | None, typer.Option(help="Write a drawing to this file.")] = None,
+) -> Reply[DrawnTree]:
+    """Draw a behaviour tree, subtrees included."""
+    found = behaviour_trees.draw(tree)
+    if svg is not None:
+        svg.write_text(found.svg, encoding="utf-8")
+        return Reply(found, notes=[f"wrote {svg}"])
+    return Reply(found, found.mermaid if mermaid else _grow(found.root))
 
-            return (build_registry(library) if runs_python else read_registry(library)).names()
-        case Listing.PREDICATES:
-            return [definition.signature for definition in get_predicate_library()]
-        case Listing.GRAPHS:
-            return library.names_of_goal_graphs()
-        case _:
-            names: list[str] = getattr(library, f"names_of_{kind}")()
-            return names
+
+def _render_declaration(each: Described) -> str:
+    rows = (f"  {row.part:<11} {row.name:<20} {row.takes:<12} {row.default:<10} {row.meaning}" for row in each.rows)
+    return "\n".join([f"{each.name}: {each.summary}", *map(str.rstrip, rows)])
+
+
+def _grow(node: Drawing) -> Printed:
+    """For the terminal, in colours where it has them."""
+    ports = f"  [dim]{rich.markup.escape(', '.join(node.ports))}[/]" if node.ports else ""
+    printed = Printed(f"[{_STYLES[node.family]}]{rich.markup.escape(node.label)}[/]{ports}")
+    printed.children += map(_grow, node.children)
+    return printed

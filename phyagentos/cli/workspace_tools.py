@@ -13,33 +13,31 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import pydantic
+from msgspec.structs import asdict
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.mission.report import build_report, report_session
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.agent.tools.registry import Answer, Level, Tool
-from phyagentos.assembly.approved_goals import as_file
-from phyagentos.assembly.explanation import explain_subject
 from phyagentos.assembly.project import admit_python, open_library, parse_overrides
-from phyagentos.cli.authoring import describe_nodes
-from phyagentos.cli.history import read_ledger
-from phyagentos.cli.lint import lint_file
-from phyagentos.cli.memory import recall
-from phyagentos.cli.observing import Standing
 from phyagentos.cli.outcome import Exit
-from phyagentos.cli.planning import plan_file
-from phyagentos.cli.preflight import check_sessions, read_order
-from phyagentos.cli.stopping import end, request, stop_all
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, relocate
+from phyagentos.operations import preflight, recall, stop
+from phyagentos.operations.approve import as_file
+from phyagentos.operations.compile import describe_graph
+from phyagentos.operations.lint import lint_file
+from phyagentos.operations.plan import PlannedGraph, plan
+from phyagentos.operations.status import read_status
+from phyagentos.operations.why import why
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.skill_runtimes import AgentCall
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.documents.schema import read_text, read_yaml
 from phyagentos.protocol.sessions.agent_calls import CallFiles
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
-from phyagentos.protocol.sessions.memory_entries import Standing as EntryState
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.subjects import get_session
@@ -88,7 +86,7 @@ class WorkspaceTools:
         workspace = Workspace.open(self.root)
         pictures = sorted(workspace.evidence.glob(f"*/{PICTURE_AFTER}"), key=lambda path: path.lstat().st_mtime_ns)
         known = read_text(workspace.environment) if workspace.environment.exists() else ""
-        return Answer({"standing": Standing.read(self.root), "environment": known}, tuple(pictures[-1:]))
+        return Answer({"standing": read_status(self.root), "environment": known}, tuple(pictures[-1:]))
 
     @_tool()
     def lint(self, text: _Text) -> Answer:
@@ -103,28 +101,26 @@ class WorkspaceTools:
 
         It begins with the scene of that seed, or `from_now` with the world as observed last.
         """
-        from phyagentos.agent.planning.planned import Unsolvable, write_graph
-
+        library, world = Workspace.open(self.root).library(), self.root if from_now else None
         with as_file(goal) as file:
-            planned = plan_file(file, Workspace.open(self.root).library(), seed, self.root if from_now else None)
-        if isinstance(planned, Unsolvable):
-            return Answer({"graph": "", "is_proven": planned.is_proven, "missing": planned.missing})
-        return Answer({"graph": write_graph(planned) if planned.steps else "", "sessions": planned.steps})
+            found = plan(file, seed=seed, workspace=world, library=library)
+        if isinstance(found, PlannedGraph):
+            return Answer(asdict(found))
+        return Answer({"graph": "", "is_proven": found.is_proven, "missing": found.missing})
 
     @_tool()
     def compile(self, graph: _Text, overrides: _Overrides = _NONE) -> Answer:
         """The sessions that a goal graph would make; starts nothing."""
-        found = self._compile(graph, overrides)[0]
-        facts = {"goal": found.name, "objective": found.spec.objective, "accept": found.spec.accept}
-        return Answer({**facts, "sessions": describe_nodes(found)})
+        return Answer(asdict(describe_graph(self._compile(graph, overrides)[0])))
 
     @_tool()
     def preflight(self, graph: _Text, overrides: _Overrides = _NONE, seed: _Seed = 0) -> Answer:
         """Check each session of a goal graph against its robot, which does not move."""
         with self._one_preflight, _as_graph(graph) as file:
             admit_python(self.root, is_trusted=False)
-            reports = check_sessions(read_order(file, self.root, seed, _read_overrides(overrides)))
-        return Answer({"fits": all(each["fits"] for each in reports), "sessions": reports})
+            texts = [f"{key}={value}" for key, value in overrides.items()]
+            found = preflight.check(str(file), self.root, seed=seed, overrides=texts)
+        return Answer({"fits": not found.refused, "sessions": found.sessions})
 
     @_tool(Level.PROPOSE)
     def propose(self, graph: _Text, reason: _Words, overrides: _Overrides = _NONE, seed: _Seed = 0) -> Answer:
@@ -157,29 +153,27 @@ class WorkspaceTools:
     @_tool()
     def why(self, subject: _Word = "") -> Answer:
         """Explain the verdict on a goal, node or session from the evidence; the latest goal without a name."""
-        found, lines = explain_subject(Workspace.open(self.root), read_ledger(self.root, subject), subject)
-        return Answer({"found": found, "explanation": lines.splitlines()})
+        return Answer(asdict(why(self.root, subject)))
 
     @_tool()
     def recall(self, words: _Words = "") -> Answer:
         """Lessons and facts that earlier verdicts taught, about all of these words."""
-        version, entries = recall(self.root, words.split())
-        return Answer({"version": version, "entries": [each for each in entries if each.state is EntryState.ACTIVE]})
+        return Answer(asdict(recall.recall(self.root, words.split())))
 
     @_tool(is_stop=True, is_destructive=True)
     def cancel(self, subject: _Word, reason: _Words = "") -> Answer:
         """End a goal, a session or `all`: the robot is halted. It cannot be taken up again."""
-        return Answer({"done": end(subject, self.root, clean(reason), self.by)})
+        return Answer(asdict(stop.cancel(subject, self.root, reason=clean(reason), by=self.by)))
 
     @_tool(is_stop=True)
     def pause(self, session: _Word = "all", reason: _Words = "") -> Answer:
         """Let a session, or all, rest at the end of its present motion. Only a person lets it go on."""
-        return Answer({"done": request("pause", session, self.root, clean(reason), self.by)})
+        return Answer(asdict(stop.pause(session, self.root, reason=clean(reason), by=self.by)))
 
     @_tool(is_stop=True, is_destructive=True)
     def estop(self, reason: Any = "") -> Answer:
         """Stop every robot of the workspace at once. Only a person resets it."""
-        return Answer({"done": stop_all(self.root, clean(str(reason))[:500], self.by)})
+        return Answer(asdict(stop.estop(self.root, reason=clean(str(reason))[:500], by=self.by)))
 
     def _compile(self, text: str, overrides: Mapping[str, str]) -> tuple[GoalGraph, Any]:
         """The graph, and its bundle: all that would run, needing no other file."""

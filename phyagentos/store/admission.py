@@ -139,11 +139,12 @@ class Admission:
         """Whether a session or goal of this id was ever submitted."""
         return self._find(id) is not None
 
-    def forget(self, last_seq: int) -> None:
+    def forget(self, last_seq: int) -> list[str]:
         """Let go of what is final and can be recalled: all whose latest record is `last_seq` or an earlier one."""
-        self._known = {
-            id: known for id, known in self._known.items() if known.seq > last_seq or known.state not in _FORGETTABLE
-        }
+        over = [id for id, known in self._known.items() if known.seq <= last_seq and known.state in _FORGETTABLE]
+        for id in over:
+            del self._known[id]
+        return over
 
     def admit(
         self, entries: Sequence[Entry], markdown: Sequence[str], *, last_seq: int, by: str, side: Side, at: str

@@ -1,27 +1,40 @@
 """What a writer knows of sessions and goals for admission, and how it recalls the rest.
 
-In memory is what is live, and what was touched since the last sealed segment; what ended before is looked up in the
-index, so that an id is never used twice and the memory does not grow. What the checkpoint passed over is read when
-first asked for, which a process that submits nothing never does.
+In memory is what is live, and what was touched since the last sealed segment. Of what ended before only its id is
+remembered, in a filter of one size, so that an id is never used twice and the memory does not grow; the journal itself
+answers where the filter holds it. What a checkpoint passed over is read when first asked for, which a process that
+submits nothing never does.
 """
 
-from collections.abc import Iterable
-from contextlib import closing
+import hashlib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from phyagentos.errors import ExecutionError
 from phyagentos.store.admission import GOAL_PREFIX, Admission, Known, read_known
 from phyagentos.store.checkpoint import Checkpoint
-from phyagentos.store.follower import Follower
-from phyagentos.store.records import JOURNAL_ID, Record
+from phyagentos.store.records import JOURNAL_ID
 
-if TYPE_CHECKING:
-    from phyagentos.store.history import Histories
+FILTER_BYTES = 1 << 20  # one in a thousand new ids is looked up in vain once there are 400 000
 
 
 class NotCached(Exception):
     """Something is asked for that has to be read first, which must not happen while the partition is locked."""
+
+
+class IdFilter:
+    """A Bloom filter: holds every id that was added, and by chance a few others."""
+
+    def __init__(self) -> None:
+        self._bits = bytearray(FILTER_BYTES)
+
+    def add(self, id: str) -> None:
+        """Hold an id."""
+        for place, bit in _iter_bits(id):
+            self._bits[place] |= bit
+
+    def __contains__(self, id: str) -> bool:
+        """Whether it was added, or seems so."""
+        return all(self._bits[place] & bit for place, bit in _iter_bits(id))
 
 
 class AdmissionCache:
@@ -33,14 +46,11 @@ class AdmissionCache:
     def __init__(self, folder: Path, checkpoint: Checkpoint | None) -> None:
         self.admission = Admission(self._recall)
         self._folder = folder
-        self._histories: Histories | None = None
         self.segment = ""
-        self._passed_seq = 0  # what stands before was never seen here
-        self._is_whole = checkpoint is None  # whatever is not in memory never was
-        self._is_warm = checkpoint is None
+        self._used = IdFilter()  # ids that are not in memory
+        self._is_warm = checkpoint is None  # whatever is neither in memory nor in the filter never was
         if checkpoint is not None:
-            self._passed_seq, self.segment = checkpoint.position.seq, checkpoint.position.segment
-            image = checkpoint.image
+            self.segment, image = checkpoint.position.segment, checkpoint.image
             live: dict[str, Known] = {
                 each.status.contract.id: Known(each.status.state, each.status.epoch, each.span.last_seq)
                 for each in image.sessions
@@ -53,15 +63,6 @@ class AdmissionCache:
             }
             self.admission.restore({**live, **open_goals})
 
-    @property
-    def histories(self) -> "Histories":
-        """Looks up what is not in memory."""
-        from phyagentos.store.history import Histories  # late: who submits nothing needs no index
-
-        if self._histories is None:
-            self._histories = Histories(self._folder)
-        return self._histories
-
     def knows(self, id: str) -> bool:
         """Whether a session or goal of this id was ever submitted."""
         try:
@@ -71,41 +72,36 @@ class AdmissionCache:
             return self.admission.knows(id)
 
     def warm_up(self) -> None:
-        """Read what the checkpoint passed over; raises `JOURNAL_DAMAGED`."""
-        try:
-            self.histories.index.extend()
-        except ExecutionError as error:
-            if error.code != "INDEX_UNAVAILABLE":
-                raise
-            with closing(Follower(self._folder)) as follower:  # no index: everything stays in memory
-                self._learn(follower.read_new())
-            self._is_whole = True
-        else:
-            self._learn(self.histories.iter_unsealed(self._passed_seq))
+        """Read every id that was ever submitted; raises `JOURNAL_DAMAGED`."""
+        from phyagentos.store.history import Histories  # late: who submits nothing needs none
+
+        with Histories(self._folder) as histories:
+            for id in histories.iter_begun():
+                self._used.add(id)
         self._is_warm = True
 
-    def _learn(self, records: Iterable[Record]) -> None:
-        self.admission.restore({each.id: known for each in records if (known := read_known(each)) is not None})
-
-    def shrink(self, segment: str) -> None:
-        """Let go of what ended before `segment` began; what cannot be looked up stays."""
+    def shrink(self, segment: str, first_seq: int) -> None:
+        """Let go of what ended before `segment`, which begins with `first_seq`."""
         if self.segment:
-            try:
-                self.histories.index.extend()
-            except ExecutionError:
-                return
-            self.admission.forget(self.histories.index.last_seq)
-            self._is_whole = False
+            for id in self.admission.forget(first_seq - 1):
+                self._used.add(id)
         self.segment = segment
 
-    def close(self) -> None:
-        """Close the files."""
-        if self._histories is not None:
-            self._histories.close()
-
     def _recall(self, id: str) -> Known | None:
-        if self._is_whole or id == JOURNAL_ID:
+        if id == JOURNAL_ID:
             return None
         if not self._is_warm:
             raise NotCached
-        return next(filter(None, map(read_known, reversed(self.histories.read_sealed(id)))), None)
+        if id not in self._used:
+            return None
+        from phyagentos.store.history import Histories
+
+        with Histories(self._folder) as histories:
+            return next(filter(None, map(read_known, reversed(histories.find(id)))), None)
+
+
+def _iter_bits(id: str) -> Iterator[tuple[int, int]]:
+    digest = hashlib.blake2b(id.encode(errors="surrogatepass"), digest_size=16).digest()
+    for begin in range(0, 16, 4):
+        number = int.from_bytes(digest[begin : begin + 4], "little")
+        yield number // 8 % FILTER_BYTES, 1 << number % 8

@@ -40,7 +40,7 @@ def compact_partition(folder: Path, *, by: str, clock: Clock, file_io: SystemIO)
     root = folder.parent.parent
     journal = Journal(root, side=Side.OPERATOR, by=by, clock=clock, partition=folder.name, file_io=file_io)
     journal.close()  # opening it has cut what a dying writer left half
-    with keep_still(folder) as lock:
+    with keep_still(folder):
         ledger, follower = start_reading(folder)
         with contextlib.closing(follower):
             for record in follower.advance():
@@ -53,28 +53,27 @@ def compact_partition(folder: Path, *, by: str, clock: Clock, file_io: SystemIO)
             horizon_seq = ledger.find_horizon()
             if follower.first_seq <= follower.seq < horizon_seq:
                 sealed = follower.position.segment
-                _seal(folder, follower, lock, clock.wall_iso()[:10], file_io)
+                _seal(folder, follower, clock.wall_iso()[:10], file_io)
             write_checkpoint(folder, ledger, follower.position, file_io, durable=True)
             archived = archive_segments(folder, horizon_seq, ledger.seq, file_io, durable=True)
             return Compaction(seq=ledger.seq, sealed=sealed, archived=archived)
 
 
 @contextlib.contextmanager
-def keep_still(folder: Path) -> Iterator[PartitionLock]:
+def keep_still(folder: Path) -> Iterator[None]:
     """Hold both locks of a partition, so that no other process writes or archives; raises `JOURNAL_LOCKED`."""
     lock = PartitionLock(folder)
     try:  # that of the maintenance is held for milliseconds, by one who waits for no other lock
         with hold_file(folder / MAINTENANCE_LOCK, fcntl.LOCK_EX), lock.held():
-            yield lock
+            yield
     finally:
         lock.close()
 
 
-def _seal(folder: Path, follower: Follower, lock: PartitionLock, today: str, file_io: SystemIO) -> None:
+def _seal(folder: Path, follower: Follower, today: str, file_io: SystemIO) -> None:
     """Begin the next segment, so that this one grows no more."""
     current = str(follower.segment)
     name = choose_next_name(current, today)
-    lock.announce(name)
     front = Front(folder.name, name, follower.seq + 1, prev=current, prev_sha256=follower.compute_sha256())
     create_segment(folder, front, file_io, durable=True)
     sync_folder(folder, file_io)

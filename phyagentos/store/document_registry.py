@@ -16,7 +16,7 @@ from phyagentos.protocol.sessions.session import SESSIONS
 from phyagentos.protocol.sessions.stop_signals import Signal
 from phyagentos.protocol.sessions.tasks import TASK
 from phyagentos.protocol.world.environment import ENVIRONMENT
-from phyagentos.store.edits.form import read_contract
+from phyagentos.store.edits.request_form import read_contract
 from phyagentos.store.runtime_signal import REQUEST
 
 FORMATS: dict[str, DocumentFormat[Any]] = {
@@ -46,7 +46,7 @@ def _check_sessions(text: str, source: str) -> None:
             located = parse_yaml(block.yaml, source, block.line)
             if isinstance(located.data, dict) and "contract" in located.data and "state" not in located.data:
                 drafts.add(block.name)
-                read_contract(located, ("contract",), block.name)
+                read_contract(located, block.name)
         except DefinitionError as error:
             problems += error.problems if block.name in drafts else ()
     try:

@@ -14,12 +14,10 @@ import msgspec
 
 from phyagentos.errors import ExecutionError
 from phyagentos.store import segments
-from phyagentos.store.partition_lock import LOCK_NAME, describe_move, hold_file, read_announced
+from phyagentos.store.partition_lock import LOCK_NAME, describe_move, hold_file
 from phyagentos.store.records import Record, Tail, scan_records
 
-_DISTRUST_EVERY = 16  # looks: so often the folder is listed although the lock file shows nothing new
 _CHUNK_BYTES = 1 << 20
-_CLEAN, _DAMAGED = Tail.CLEAN, Tail.DAMAGED  # an enumeration takes its time to find a member
 UNREAD_KEPT = 4096  # records; more are read again from the segments
 
 
@@ -49,11 +47,10 @@ class Follower:
         self.offset = 0
         self.tail = Tail.CLEAN
         self._folder = folder
-        self._fd = self._lock_fd = -1
-        self._looks = 0
+        self._fd = -1
         self._held: list[Record] = []  # read, but not given away because of an error: for the next call
         self._damage: ExecutionError | None = None
-        self._file, self._announcement = "", b""
+        self._file = ""
         self._inode = (0, 0)
         if position is not None:
             self._take(segments.open_segment(folder, position.segment), position.segment)
@@ -85,9 +82,8 @@ class Follower:
 
         Raises ExecutionError: `JOURNAL_DAMAGED`, with segment and offset; `JOURNAL_MOVED`.
         """
-        self._looks += 1
-        records = self.advance(trusts_lock=self._looks % _DISTRUST_EVERY != 0)
-        if self.tail is _DAMAGED:  # or a writer was cutting a torn tail meanwhile: look again with the lock held
+        records = self.advance()
+        if self.tail is Tail.DAMAGED:  # or a writer was cutting a torn tail meanwhile: look again with the lock held
             with hold_file(self._folder / LOCK_NAME, fcntl.LOCK_SH):
                 records += self.advance()
             if self.tail is Tail.DAMAGED:
@@ -95,18 +91,16 @@ class Follower:
                 raise self.describe_damage()
         return records
 
-    def advance(self, *, trusts_lock: bool = False) -> list[Record]:
+    def advance(self) -> list[Record]:
         """Read as far as possible; what stopped it is in `tail`.
 
-        `trusts_lock` believes a lock file that names no later segment. Raises ExecutionError: `JOURNAL_DAMAGED` at the
-        very beginning of the partition, `JOURNAL_MOVED`, `JOURNAL_UNREADABLE`.
+        Raises ExecutionError: `JOURNAL_DAMAGED` at the very beginning of the partition, `JOURNAL_MOVED`,
+        `JOURNAL_UNREADABLE`.
         """
         records: list[Record] = []
         try:
-            if trusts_lock and (found := self._look()) is not None:
-                return found
             records, self._held, self._damage = self._held, [], None
-            self._read_on(records, trusts_lock=trusts_lock)
+            self._read_on(records)
         except ExecutionError as error:
             if self.segment is None or error.code != "JOURNAL_DAMAGED":
                 self._held = records
@@ -117,23 +111,7 @@ class Follower:
             raise self._describe_refusal(error) from error
         return records
 
-    def _look(self) -> list[Record] | None:
-        """What is new in this segment, as it mostly is: whole batches and no later segment; None for all else."""
-        if self.segment is None or self.tail is not _CLEAN or self._held or self._lock_fd < 0:
-            return None
-        new_bytes = self._stat().st_size - self.offset
-        if os.pread(self._lock_fd, len(self._announcement) + 1, 0) != self._announcement or new_bytes < 0:
-            return None
-        if not new_bytes:
-            return []
-        data = os.pread(self._fd, new_bytes, self.offset)
-        scan = scan_records(data, self.seq)
-        if scan.tail is not _CLEAN:
-            return None
-        self.accept(data, scan.records)
-        return list(scan.records)
-
-    def _read_on(self, records: list[Record], *, trusts_lock: bool) -> None:
+    def _read_on(self, records: list[Record]) -> None:
         while True:
             if self.segment is None:
                 names = segments.list_all_segments(self._folder)
@@ -141,8 +119,6 @@ class Follower:
                     return
                 self._enter(names[0])
             records += self._read_segment()
-            if trusts_lock and self._read_announced() == self.segment:
-                return
             later = segments.find_next_segment(self._folder, str(self.segment))
             if later is None:
                 return
@@ -171,19 +147,9 @@ class Follower:
 
     def close(self) -> None:
         """Close the files."""
-        for fd in (self._fd, self._lock_fd):
-            if fd >= 0:
-                os.close(fd)
-        self._fd = self._lock_fd = -1
-
-    def _read_announced(self) -> str:
-        """Name in the lock file; empty where there is none, as in a copy of a workspace."""
-        if self._lock_fd < 0:
-            try:
-                self._lock_fd = os.open(self._folder / LOCK_NAME, os.O_RDONLY | os.O_CLOEXEC)
-            except FileNotFoundError:
-                return ""
-        return read_announced(self._lock_fd)
+        if self._fd >= 0:
+            os.close(self._fd)
+        self._fd = -1
 
     def _read_segment(self) -> Sequence[Record]:
         data = self.read_rest()
@@ -231,7 +197,6 @@ class Follower:
         status = os.fstat(fd)
         self._fd, self._inode = fd, (status.st_dev, status.st_ino)
         self._file = str(segments.locate(self._folder, name))
-        self._announcement = f"{name}\n".encode()
 
     def _stat(self) -> os.stat_result:
         """The segment by its name, as long as that is still the file that was opened."""

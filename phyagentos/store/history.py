@@ -1,60 +1,57 @@
-"""The whole history of one session, goal or node, archived or not, without reading the journal.
+"""The whole history of one session, goal or node, archived or not: only segments that name it are parsed.
 
-Sealed segments are found by the index, the open one is searched; every record is checked as by a follower.
+Of a segment that names it every record is checked, as by a follower.
 """
 
+import contextlib
+import mmap
 import os
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, closing
 from pathlib import Path
 
 import msgspec
 
-from phyagentos.errors import ExecutionError
-from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, REVIEW, list_triggers
 from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
 from phyagentos.store import segments
-from phyagentos.store.admission import GOAL_PREFIX, NODE_PREFIX, GoalEvent
+from phyagentos.store.admission import GOAL_PREFIX, NODE_PREFIX
 from phyagentos.store.follower import Follower
-from phyagentos.store.index import HistoryIndex, RecordPosition
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.records import HEADER_BYTES, Record, read_record, scan_records
+from phyagentos.store.records import Record, Tail, scan_records
 
 KIN = ("parent", "child")  # in the body of `child_of`
+_BEGINNING = re.compile(rb'^- \{"id":("(?:[^"\\]|\\.)*"),"ev":"(?:goal_submitted|submit)"', re.MULTILINE)
 
 
 class Histories(AbstractContextManager["Histories"]):
-    """Looks up histories in one partition `sessions/<partition>`; close it, or use it in a `with` block.
+    """Looks up histories in one partition `sessions/<partition>`; use it in a `with` block.
 
-    Methods raise ExecutionError: `JOURNAL_DAMAGED`, `INDEX_UNAVAILABLE`.
+    Methods raise ExecutionError: `JOURNAL_DAMAGED`.
     """
 
     def __init__(self, folder: Path) -> None:
-        self.index = HistoryIndex(folder)
         self._folder = folder
+        self._maps: dict[str, mmap.mmap] = {}
 
     def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the index."""
-        self.index.close()
+        """Close the segments."""
+        for each in self._maps.values():
+            each.close()
 
     def find(self, id: str) -> list[Record]:
         """Records of a session id, `goal:<goal id>` or `node:<goal id>/<node>`, oldest first; empty when unknown."""
-        self.index.extend()
-        begin = b'- {"id":%b,' % msgspec.json.encode(id)
-        records = self.read_sealed(id)
-        if records and _is_closed(records[-1]):
-            return records
-        for data, _ in self._iter_unsealed_segments():
-            at = data.find(begin)
-            while at >= 0:
-                found = read_record(data, at - HEADER_BYTES)
-                if found is not None and found[0].id == id:
-                    records.append(found[0])
-                at = data.find(begin, at + 1)
-        return records
+        begin = b'\n- {"id":%b,' % msgspec.json.encode(id)
+        names = segments.list_all_segments(self._folder)
+        named = [name for name in names if self._map(name).find(begin) >= 0]
+        return [each for name in named for each in self._read(name, is_last=name == names[-1]) if each.id == id]
+
+    def iter_begun(self) -> Iterator[str]:
+        """Every id of a session or goal (`goal:<goal id>`) that was ever submitted, and rarely some other text."""
+        for name in segments.list_all_segments(self._folder):
+            for match in _BEGINNING.finditer(self._map(name)):
+                with contextlib.suppress(msgspec.DecodeError):  # words in a body
+                    yield msgspec.json.decode(match[1], type=str)
 
     def fold_around(self, id: SessionId) -> Ledger | None:
         """A session, its goal, and the other sessions of its node; None when no such session was ever submitted."""
@@ -80,56 +77,32 @@ class Histories(AbstractContextManager["Histories"]):
             records += [record for each in {f"{id}.{node}", *_find_kin(of_node)} for record in self.find(each)]
         return fold(sorted(records, key=lambda record: record.seq))
 
-    def read_sealed(self, id: str) -> list[Record]:
-        """Those of them that the index knows."""
-        try:
-            return [self._read(place, id) for place in self.index.find(id)]
-        except (ExecutionError, OSError):  # the index does not fit the segments
-            self.index.rebuild()
-            return [self._read(place, id) for place in self.index.find(id)]
-
-    def iter_unsealed(self, last_seq: int) -> Iterator[Record]:
-        """Every record behind the index, up to `last_seq`."""
-        for data, front in self._iter_unsealed_segments():
-            head = len(front.encode())
-            for record in scan_records(data[head:], front.first_seq - 1).records:
-                if record.seq > last_seq:
-                    return
-                yield record
-
     def find_status(self, id: SessionId) -> SessionStatus | None:
         """A session as it stands now, None when it is unknown."""
         return fold(self.find(id)).sessions.get(id)
 
-    def _read(self, place: RecordPosition, id: str) -> Record:
-        with os.fdopen(segments.open_segment(self._folder, place.segment), "rb") as file:
-            data = os.pread(file.fileno(), place.length, place.offset)
-        found = read_record(data, 0)
-        if found is None or found[0].id != id:
-            path = segments.locate(self._folder, place.segment)
-            raise segments.damage(path, place.offset, f"a record of {id} is not as it was written")
-        return found[0]
+    def _map(self, name: str) -> mmap.mmap:
+        with os.fdopen(segments.open_segment(self._folder, name), "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            if not size:
+                raise segments.damage(segments.locate(self._folder, name), 0, "it is empty")
+            if name not in self._maps or len(self._maps[name]) != size:
+                self._maps[name] = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        return self._maps[name]
 
-    def _iter_unsealed_segments(self) -> Iterator[tuple[bytes, segments.Front]]:
-        """Contents and front matter of the segments that the index does not hold: mostly the one being written."""
-        name = self.index.last_segment
-        names = [] if name else segments.list_all_segments(self._folder)
-        following = segments.find_next_segment(self._folder, name) if name else next(iter(names), None)
-        while following is not None:
-            data = segments.read_segment(self._folder, following)
-            yield data, segments.read_front(segments.locate(self._folder, following), data)
-            following = segments.find_next_segment(self._folder, following)
+    def _read(self, name: str, *, is_last: bool) -> Sequence[Record]:
+        data, path = self._map(name)[:], segments.locate(self._folder, name)
+        front = segments.read_front(path, data)
+        head = len(front.encode())
+        scan = scan_records(data[head:], front.first_seq - 1)
+        if scan.tail is Tail.DAMAGED or (scan.tail is Tail.TORN and not is_last):
+            raise segments.damage(path, head + scan.end, "a record is not as it was written")
+        return scan.records
 
 
 def _find_kin(of_node: Sequence[Record]) -> set[str]:
     """Sessions that the records of a node name."""
     return {str(body[name]) for record in of_node if (body := record.body or {}) for name in KIN if name in body}
-
-
-def _is_closed(latest: Record) -> bool:
-    """Whether nothing can follow: a session that is over may still be judged once more."""
-    is_final = latest.to in FINAL_STATES and REVIEW not in list_triggers(str(latest.to))
-    return is_final or latest.ev == GoalEvent.GOAL_VERDICT
 
 
 def fold(records: Sequence[Record]) -> Ledger:

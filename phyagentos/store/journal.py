@@ -39,7 +39,6 @@ from phyagentos.store.writer import SegmentWriter
 __all__ = ["Entry", "Fenced", "IllegalEvent", "Journal", "Record", "cancel_unheld", "choose_partition"]
 
 SEGMENT_BYTES = 16 << 20
-_CLEAN = Tail.CLEAN  # an enumeration takes its time to find a member, and this one is asked for at every commit
 
 
 class Journal:
@@ -83,7 +82,7 @@ class Journal:
         except OSError as error:
             raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self.folder}: {error}") from error
         self._lock = PartitionLock(self.folder)
-        self._writer = SegmentWriter(self.folder, self._lock, io, durable=durable)
+        self._writer = SegmentWriter(self.folder, io, durable=durable)
         if durable:  # their creator may have died before their names reached the disk
             self._writer.be_durable(sync_folder, root, io)
             self._writer.be_durable(sync_folder, self.folder.parent, io)
@@ -147,7 +146,7 @@ class Journal:
                 except NotCached:  # raised at most once: afterwards the memory is warm
                     self._cache.warm_up()
             if self._follower.segment != self._cache.segment:
-                self._cache.shrink(str(self._follower.segment))
+                self._cache.shrink(str(self._follower.segment), self._follower.first_seq)
         if self._durable and durable:
             self._writer.sync(records[-1].seq, self._follower)
         return records
@@ -197,7 +196,7 @@ class Journal:
             self._writer.failure = ExecutionError("JOURNAL_CLOSED", f"{self.folder}: this journal was closed")
 
     def _let_go(self) -> None:
-        for each in (self._writer, self._follower, self._reading, self._cache, self._lock):
+        for each in (self._writer, self._follower, self._reading, self._lock):
             each.close()
 
     def _look(self) -> None:
@@ -220,9 +219,8 @@ class Journal:
     def _catch_up(self) -> None:
         """Know everything that stands in the partition; cut what a dying writer left half."""
         is_first_look, self._has_looked = not self._has_looked, True
-        records = self._follower.advance(trusts_lock=not is_first_look)
-        self._note(records)
-        if self._writer.segment == self._follower.segment and self._follower.tail is _CLEAN and not is_first_look:
+        self._note(self._follower.advance())
+        if self._writer.segment == self._follower.segment and self._follower.tail is Tail.CLEAN and not is_first_look:
             return
         refuse_missing_end(self._follower, self._seen_seq)
         if self._follower.segment is None:
@@ -236,8 +234,6 @@ class Journal:
                 if rest := self._follower.read_rest():
                     (self.folder / name).write_bytes(rest)
             raise error
-        if is_first_look:  # a writer that died may have announced one that never appeared
-            self._writer.announce(str(self._follower.segment))
         if self._follower.tail is Tail.TORN:
             self._repair()
 

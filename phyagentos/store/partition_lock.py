@@ -1,8 +1,4 @@
-"""The lock file of a partition: which writer may write now, and into which segment.
-
-A writer that opens a segment writes its name here first, with the lock held. While a follower's own segment stands
-here, no later one exists; with any other content, it lists the folder.
-"""
+"""The lock file of a partition: which writer may write now."""
 
 import contextlib
 import fcntl
@@ -17,7 +13,6 @@ LOCK_NAME = ".lock"
 _SHORT_S, _LONG_S, _STUCK_S = 0.00002, 0.00016, 0.0005  # pauses between tries; it is held for some 0.1 ms
 _OLD_S, _OLDEST_S = 0.001, 0.02  # how long who waits has waited
 _TRIES = 20_000  # about ten seconds
-_NAME_BYTES = 64
 
 
 class PartitionLock:
@@ -77,15 +72,6 @@ class PartitionLock:
         """Let the next writer in."""
         fcntl.flock(self._fd, fcntl.LOCK_UN)
 
-    def announce(self, segment: str) -> None:
-        """Write down which segment is current from now on; call it with the lock held, before the segment appears.
-
-        An empty name makes followers list the folder.
-        """
-        data = f"{segment}\n".encode() if segment else b""
-        os.pwrite(self._fd, data, 0)
-        os.ftruncate(self._fd, len(data))
-
     def close(self) -> None:
         """Close the file."""
         if self._fd >= 0:
@@ -93,7 +79,9 @@ class PartitionLock:
             self._fd = -1
 
     def _open(self) -> int:
-        return os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        return os.open(
+            self._path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644
+        )  # what it holds says nothing
 
 
 def _choose_pause(waited_s: float) -> float:
@@ -112,11 +100,6 @@ def hold_file(path: Path, mode: int) -> Iterator[None]:
         yield
     finally:
         os.close(fd)
-
-
-def read_announced(lock_fd: int) -> str:
-    """The segment that is written now, as in the lock file; empty where none is named."""
-    return os.pread(lock_fd, _NAME_BYTES, 0).rstrip().decode("ascii", "replace")
 
 
 def describe_move(path: Path) -> ExecutionError:

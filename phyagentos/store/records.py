@@ -7,10 +7,10 @@ count only together: each has the number of records that follow it (`more`).
 
 import re
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
-from functools import lru_cache
-from typing import Any, BinaryIO, Generic, NamedTuple, TypeVar
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -20,12 +20,9 @@ from phyagentos.protocol.sessions.session import Session
 
 HEADER_BYTES = 41
 MAX_PAYLOAD_BYTES = 999_999
-_BEGIN_BYTES = 4096  # hold a header and an id
 JOURNAL_ID = "journal"  # id of records about the journal itself (`repair`)
 
 _HEADER = re.compile(rb"<!-- phy1 (\d{10}) (\d{6}) ([0-9a-f]{8}) -->\n")
-_ValueT = TypeVar("_ValueT")
-_PLACE = re.compile(rb'<!-- phy1 (\d{10}) (\d{6}) [0-9a-f]{8} -->\n- \{"id":"((?:[^"\\]|\\.)*)"')
 
 
 class _Line(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -43,19 +40,6 @@ class _Line(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 _DECODER = msgspec.json.Decoder(_Line)
-
-
-class _Lazy(Generic[_ValueT]):
-    """Computed when first asked for, then kept: `functools.cached_property` without its lock."""
-
-    def __init__(self, compute: Callable[[Any], _ValueT]) -> None:
-        self._compute, self._name, self.__doc__ = compute, compute.__name__, compute.__doc__
-
-    def __get__(self, record: Any, _: type | None = None) -> _ValueT:
-        """The value; only asked for the first time, because the record's own dictionary comes first."""
-        value = self._compute(record)
-        record.__dict__[self._name] = value
-        return value
 
 
 class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
@@ -83,12 +67,12 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     more: int = 0
     markdown: str = ""
 
-    @_Lazy
+    @cached_property
     def body(self) -> dict[str, Any] | None:
         """The YAML block as plain data, parsed when first asked for."""
         return parse_body(self.markdown)
 
-    @_Lazy
+    @cached_property
     def contract(self) -> Session:
         """The body of a `submit` record; raises msgspec.ValidationError for an invalid one."""
         return msgspec.convert(self.body or {}, Session)
@@ -117,23 +101,8 @@ def encode_batch(records: Iterable[Record]) -> bytes:
 
 
 def _encode_line(record: Record) -> str:
-    """The fields of `_Line` as JSON, those that are absent left out, as `msgspec.json.encode` writes them."""
-    middle = _encode_middle(record.ev, record.source, record.to, record.by, record.side, record.epoch)
-    more = f',"more":{record.more}' if record.more else ""
-    return f'{{"id":{_encode_text(record.id)},{middle},"at":{_encode_text(record.at)}{more}}}'
-
-
-@lru_cache(maxsize=512)
-def _encode_middle(ev: str, source: str | None, to: str | None, by: str, side: str, epoch: int | None) -> str:
-    """What comes again: the same event by the same writer."""
-    line = _Line(id="", ev=ev, source=source, to=to, by=by, side=side, epoch=epoch, at="")
-    return msgspec.json.encode(line)[len('{"id":"",') : -len(',"at":""}')].decode()
-
-
-@lru_cache(maxsize=512)
-def _encode_text(text: str) -> str:
-    """Ids and times come again as well."""
-    return msgspec.json.encode(text).decode()
+    fields = {name: getattr(record, name) for name in _Line.__struct_fields__}
+    return msgspec.json.encode(_Line(**fields)).decode()
 
 
 def frame_payload(seq: int, payload: bytes) -> bytes:
@@ -159,18 +128,6 @@ def read_record(data: bytes, position: int) -> tuple[Record, int] | None:
         return _decode_record(seq, payload), stop
     except (msgspec.MsgspecError, UnicodeDecodeError):
         return None
-
-
-def iter_places(file: BinaryIO) -> Iterator[tuple[str, int, int, int]]:
-    """Id, sequence number, offset and length of each record of a sealed segment, from where the file stands."""
-    position = file.tell()
-    while match := _PLACE.match(file.read(_BEGIN_BYTES)):
-        name = match[3]
-        id = name.decode() if b"\\" not in name else str(msgspec.json.decode(b'"%b"' % name))
-        length = HEADER_BYTES + int(match[2])
-        yield id, int(match[1]), position, length
-        position += length
-        file.seek(position)
 
 
 def find_header(data: bytes, position: int) -> int:
@@ -210,9 +167,6 @@ class Tail(StrEnum):
     """Bytes that no writer leaves: something acknowledged has changed."""
 
 
-_CLEAN = Tail.CLEAN  # an enumeration takes its time to find a member
-
-
 class Scan(NamedTuple):
     """What a stretch of a segment holds: the records of whole batches, the offset behind them, and what follows."""
 
@@ -240,7 +194,7 @@ def scan_records(data: bytes, last_seq: int) -> Scan:
         position, seq = stop, seq + 1
         if record.more == 0:
             end, whole = position, len(records)
-    tail = _CLEAN if end == len(data) else _judge(data[position:], seq + 1)
+    tail = Tail.CLEAN if end == len(data) else _judge(data[position:], seq + 1)
     return Scan(records[:whole], end, tail)
 
 

@@ -12,8 +12,8 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
-from phyagentos.store.views.history import History
 from phyagentos.store.views.log import LogTail
+from phyagentos.store.views.page_history import History
 
 PERIOD_S = 0.2  # a person reads no faster
 SHARE = 0.01  # of the time at most

@@ -27,8 +27,7 @@ from phyagentos.protocol.sessions.runtime_signal import (
 )
 from phyagentos.protocol.sessions.stop_signals import list_waiting, read_signal
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.edits.reading import decode
-from phyagentos.store.edits.shared_file import SharedFile
+from phyagentos.store.shared_file import SharedFile, decode
 from phyagentos.store.views.sessions import END_MARK
 
 PERIOD_S = 0.5  # between two documents, at least

@@ -12,7 +12,6 @@ from typing import Any
 
 from phyagentos.errors import ExecutionError
 from phyagentos.store.follower import Follower
-from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.segments import Front, SyncFailedError, SystemIO, create_segment, sync_folder, write_all
 
 
@@ -22,10 +21,10 @@ class SegmentWriter:
     `segment` is open for writing; `failure` is why nothing can be written any more.
     """
 
-    def __init__(self, folder: Path, lock: PartitionLock, file_io: SystemIO, *, durable: bool) -> None:
+    def __init__(self, folder: Path, file_io: SystemIO, *, durable: bool) -> None:
         self.segment: str | None = None
         self.failure: ExecutionError | None = None
-        self._folder, self._lock, self._io, self._durable = folder, lock, file_io, durable
+        self._folder, self._io, self._durable = folder, file_io, durable
         self._mutex = threading.Lock()  # one fdatasync at a time; taken after the journal's, never before
         self._synced_seq = 0
         self._fd = -1
@@ -70,20 +69,12 @@ class SegmentWriter:
         front = Front(lane=self._folder.name, name=name, first_seq=cursor.seq + 1)
         if cursor.segment is not None:
             front = Front(front.lane, name, front.first_seq, prev=cursor.segment, prev_sha256=cursor.compute_sha256())
-        self.announce(name)
         try:
             create_segment(self._folder, front, self._io, durable=self._durable)
         except SyncFailedError as error:
             raise self._fail(error) from error
         except OSError as error:
             raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self._folder}, segment {name}: {error}") from error
-
-    def announce(self, name: str) -> None:
-        """Write into the lock file which segment is current."""
-        try:
-            self._lock.announce(name)
-        except OSError as error:  # no segment may appear unannounced
-            raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self._folder}, lock file: {error}") from error
 
     def sync(self, seq: int, cursor: Follower) -> None:
         """Wait until record `seq` is on the disk; one call serves every thread that waits meanwhile."""

@@ -5,7 +5,6 @@ import hmac
 import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from http.cookies import CookieError, SimpleCookie
 
 COOKIE, FORM_SECRET, FORM_HEADER = "paos_view", "secret", "x-paos-secret"
 
@@ -22,12 +21,12 @@ class Access:
         """What a form of our own page carries; nobody learns the token from it."""
         return hmac.new(self.token.encode(), b"form", hashlib.sha256).hexdigest()
 
-    def admits(self, headers: Mapping[str, str]) -> bool:
+    def admits(self, headers: Mapping[str, str], cookies: Mapping[str, str]) -> bool:
         """Whether a request names this server, and carries the token in its cookie, or as a bearer."""
         if headers.get("host", "") not in self.hosts:  # another name that leads here: DNS rebinding
             return False
         scheme, _, given = headers.get("authorization", "").partition(" ")
-        return self.is_token(given if scheme.lower() == "bearer" else _read_cookie(headers.get("cookie", "")))
+        return self.is_token(given if scheme.lower() == "bearer" else cookies.get(COOKIE, ""))
 
     def is_token(self, given: str) -> bool:
         """Whether this is the token."""
@@ -41,11 +40,3 @@ class Access:
     def is_own_origin(self, headers: Mapping[str, str]) -> bool:
         """Whether a page of this server asks."""
         return headers.get("origin", "").partition("://")[2] in self.hosts
-
-
-def _read_cookie(text: str) -> str:
-    try:
-        found = SimpleCookie(text).get(COOKIE)
-    except CookieError:
-        return ""
-    return found.value if found is not None else ""

@@ -5,6 +5,8 @@ from pathlib import Path
 
 from typing_extensions import override
 
+from phyagentos.errors import DefinitionError
+from phyagentos.operations.export import Written
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.view.documents import Documents
@@ -41,6 +43,17 @@ def build_archive(documents: Documents, goal: GoalStatus) -> str:
             if status.contract.goal == goal.id
         ],
     )
+
+
+def write_archive(root: Path, goal: str, to: Path) -> Written:
+    """Write a goal of a workspace, the latest without a name, as one file; raises DefinitionError `UNKNOWN_GOAL`."""
+    documents = Documents(root)
+    documents.refresh()
+    status = documents.find_goal(goal)
+    if status is None:
+        raise DefinitionError.unknown("UNKNOWN_GOAL", str(root), goal, documents.ledger.goals)
+    to.write_text(build_archive(documents, status), encoding="utf-8")
+    return Written(file=to)
 
 
 def _render_of(renderer: PanelRenderer, panel: Panel, goal: GoalStatus, session: str) -> str:

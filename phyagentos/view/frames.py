@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.looks import (
     LookEntry,
+    Pointer,
     StoredFrame,
     Window,
-    find_window,
-    format_picture,
-    get_picture,
     iter_whole_frames,
+    name_picture,
 )
 
 
@@ -29,10 +28,9 @@ def read_frames(bundle: Bundle) -> list[SeenFrame]:
     windows: dict[str, dict[str, Window]] = defaultdict(dict)
     for world in (bundle.before, bundle.after):
         for entity in world.entities.values() if world is not None else ():
-            for pointer in entity.evidence:
-                if (window := find_window(pointer)) is not None:
-                    windows[get_picture(pointer)][entity.name] = window
+            for pointer in Pointer.parse_all(entity.evidence):
+                windows[pointer.picture][entity.name] = pointer.window
     return [
-        SeenFrame(look, frame, windows[format_picture(frame.camera, frame.time_s)])
+        SeenFrame(look, frame, windows[name_picture(frame.camera, frame.time_s)])
         for look, frame in iter_whole_frames(bundle.folder)
     ]

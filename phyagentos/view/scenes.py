@@ -47,7 +47,7 @@ def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
 
     @app.websocket("/scene/{session}")
     async def connect(socket: WebSocket, session: str) -> None:
-        if not access.admits(socket.headers) or not access.is_own_origin(socket.headers):
+        if not access.admits(socket.headers, socket.cookies) or not access.is_own_origin(socket.headers):
             await socket.close(1008)
             return
         wanted = [each.strip() for each in socket.headers.get("sec-websocket-protocol", "").split(",") if each.strip()]

@@ -122,7 +122,7 @@ def _guard(access: Access) -> Callable[[Request, Callable[[Request], Awaitable[R
             entered = RedirectResponse(request.url.path, 303)
             entered.set_cookie(COOKIE, access.token, httponly=True, samesite="strict")
             return entered
-        if not access.admits(request.headers):
+        if not access.admits(request.headers, request.cookies):
             return PlainTextResponse("Open the address that `paos view` has printed: it carries the token.\n", 401)
         response = await go_on(request)
         is_scene = request.url.path.startswith("/scene/")

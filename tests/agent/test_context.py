@@ -19,7 +19,7 @@ from phyagentos.protocol.sessions.tasks import GoalStatus, NodeStatus
 from phyagentos.protocol.sessions.verdicts import Attempt
 from phyagentos.protocol.settings.safety import Limit
 from phyagentos.protocol.world.environment import Entity, Snapshot
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 LEAST = 300  # tokens: every section named as dropped takes less
 HOSTILE = [

@@ -18,7 +18,7 @@ from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Status
 from phyagentos.protocol.world.truth import Truth
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 from .conftest import make_world, put, remove
 

@@ -10,7 +10,7 @@ from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.store.views.environment import render_environment
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 
 class Told(Evidence):

@@ -1,12 +1,8 @@
 """What forecasts were worth decides who is asked: a forecaster that does worse than the base rate is not."""
 
-import json
-
 import pytest
 
-from phyagentos.cli.forecasts import render_worth, show_forecasts
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.sessions.calibration import Scored, TrackRecord
 from phyagentos.protocol.sessions.evidence import write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, ROLLOUTS, Forecast, LookaheadResult, read_lookahead
 from phyagentos.protocol.sessions.session import Ended
@@ -85,38 +81,11 @@ def test_a_forecaster_that_is_worse_than_the_base_rate_is_not_asked_any_more(sta
     assert asked["g-3.blue"] == asked["g-3.red"], "within a goal all sessions are compiled from one record"
 
 
-def test_the_worth_of_each_forecaster_is_printed_beside_that_of_the_base_rate(stage, graph, capsys):
-    pursue(stage, graph, (1, 2))
-    show_forecasts([stage.workspace.root])
-
-    assert capsys.readouterr().out.splitlines() == [
-        "rollouts/1: Brier score 0.143, base rate 0.190, 6 cases (asked)",
-        "  foreseen        mean    happened",
-        "   80 to 100 %    90 %    5/6 = 83.3 % [43.6, 97.0]",
-        "bad/1: Brier score 0.677, base rate 0.190, 6 cases (not asked: worse than the base rate)",
-        "  foreseen        mean    happened",
-        "    0 to  20 %    10 %    5/6 = 83.3 % [43.6, 97.0]",
-    ]
-    show_forecasts([stage.workspace.root], as_json=True)
-    found = json.loads(capsys.readouterr().out)
-    assert {name: (each["cases"], each["is_asked"]) for name, each in found.items()} == {
-        "rollouts/1": (6, True),
-        "bad/1": (6, False),
-    }
-
-
 def test_a_damaged_forecast_counts_for_nothing(stage, graph):
     pursue(stage, graph, (1,))
     (stage.workspace.evidence_of("g-1.red") / LOOKAHEAD).write_text("{")
 
     assert {name: len(found) for name, found in collect_scored(stage.workspace).items()} == {ROLLOUTS: 2, "bad/1": 2}
-
-
-def test_few_cases_are_said_to_be_few():
-    record = TrackRecord(cases=1, brier=0.81, base_brier=0.25)
-    (first, *_) = render_worth("bad/1", [Scored(0.1, True)], 20)
-
-    assert first == f"bad/1: {record} (asked; 20 are enough to say)"
 
 
 def test_a_result_that_was_written_before_there_were_others_is_one_of_rollouts(tmp_path):

@@ -14,7 +14,7 @@ from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.truth import Truth
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 from .conftest import make_world, put
 from .test_recovery_missions import achieve_unseen as leave_unseen

@@ -1,16 +1,20 @@
 """Judges as plug-ins: found through the entry points of installed packages, named in settings, failing closed."""
 
+import sys
+
 import pytest
 
 from phyagentos.agent.judging.judges.judge_registry import JudgeDefinition, choose_judges
-from phyagentos.assembly.verification import build_verifier, list_judges
+from phyagentos.assembly.verification import JUDGES, build_verifier
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
+from tests.packages import install
 
 from .conftest import make_world, put
 from .test_verifier import BUDGET, IN_TRAY, make_bundle
@@ -54,20 +58,16 @@ HASTE = JudgeDefinition(
 
 
 @pytest.fixture
-def install(tmp_path_factory, monkeypatch):
+def announce(tmp_path_factory, monkeypatch):
     """Lay an installed package where Python looks for them."""
 
-    def put_there(module="haste_judge", code=HASTE, points="haste = haste_judge:HASTE"):
+    def announce(code=HASTE, **points):
         site = tmp_path_factory.mktemp("site")
-        (site / f"{module}.py").write_text(code)
-        information = site / f"{module}-1.0.dist-info"
-        information.mkdir()
-        (information / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
-        (information / "entry_points.txt").write_text(f"[phyagentos.judges]\n{points}\n")
+        install(site, "haste_judge", code, {"phyagentos.judges": points or {"haste": "haste_judge:HASTE"}})
         monkeypatch.syspath_prepend(site)
-        monkeypatch.delitem(__import__("sys").modules, module, raising=False)
+        monkeypatch.delitem(sys.modules, "haste_judge", raising=False)
 
-    return put_there
+    return announce
 
 
 @pytest.fixture
@@ -80,13 +80,13 @@ def make_verifier(tmp_path):
 
 
 def test_what_ships_is_registered_by_name():
-    assert sorted(list_judges()) == SHIPPED
-    assert [each.name for each in choose_judges(list_judges(), SHIPPED, "") if each.is_costly] == ["vision"]
+    assert JUDGES.names() == SHIPPED
+    assert [each.name for each in choose_judges(JUDGES, SHIPPED, "") if each.is_costly] == ["vision"]
 
 
-def test_a_judge_of_an_installed_package_is_found_and_weighed_like_the_own_ones(install, make_verifier):
-    install()
-    assert sorted(list_judges()) == sorted([*SHIPPED, "haste"])
+def test_a_judge_of_an_installed_package_is_found_and_weighed_like_the_own_ones(announce, make_verifier):
+    announce()
+    assert JUDGES.names() == sorted([*SHIPPED, "haste"])
     verifier = make_verifier("verification: {judges: [predicates, haste], options: {haste: {ticks_max: 80}}}")
     attempt = verifier.judge(make_bundle(DONE), BUDGET)
     assert (attempt.verdict, attempt.judges) == (Verdict.REPLAN, ("predicates/2", "haste/1(80)"))
@@ -97,8 +97,8 @@ def test_a_judge_of_an_installed_package_is_found_and_weighed_like_the_own_ones(
     ("ticks_max", "because"),
     [(-1, "the judge raised ZeroDivisionError: no time at all"), (0, "the judge answered with str")],
 )
-def test_a_judge_of_others_that_fails_leaves_unknown_and_no_success(install, make_verifier, ticks_max, because):
-    install()
+def test_a_judge_of_others_that_fails_leaves_unknown_and_no_success(announce, make_verifier, ticks_max, because):
+    announce()
     verifier = make_verifier(
         f"verification: {{judges: [predicates, haste], options: {{haste: {{ticks_max: {ticks_max}}}}}}}"
     )
@@ -117,28 +117,18 @@ def test_options_of_a_judge_that_is_not_asked_are_refused(make_verifier):
         make_verifier("verification: {options: {haste: {ticks_max: 3}}}")
 
 
-def test_a_plug_in_never_replaces_a_shipped_judge(install):
-    install(code=HASTE.replace('"haste"', '"holds"'), points="holds = haste_judge:HASTE")
-    with pytest.raises(ValueError, match="judge 'holds' is registered already"):
-        list_judges()
-
-
-def test_a_package_that_does_not_load_is_refused_only_to_those_who_ask_for_it(install, make_verifier):
-    install(code="import nothing_of_this_name")
+def test_a_package_that_does_not_load_is_refused_only_to_those_who_ask_for_it(announce, make_verifier):
+    announce(code="import nothing_of_this_name")
     make_verifier("verification: {judges: [predicates, holds]}")
-    with pytest.raises(DefinitionError, match="judge 'haste', whose package does not load: ModuleNotFoundError"):
+    with pytest.raises(
+        DefinitionError, match=r"BROKEN_PLUGIN: found 'haste' .* of package haste_judge raised ModuleNotFoundError"
+    ):
         make_verifier("verification: {judges: [predicates, haste]}")
 
 
-def test_an_entry_point_that_announces_something_else_is_named(install):
-    install(points="haste = haste_judge:Haste")
-    with pytest.raises(ValueError, match="entry point 'haste_judge:Haste' is no JudgeDefinition of the name 'haste'"):
-        list_judges()
-
-
 def test_a_judge_is_asked_once_however_often_it_is_named():
-    known = {"one": JudgeDefinition(name="one", open=lambda _: None)}
-    assert [each.name for each in choose_judges(known, ["one", "one"], "--with")] == ["one"]
+    judges = Plugins("-", {"one": JudgeDefinition(name="one", open=lambda _: None)})
+    assert [each.name for each in choose_judges(judges, ["one", "one"], "--with")] == ["one"]
 
 
 def test_the_shipped_settings_name_only_judges_that_there_are():

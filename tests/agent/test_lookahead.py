@@ -12,7 +12,7 @@ from phyagentos.protocol.sessions.evidence import write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, Alternative, LookaheadResult
 from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 from .conftest import ScriptedRuntime, make_rejection
 

@@ -33,7 +33,7 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .conftest import add_skills, make_unmet, make_world
 from .test_diagnosis import COURSES, JUDGING, criterion, make_bundle, moved

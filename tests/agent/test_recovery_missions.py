@@ -12,8 +12,8 @@ from phyagentos.agent.judging.review import review_session
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.memory.advisor import Advice, NoAdvice
 from phyagentos.agent.mission import goal_controller
-from phyagentos.cli.history import read_ledger
 from phyagentos.errors import Problem
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
@@ -22,7 +22,7 @@ from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Journal
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .conftest import Play, add_skills, hold, make_world, put, remove, succeed
 

@@ -13,7 +13,7 @@ from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.goals.spec import Budget
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import Alternative, AlternativeKind
-from phyagentos.agent.repair.case import Case, Left, Miss, compute_left
+from phyagentos.agent.repair.case import Case, RemainingBudget, UnmetObjective, compute_left
 from phyagentos.agent.repair.other_means import propose_resume_held
 from phyagentos.agent.repair.recovery_policies import GraphRepair
 from phyagentos.agent.repair.retrying import propose_retry
@@ -100,12 +100,12 @@ def make_case(catalogue: Catalogue, cause: Cause, **more: Any) -> Case:
     )
     status = SessionStatus(contract=session, state="verifying")
     facts: dict[str, Any] = {
-        "miss": Miss.of_execution(bundle, attempt),
+        "miss": UnmetObjective.of_execution(bundle, attempt),
         "choice": Choice(skill="pick_and_place", target="panda", parameters=session.parameters),
         "catalogue": catalogue,
         "lineage": (*more.pop("earlier", ()), status, *more.pop("later", ())),
         "replans_left": 2,
-        "left": Left(),
+        "left": RemainingBudget(),
         "time_of": {},
     }
     return Case(**(facts | more))
@@ -517,7 +517,7 @@ def test_a_broken_arm_is_replaced_by_one_that_stands_in_the_same_world(shipped):
 
 
 def test_a_way_that_the_budget_cannot_pay_is_passed_over_with_the_reason(shipped):
-    left = Left(sessions=2, needed=1)
+    left = RemainingBudget(sessions=2, needed=1)
     case = make_case(shipped, Cause.NO_PLAN, **HEMMED_IN, left=left)
     decision = GraphRepair().choose(case)
     assert decision.chosen.kind is AlternativeKind.GIVE_UP
@@ -527,7 +527,7 @@ def test_a_way_that_the_budget_cannot_pay_is_passed_over_with_the_reason(shipped
 
 
 def test_nothing_is_tried_that_cannot_be_paid_at_all(shipped):
-    case = make_case(shipped, Cause.OBJECT_MOVED, left=Left(sessions=1, needed=1))
+    case = make_case(shipped, Cause.OBJECT_MOVED, left=RemainingBudget(sessions=1, needed=1))
     chosen = GraphRepair().choose(case).chosen
     assert chosen.kind is AlternativeKind.GIVE_UP
     assert "BUDGET" in chosen.because

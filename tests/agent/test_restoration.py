@@ -10,7 +10,7 @@ from phyagentos.agent.mission import goal_controller
 from phyagentos.agent.repair.regressions import find_regressions
 from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.settings.verification_mode import VerificationMode
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 from .conftest import Play, add_skills, hold, make_unmet, make_world, put, succeed
 

@@ -11,7 +11,7 @@ from phyagentos.agent.judging.diagnosis import diagnose
 from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
 from phyagentos.agent.judging.verifier import History, SessionVerifier
-from phyagentos.agent.repair.case import Miss
+from phyagentos.agent.repair.case import UnmetObjective
 from phyagentos.agent.repair.retrying import revise
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Execution, Session
@@ -20,7 +20,7 @@ from phyagentos.protocol.sessions.trace import Role, TraceEvent, find_label
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.idealisations import Aspect, Idealisation
 from phyagentos.protocol.world.truth import Truth
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 from .conftest import make_world, put, remove
 
@@ -150,7 +150,7 @@ def test_a_miss_without_a_cause_cannot_be_made(verdict):
 
 @pytest.mark.parametrize("verdict", [Verdict.SUCCESS, Verdict.UNVERIFIED])
 def test_what_missed_nothing_is_no_miss(verdict):
-    assert Miss.of_execution(make_bundle(make_world()), Attempt(verdict=verdict, criteria=())) is None
+    assert UnmetObjective.of_execution(make_bundle(make_world()), Attempt(verdict=verdict, criteria=())) is None
 
 
 def test_a_spent_budget_turns_a_replan_into_a_failure():
@@ -196,7 +196,7 @@ def test_a_violated_constraint_is_replanned_slower_when_the_world_has_recovered(
     attempt = SessionVerifier().judge(bundle, BUDGET)
     assert (attempt.verdict, attempt.cause) == (Verdict.REPLAN, Cause.CONSTRAINT_VIOLATED)
     assert "upright(bottle) was false at 2.50 s: it leans 40 degrees" in attempt.reason
-    assert revise(Miss.of_execution(bundle, attempt)).strategy == Strategy(speed=0.5)
+    assert revise(UnmetObjective.of_execution(bundle, attempt)).strategy == Strategy(speed=0.5)
 
 
 def test_judges_of_others_are_weighed_like_the_own_ones():
@@ -234,7 +234,7 @@ def _revise(cause: Cause, *, of_skill: tuple[str, ...] = (), **more: Any) -> Any
     session = make_session(**more)
     bundle = make_bundle(put(make_world(), "red_cube", AWAY), session=session, trace=TRACE)
     attempt = Attempt(verdict=Verdict.REPLAN, criteria=(), cause=cause.value)
-    return revise(Miss.of_execution(bundle, attempt), of_skill)
+    return revise(UnmetObjective.of_execution(bundle, attempt), of_skill)
 
 
 def test_the_approach_that_was_carried_out_is_told_from_those_that_were_found():
@@ -270,7 +270,7 @@ def test_the_strategy_answers_the_cause(cause, before, after):
 def test_a_way_that_was_refused_before_any_site_was_chosen_is_another_grasp():
     bundle = make_bundle(make_world(), session=make_session(), trace=TRACE[:2])
     attempt = Attempt(verdict=Verdict.REPLAN, criteria=(), cause=Cause.ADAPTER_REFUSED.value)
-    assert revise(Miss.of_execution(bundle, attempt)).strategy == Strategy(avoid_grasps=("yaw+090",))
+    assert revise(UnmetObjective.of_execution(bundle, attempt)).strategy == Strategy(avoid_grasps=("yaw+090",))
 
 
 def test_the_child_requires_to_see_the_object_and_not_that_it_stands_where_its_skill_wanted_it():

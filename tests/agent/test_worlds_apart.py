@@ -11,7 +11,7 @@ from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.environment import Entity, Environment, Pose, TargetState
 from phyagentos.protocol.world.truth import Truth
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 
 class Told(Evidence):

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import mujoco
 import pytest
 
-from phyagentos.assembly import mission_run
+from phyagentos.operations import run
 from phyagentos.protocol.capabilities.registries import get_registered_target
 from phyagentos.protocol.sessions.evidence import INITIAL, SCENE_MODEL, TERMINAL, TRAJECTORY
 from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
@@ -46,14 +46,14 @@ def add_scene(workspace, bundle):
 @pytest.fixture
 def asked(monkeypatch, stored):
     """Orders of runs that are checked like any other and then end with the stored workspace."""
-    orders, workspace = [], mission_run.Workspace.open(stored)
+    orders, workspace = [], run.Workspace.open(stored)
 
     def run_goal(order, interrupts, clock):
-        graph = mission_run.get_file(order.graph, "goal_graphs")
-        faults = mission_run.get_file(order.faults, "faults") if order.faults is not None else None
-        mission_run.check_order(graph, faults, mission_run.parse_overrides(order.overrides))
+        graph = run.get_file(order.graph, "goal_graphs")
+        faults = run.get_file(order.faults, "faults") if order.faults is not None else None
+        run.check_request(graph, faults, run.parse_overrides(order.overrides))
         orders.append(order)
-        return SimpleNamespace(workspace=workspace, goal=SimpleNamespace(id=GOAL))
+        return SimpleNamespace(workspace=workspace.root, goal=SimpleNamespace(goal=GOAL))
 
-    monkeypatch.setattr(mission_run, "run_goal", run_goal)
+    monkeypatch.setattr(run, "run_goal", run_goal)
     return orders

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 import threading
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from xml.etree import ElementTree
@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import phyagentos as library
-from phyagentos.assembly import mission_run
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.operations import run as running
 from phyagentos.protocol.sessions.evidence import TRACE, TRAJECTORY
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.sessions.verdicts import Criterion
@@ -246,8 +246,38 @@ def test_a_run_orders_what_the_command_orders(asked, monkeypatch, paos, tmp_path
     options = ["--seed", "3", "-w", tmp_path / "w", "--faults", "slip", "--set", "targets.arm=panda"]
     options += ["--world-mode", "realtime", "--verify", "audit", "--sense", "truth", "--prior", "shapes"]
     paos("run", "tidy_table", *options, "--memory", "none", "--no-pictures", "--trust-python")
-    for each in fields(asked[0]):
-        assert getattr(asked[0], each.name) == getattr(asked[1], each.name), each.name
+    assert asked[0] == asked[1]
+
+
+CUBES = "tabletop/cubes_and_trays"
+COMPILE = ("compile", "tidy_table", "--set", "targets.arm=ur5e")
+
+
+@pytest.mark.parametrize(
+    ("call", "command"),
+    [
+        (lambda w: library.why("red", workspace=w), ("why", "red", "-w", "{}")),
+        (library.status, ("status", "-w", "{}")),
+        (lambda _: library.compile("tidy_table", overrides={"targets.arm": "ur5e"}), COMPILE),
+        (lambda _: library.lint(ROOT / "goal_graphs"), ("lint", ROOT / "goal_graphs")),
+        (lambda _: library.plan(ROOT / "tests/api/put_red.goal.yaml"), ("plan", ROOT / "tests/api/put_red.goal.yaml")),
+        (lambda _: library.ask("make coffee", scene=CUBES), ("ask", "make coffee", "--scene", CUBES)),
+    ],
+    ids=["why", "status", "compile", "lint", "plan", "ask"],
+)  # fmt: skip
+def test_a_function_returns_what_its_command_prints_as_json(stored, paos, call, command):
+    printed = paos(*(str(word).format(stored) for word in command), "--json").out
+    assert json.loads(msgspec.json.encode(call(stored))) == json.loads(printed)
+
+
+def test_a_request_becomes_a_graph_in_a_workspace_that_a_run_takes(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    asked = library.ask("put the cube into the red tray", scene=CUBES)
+    (question,) = asked.questions
+    found = library.ask("put the cube into the red tray", scene=CUBES, answers={question.key: "red_cube"})
+    assert found.goal["accept"] == ["inside(red_cube, red_tray)"]
+    assert Path(found.graph).is_relative_to(found.workspace)
+    assert library.open_workspace(found.workspace).goals == {}
 
 
 @pytest.mark.parametrize(
@@ -271,7 +301,7 @@ def test_an_interrupted_run_raises_what_python_raises_for_an_interrupt(asked, mo
         interrupts.count = 1
         return SimpleNamespace(workspace=None, goal=None)
 
-    monkeypatch.setattr(mission_run, "run_goal", run_goal)
+    monkeypatch.setattr(running, "run_goal", run_goal)
     with pytest.raises(KeyboardInterrupt):
         library.run("tidy_table")
 
@@ -281,7 +311,7 @@ def test_interrupts_are_left_alone_outside_the_main_thread():
 
     def count():
         try:
-            with mission_run.Interrupts().counted() as interrupts:
+            with running.Interrupts().counted() as interrupts:
                 failures.append(interrupts.count)
         except ValueError as error:
             failures.append(error)

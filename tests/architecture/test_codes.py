@@ -10,12 +10,14 @@ import phyagentos
 from phyagentos.codes import CODES
 
 PACKAGE = Path(phyagentos.__file__).parent
+ROLLOUTS = PACKAGE.parent / "kits" / "rollouts"  # its codes are causes of the agent
 ROOT = PACKAGE.parent
 FORM = re.compile(r"[A-Z][A-Z0-9]*(_[A-Z0-9]+)+|[A-Z]{4,}")
 SUFFIX = re.compile(r"_[A-Z]{4,}")  # of f"{kind}_UNAVAILABLE"
 OTHER_NAMES = {
     "AF_UNIX",
     "DISPLAY",
+    "DRIVER_CHECKS",
     "EDITOR",
     "FLOCK",
     "LOCK_NAME",
@@ -34,6 +36,7 @@ OTHER_NAMES = {
     "RGBA",
     "ROLE",
     "VISUAL",
+    "WIRE_VERSION",
 }  # the system's, and attributes of classes
 OF_SQLITE = {"COMMIT", "DEFERRED", "IMMEDIATE", "ROLLBACK"}
 METAVARS = {"AREA", "BODY", "FILE", "MATERIAL", "MODEL", "ROBOT", "SESSION"}  # of patterns and help texts
@@ -42,9 +45,9 @@ TRACE = {"SUCCESS", "FAILURE"}  # py_trees' own words
 
 
 def find_names() -> tuple[set[str], set[str]]:
-    """Every upper-case constant of the package, and the endings of those that are put together."""
+    """Every upper-case constant of the package and the kit of rollouts, and the endings of those put together."""
     names, endings = set(), set()
-    for path in PACKAGE.rglob("*.py"):
+    for path in (*PACKAGE.rglob("*.py"), *ROLLOUTS.rglob("*.py")):
         if path.name in {"codes.py", "code_tables.py"} and path.parent == PACKAGE:
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

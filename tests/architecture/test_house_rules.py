@@ -18,6 +18,7 @@ OWN_PYTHON = sorted(
 MAX_LINES = 600
 COMPOSED = ("SessionRunner", "WorkerLoop", "Mission", "Physics")
 MAX_COLLABORATORS = 8
+FACADES = (PACKAGE, PACKAGE / "testing")
 BANNED_STEMS = {"utils", "util", "helpers", "helper", "misc", "common"}
 BODY_LIBRARIES = {"mujoco", "mink", "ompl", "toppra", "casadi", "py_trees", "numba"}
 
@@ -40,7 +41,7 @@ def test_every_package_root_holds_a_docstring_only():
     for path in (path for path in MODULES if path.name == "__init__.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         assert ast.get_docstring(tree), f"{name_of(path)}: say what the package is"
-        rest = [node for node in tree.body[1:] if not (path.parent == PACKAGE and _loads_nothing(node))]
+        rest = [node for node in tree.body[1:] if not (path.parent in FACADES and _loads_nothing(node))]
         assert not rest, f"{name_of(path)}: importing a package must not load anything"
 
 
@@ -139,3 +140,50 @@ def test_the_command_line_loads_no_plane_before_it_needs_one():
     loaded = loaded_by("phyagentos.cli.app")
     assert not loaded & (BODY_LIBRARIES | {"networkx", "numpy"})
     assert not {name for name in loaded if name.startswith(("phyagentos.agent", "phyagentos.runtime"))}
+
+
+SPEAKS = ("print", "input", "exit", "SystemExit", "redirect_stdout")
+STREAMS = ("sys.stdout.write", "sys.stdout.flush", "sys.stderr.write", "sys.stderr.flush", "typer.", "click.")
+STARTS = ("subprocess.Popen", "subprocess.run", "subprocess.check", "os.fork", "os.exec", "os.spawn", "os.system")
+MAY_SPEAK = {
+    "phyagentos/__main__.py",
+    "phyagentos/assembly/agent_plane.py",  # the main of a plane: what it prints is its log
+    "phyagentos/assembly/processes.py",  # the mains of workers, worlds and planners, likewise
+    "phyagentos/view/scenes.py",  # keeps quiet what the server of the 3D scene prints
+}
+MAY_START = {
+    "phyagentos/assembly/planes.py": "planes",
+    "phyagentos/assembly/runtime_plane.py": "the thinning of evidence, at the lowest priority beside control",
+    "phyagentos/bench/availability.py": "environments of others, made and looked at",
+    "phyagentos/bench/episode.py": "episodes",
+    "phyagentos/bench/sweep.py": "policies of a suite",
+    "phyagentos/operations/doctor.py": "a picture, tried without a screen",
+    "phyagentos/runtime/channel.py": "planners",
+    "phyagentos/runtime/drivers/gymnasium.py": "environments of others",
+    "phyagentos/runtime/supervision/world_process.py": "worlds and workers",
+}
+
+
+def iter_calls(path):
+    """The names of what a module calls or raises, as they are written."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call):
+            yield ast.unparse(node.func)
+        elif isinstance(node, ast.Raise) and node.exc is not None:
+            yield ast.unparse(node.exc)
+
+
+def find_callers(is_meant):
+    found = {name_of(path): sorted({each for each in iter_calls(path) if is_meant(each)}) for path in MODULES}
+    return {name: calls for name, calls in found.items() if calls and not name.startswith("phyagentos/cli/")}
+
+
+def test_only_the_command_line_prints_prompts_and_exits():
+    found = find_callers(
+        lambda each: each.removeprefix("sys.").removeprefix("contextlib.") in SPEAKS or each.startswith(STREAMS)
+    )
+    assert {name: calls for name, calls in found.items() if name not in MAY_SPEAK} == {}
+
+
+def test_child_processes_are_planes_planners_worlds_episodes_and_environments_of_others():
+    assert set(find_callers(lambda each: each.startswith(STARTS))) == set(MAY_START)

@@ -25,6 +25,7 @@ from phyagentos.protocol.settings.verification import Verification
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from tests.agent.memory.conftest import SLOW, make_episode
 from tests.agent.test_judge_registry import HASTE
+from tests.packages import install
 
 ROOT = Path(__file__).resolve().parents[2]
 CLOCK = SystemClock()
@@ -65,20 +66,11 @@ def watched(tmp_path_factory):
     workspace = open_project(base / "w", copy_library(base / "library"))
     (workspace.root / "lift.yaml").write_text(GOAL)
     with pytest.MonkeyPatch.context() as patch:
-        install_judge(base / "site")
+        install(base / "site", "haste_judge", HASTE, {"phyagentos.judges": {"haste": "haste_judge:HASTE"}})
         patch.syspath_prepend(base / "site")
         patch.setenv("PYTHONPATH", str(base / "site"), prepend=os.pathsep)
         with start_watch(workspace, pictures=False).running(CLOCK):
             yield workspace
-
-
-def install_judge(site):
-    """An installed package that announces a judge, for every process that looks into `site`."""
-    information = site / "haste_judge-1.0.dist-info"
-    information.mkdir(parents=True)
-    (site / "haste_judge.py").write_text(HASTE)
-    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: haste_judge\nVersion: 1.0\n")
-    (information / "entry_points.txt").write_text("[phyagentos.judges]\nhaste = haste_judge:HASTE\n")
 
 
 def declare(workspace, **settings):

@@ -19,7 +19,7 @@ from benchmarks.unseen_parts.forms import KINDS, Form, Solid, find_euler, make_b
 from benchmarks.unseen_parts.goals import draw_case
 from benchmarks.unseen_parts.records import NodeRecord, SessionRecord, begin_record, mark_open
 from benchmarks.unseen_parts.rooms import Room, Thing, find_twin
-from phyagentos.cli.lint import lint_paths
+from phyagentos.operations.lint import lint_paths
 
 PARTS = Path(unseen_drawn.__file__).parent
 PURE = ("forms", "rooms", "cases", "faults", "impossible", "goals", "feasible", "judge", "records")
@@ -35,9 +35,9 @@ def test_seed_gives_the_same_case_whatever_was_drawn_before():
 @pytest.mark.slow
 def test_scenes_goals_and_faults_pass_lint(tmp_path):
     write_project(CASES[:12], tmp_path)
-    files, problems = lint_paths([tmp_path])
-    assert not problems
-    assert len(files) == 25
+    found = lint_paths([tmp_path])
+    assert not found.problems
+    assert len(found.checked) == 25
 
 
 def test_all_twelve_kinds_and_all_sorts_of_nodes_and_faults_are_drawn():
@@ -263,9 +263,7 @@ def test_a_drawn_project_tells_its_scorer_which_case_it_is_and_passes_lint(drawn
     seed = 1_500_006
     graph = drawn(seed, tmp_path / "project")
     case = unseen_drawn.read_case(tmp_path / "project")
-    _, problems = lint_paths([tmp_path / "project"])
-
-    assert not problems
+    assert not lint_paths([tmp_path / "project"]).problems
     assert (case.seed, graph.stem) == (seed, case.name)
     assert yaml.safe_load(graph.read_text())["accept"] == list(case.accept)
     assert len(yaml.safe_load((tmp_path / "project" / "faults.yaml").read_text())["faults"]) == len(case.faults)

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from phyagentos.assembly.progress import RunFold
+from phyagentos.operations.progress import RunFold
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Execution, Scene
@@ -12,8 +12,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
-from tests.clocks import ManualClock
-from tests.contracts import make_contract
+from phyagentos.testing import ManualClock, make_contract
 
 GOAL = "tidy-7"
 NODES = {

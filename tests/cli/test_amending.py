@@ -10,8 +10,8 @@ from phyagentos.agent.goals.amendment import describe_node
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.compiler import SessionCompiler
 from phyagentos.agent.goals.graph import read_goal_graph
-from phyagentos.cli.history import read_ledger
 from phyagentos.clock import SystemClock
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId

@@ -9,9 +9,9 @@ import yaml
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.agent.tools.registry import Level
 from phyagentos.assembly.memory_choice import read_choice
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.mcp_server import build_registry
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 

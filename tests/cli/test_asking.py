@@ -11,14 +11,16 @@ from pathlib import Path
 import pytest
 import yaml
 
-from phyagentos.cli import mission_run
-from phyagentos.cli.outcome import ExitCode, print_json
+from phyagentos.cli import asking
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.operations.run import RunReport
 from tests.chat_server import ChatServer
 
 CUBES = ("--scene", "tabletop/cubes_and_trays")
 REQUEST = "put every cube into the tray of its colour, and keep the bottle upright"
 SHORT = "put the red cube into the red tray"
 FOREIGN = "el cubo rojo en la bandeja roja"
+REPORT = RunReport(exit_code=0, workspace="w", wall_s=1.0, pictures={}, goal=None)
 GOAL = {"goal": {"accept": ["inside(red_cube, red_tray)"]}}
 
 
@@ -33,16 +35,14 @@ def here(tmp_path, monkeypatch):
 @pytest.fixture
 def runs(monkeypatch):
     """What would be run, instead of running it."""
-    orders = []
+    requests = []
 
-    def note(order):
-        orders.append(order)
-        if order.as_json:
-            print_json({"verdict": "success"})
-        return int(ExitCode.GOAL_MET)
+    def note(request, **_):
+        requests.append(request)
+        return REPORT
 
-    monkeypatch.setattr(mission_run, "run_mission", note)
-    return orders
+    monkeypatch.setattr(asking, "run_shown", note)
+    return requests
 
 
 @pytest.fixture
@@ -56,11 +56,12 @@ def model(monkeypatch):
 
 def test_a_request_becomes_a_graph_that_lints_and_nothing_runs_unapproved(paos, runs):
     asked = paos("ask", REQUEST, *CUBES)
-    graph = Path("asked/put_every_cube_into_the_tray_of_its.yaml")
+    folder = Path("workspaces/put_every_cube_into_the_tray_of_its-0-1")
+    graph = folder / "requests" / "put_every_cube_into_the_tray_of_its.yaml"
 
     assert asked.code == ExitCode.GOAL_MET
     assert runs == []
-    assert f"paos run {graph}" in asked.err
+    assert f"paos run {graph} -w {folder}\n" in asked.err
     assert "upright(bottle)" in asked.out
     assert "LEFT OUT yellow_cube" in asked.out
     assert "because pick_and_place guarantees inside(red_cube, red_tray)" in asked.out
@@ -68,7 +69,7 @@ def test_a_request_becomes_a_graph_that_lints_and_nothing_runs_unapproved(paos, 
     assert set(yaml.safe_load(graph.read_text(encoding="utf-8"))["accept"]) == {
         f"inside({colour}_cube, {colour}_tray)" for colour in ("red", "green", "blue")
     }
-    assert paos("plan", "asked/put_every_cube_into_the_tray_of_its.goal.yaml").code == ExitCode.GOAL_MET
+    assert paos("plan", graph.with_suffix(".goal.yaml")).code == ExitCode.GOAL_MET
 
 
 def test_yes_approves_and_runs_as_paos_run_does(paos, runs):
@@ -87,7 +88,7 @@ def test_json_is_one_document_with_the_report_of_the_run_in_it(paos, runs):
     assert found["goal"]["constraints"] == ["upright(bottle)"]
     assert set(found["left_out"]) == {"yellow_cube"}
     assert len(found["sessions"]) == 3
-    assert found["report"] == {"verdict": "success"}
+    assert found["report"]["workspace"] == REPORT.workspace
     assert len(runs) == 1
 
 
@@ -105,7 +106,7 @@ def test_questions_end_with_code_2_and_their_candidates_and_can_be_answered(paos
     assert asked.code == ExitCode.INVALID_INPUT
     assert question["candidates"] == ["red_cube", "green_cube", "blue_cube", "yellow_cube"]
     assert runs == []
-    assert not Path("asked").exists()
+    assert not Path("workspaces").exists()
     answer = f"{question['key']}=green_cube"
     answered = paos("ask", "put the cube in the red tray", *CUBES, "--json", "--answer", answer)
     assert json.loads(answered.out)["goal"]["accept"] == ["inside(green_cube, red_tray)"]
@@ -132,7 +133,7 @@ def test_a_goal_without_a_plan_says_what_is_missing(paos):
 
     assert asked.code == ExitCode.GOAL_NOT_MET
     assert "red_tray" in asked.out
-    assert not Path("asked").exists()
+    assert not Path("workspaces").exists()
 
 
 def test_a_scene_has_to_be_named_once(paos):
@@ -146,13 +147,34 @@ def test_as_before_takes_the_request_before(paos):
     found = json.loads(paos("ask", "as before, and put the blue cube into the blue tray", "--json").out)
 
     assert found["goal"]["accept"] == ["inside(red_cube, red_tray)", "inside(blue_cube, blue_tray)"]
+    assert (
+        found["before"]
+        == "workspaces/put_the_red_cube_into_the_red_tray-0-1/requests/put_the_red_cube_into_the_red_tray.goal.yaml"
+    )
+
+
+def test_as_before_is_asked_of_the_workspace_that_is_named(paos):
+    paos("ask", SHORT, *CUBES, "-w", "first")
+    paos("ask", "put the green cube into the green tray", *CUBES)
+    again = ("ask", "as before, and put the blue cube into the blue tray")
+
+    named, newest = paos(*again, "-w", "first", "--json"), paos(*again)
+
+    assert "inside(red_cube, red_tray)" in json.loads(named.out)["goal"]["accept"]
+    assert "the request before: workspaces/put_the_green_cube_into_the_green_tray-0-1/requests/" in newest.err
 
 
 def test_another_graph_of_the_same_name_is_not_overwritten(paos):
-    paos("ask", "put the cube into the red tray", *CUBES, "--answer", "the cube@4=red_cube")
-    paos("ask", "put the cube into the red tray", *CUBES, "--answer", "the cube@4=blue_cube")
+    paos("ask", "put the cube into the red tray", *CUBES, "-w", "w", "--answer", "the cube@4=red_cube")
+    paos("ask", "put the cube into the red tray", *CUBES, "-w", "w", "--answer", "the cube@4=blue_cube")
 
-    assert len([path for path in Path("asked").glob("*.yaml") if not path.name.endswith(".goal.yaml")]) == 2
+    name = "put_the_cube_into_the_red_tray"
+    assert sorted(path.name for path in Path("w/requests").iterdir()) == [
+        f"{name}.goal.yaml",
+        f"{name}.yaml",
+        f"{name}_2.goal.yaml",
+        f"{name}_2.yaml",
+    ]
 
 
 def test_a_robot_that_is_not_there_is_refused(paos):
@@ -198,8 +220,8 @@ def test_a_model_without_its_name_is_refused(paos, model, monkeypatch):
 def _ask_in_terminal(approval: bytes, *words: str, before: bytes = b"") -> tuple[int, str]:
     """The command in a terminal of its own; what is pressed before the approval is asked for is no approval."""
     script = (
-        "import sys; from phyagentos.cli import mission_run;"
-        "mission_run.run_mission = lambda order: print('RUNS', order.graph) or 0;"
+        "import sys; from phyagentos.cli import asking; from tests.cli.test_asking import REPORT;"
+        "asking.run_shown = lambda request, **_: print('RUNS', request.graph) or REPORT;"
         "from phyagentos.cli.app import main; main()"
     )
     near, far = pty.openpty()

@@ -22,7 +22,6 @@ COMMANDS = [
     ("judge", "ROOT"),
     ("cancel", "tidy-7.red", "-w", "ROOT"),
     ("store", "check", "ROOT"),
-    ("store", "stats", "ROOT"),
     ("evidence", "prune", "-w", "ROOT"),
 ]
 

@@ -7,10 +7,10 @@ import sys
 
 import pytest
 
-from phyagentos.cli import doctor
-from phyagentos.cli.doctor import Grade, iter_findings
 from phyagentos.clock import SystemClock
-from tests.clocks import ManualClock
+from phyagentos.operations import doctor
+from phyagentos.operations.doctor import Grade, iter_findings
+from phyagentos.testing import ManualClock
 
 pytestmark = pytest.mark.fast
 

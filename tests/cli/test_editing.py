@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.store.edits import edit_intake as edits
 
 
@@ -26,7 +26,7 @@ def test_a_limit_is_changed_with_sed(pending, paos):
     result = paos("edit", pending.workspace.root, "--editor", "sed -i 's/timeout_s: 60.0/timeout_s: 75/'")
 
     assert result.code == ExitCode.GOAL_MET, result.err
-    assert "tidy-7.red: timeout_s 75 s" in result.out
+    assert 'tidy-7.red: amend {"limits": {"timeout_s": 75.0}}' in result.out
     assert contract_of(pending).limits.timeout_s == 75.0
     assert "timeout_s: 75.0" in pending.workspace.sessions_document.read_text()
 
@@ -36,7 +36,7 @@ def test_what_is_refused_is_told_with_its_line(pending, paos):
 
     assert result.code == ExitCode.INVALID_INPUT
     assert "SESSIONS.md:" in result.err
-    assert "state: a state follows from records, and a verdict from evidence. Possible: state: cancelled" in result.err
+    assert "state: a state follows from records, and a verdict from evidence. Possible: limits" in result.err
     assert "1 refused; every word of it is in" in result.err
     assert "state: succeeded" in pending.workspace.rejected_document.read_text()
 
@@ -56,7 +56,7 @@ def test_what_this_program_fails_on_is_kept_too(pending, paos, monkeypatch):
     def fail(*_):
         raise KeyError("odd")
 
-    monkeypatch.setattr(edits, "merge", fail)
+    monkeypatch.setattr(edits, "compare", fail)
     result = paos("edit", pending.workspace.root, "--editor", "sed -i 's/timeout_s: 60.0/timeout_s: 75/'")
 
     assert result.code == ExitCode.INVALID_INPUT

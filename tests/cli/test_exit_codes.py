@@ -2,16 +2,18 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 
 import pytest
 
 from phyagentos.assembly.planes import Plane
-from phyagentos.cli import showing
-from phyagentos.cli.app import COMMANDS, GROUPS, read_summary
+from phyagentos.cli.app import COMMANDS, SECTIONS, read_summary
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.results import iter_commands
 from phyagentos.clock import SystemClock
+from phyagentos.operations import listing
 
 
 def test_help_and_version_succeed(paos):
@@ -63,14 +65,14 @@ def fail(*_: object, **__: object) -> None:
 
 
 def test_a_defect_of_this_program_is_one_line(paos, monkeypatch):
-    monkeypatch.setattr(showing, "_find_names", fail)
+    monkeypatch.setattr(listing, "list_names", fail)
     result = paos("list", "leaves")
     assert result.code == ExitCode.INTERNAL_ERROR
     assert result.err == "paos: ZeroDivisionError: planted. Add --debug for the traceback.\n"
 
 
 def test_debug_shows_the_traceback(paos, monkeypatch):
-    monkeypatch.setattr(showing, "_find_names", fail)
+    monkeypatch.setattr(listing, "list_names", fail)
     monkeypatch.delenv("PAOS_DEBUG", raising=False)
     result = paos("--debug", "list", "leaves")
     assert result.code == ExitCode.INTERNAL_ERROR
@@ -81,7 +83,7 @@ def test_ctrl_c_is_130(paos, monkeypatch):
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(showing, "_find_names", interrupt)
+    monkeypatch.setattr(listing, "list_names", interrupt)
     assert paos("list", "leaves").code == ExitCode.INTERRUPTED
 
 
@@ -129,6 +131,8 @@ def test_the_list_of_commands_loads_none_of_them_and_says_what_each_says_of_itse
     code = "import sys, phyagentos.cli.app as a; sys.argv = ['paos', '-h']\ntry: a.main()\nfinally: print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert "Behaviour trees." in done.stdout
+    assert "paos run tidy_table" in done.stdout
+    assert [line[:-1] for line in done.stdout.splitlines() if re.fullmatch(r"[A-Z]\w+:", line)][1:] == list(SECTIONS)
     assert not {"pydantic", "numpy", "yaml", "rich"} & set(done.stdout.split())
     for name in COMMANDS:
         line = read_summary(name)
@@ -137,14 +141,23 @@ def test_the_list_of_commands_loads_none_of_them_and_says_what_each_says_of_itse
         assert line in " ".join(paos(name, "--help").out.split()), name
 
 
-def test_every_command_has_json(paos):
-    commands = [(name,) for name in COMMANDS]
-    commands += [
-        (group, each.rstrip("_").replace("_", "-")) for group, (*_, members) in GROUPS.items() for each in members
-    ]
-    for words in commands:
-        assert "--json" in paos(*words, "--help").out, words
-    assert json.loads(paos("list", "scenes", "--json").out)["result"] == paos("list", "scenes").out.splitlines()
+def test_every_command_with_an_end_has_json(paos):
+    for command, _ in iter_commands():
+        assert "--json" in paos(*command.split(), "--help").out, command
+    assert len(list(iter_commands())) > 60
+
+
+@pytest.mark.parametrize(
+    ("words", "nearest"),
+    [
+        (("rnu",), "Did you mean 'run'?"),
+        (("store", "chekc"), "Did you mean 'check'?"),
+        (("run", "tidy_table", "--sed", "3"), "Did you mean '--seed'"),
+    ],
+)
+def test_a_slip_in_a_command_or_an_option_gets_the_nearest_name(paos, words, nearest):
+    result = paos(*words)
+    assert (result.code, nearest in result.err) == (ExitCode.INVALID_INPUT, True), result.err
 
 
 def test_problems_of_lint_are_json(paos, tmp_path):

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.sessions.estop import is_latched
 from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, TRACE, encode_lines, write_json
@@ -124,7 +124,7 @@ def test_a_request_leaves_a_signal_for_one_session(run, paos, kind):
 def test_nothing_is_asked_of_a_session_that_is_over(replanned, paos, kind):
     result = paos(kind, "red.r1", "--workspace", replanned.workspace.root)
     assert result.code == ExitCode.INVALID_INPUT
-    assert "tidy-7.red.r1: its state 'succeeded' is final; no session is live" in result.err
+    assert "tidy-7.red.r1: ALREADY_OVER: found its state 'succeeded' is final" in result.err
     assert list(take_signals(replanned.workspace.signals)) == []
 
 
@@ -179,7 +179,7 @@ def test_a_goal_that_has_its_verdict_cannot_be_cancelled(replanned, paos):
     replanned.write(Side.AGENT, "goal:tidy-7", "goal_verdict", verdict="success")
     result = paos("cancel", "tidy-7", "--workspace", replanned.workspace.root)
     assert result.code == ExitCode.INVALID_INPUT
-    assert "tidy-7: its verdict 'success' is final" in result.err
+    assert "tidy-7: ALREADY_OVER: found its verdict 'success' is final" in result.err
 
 
 @pytest.mark.parametrize("left", ["", "initial.snapshot"])
@@ -233,7 +233,7 @@ def test_why_of_a_goal_tells_its_nodes_and_the_first_cause(run, paos):
     assert "  execution   skill_failed GRASP_LOST: 6.50 s simulated, 0 commands, 0 safety interventions" in blocked
     assert paos("why", "tidy-7.blue", *place).out.splitlines() == blocked
     found = json.loads(paos("why", "red", *place, "--json").out)
-    assert (found["found"]["state"], found["explanation"][0]) == ("failed", "tidy-7.red: failed")
+    assert (found["session"]["state"], found["explanation"][0]) == ("failed", "tidy-7.red: failed")
 
 
 def test_why_where_nothing_ran_yet_says_so(run, paos):

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.cli.lint import FileKind, find_kind
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.operations.lint import FileKind, find_kind
 
 ROOT = Path(__file__).resolve().parents[2]
 GRAPH = """\

@@ -15,26 +15,27 @@ import pytest
 from rich.console import Console
 from rich.text import Text
 
-from phyagentos.assembly import mission_run as carrying_out
-from phyagentos.assembly.mission_run import (
+from phyagentos.assembly.paths import choose_folder
+from phyagentos.cli import console as console_module
+from phyagentos.cli import mission_run
+from phyagentos.cli.console import CleanConsole, RunConsole, build_progress_table
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.report import print_report
+from phyagentos.clock import SystemClock
+from phyagentos.errors import Problem
+from phyagentos.operations import run as carrying_out
+from phyagentos.operations.progress import RunFold, compute_depth
+from phyagentos.operations.run import (
     Interrupts,
     PlaneEnded,
-    RunOrder,
+    RunRequest,
     ask_for_end,
+    build_report,
     follow_run,
     mute_if_gone,
     run_goal,
 )
-from phyagentos.assembly.paths import choose_folder
-from phyagentos.assembly.progress import RunFold, compute_depth
-from phyagentos.cli import console as console_module
-from phyagentos.cli import mission_run
-from phyagentos.cli.console import CleanConsole, RunConsole, build_progress_table
-from phyagentos.cli.history import read_ledger
-from phyagentos.cli.outcome import ExitCode
-from phyagentos.cli.report import build_report, compute_exit_code, print_report
-from phyagentos.clock import SystemClock
-from phyagentos.errors import Problem
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -132,8 +133,7 @@ def test_quiet_says_nothing(replanned, monkeypatch):
 
 def test_the_report_is_one_json_value_with_every_judgement(replanned):
     replanned.end("success")
-    code = compute_exit_code(replanned.fold)
-    report = build_report(replanned.fold, workspace=replanned.workspace.root, wall_s=2.0, exit_code=code)
+    report = build_report(replanned.fold, 2.0)
     data = json.loads(msgspec.json.encode(report))
     assert (data["exit_code"], data["goal"]["verdict"]) == (0, "success")
     assert [session["id"] for session in data["goal"]["sessions"]] == [f"{GOAL}.red", f"{GOAL}.red.r1"]
@@ -146,11 +146,9 @@ def test_the_final_table_names_nodes_verdicts_times_and_pictures(replanned):
     picture.parent.mkdir()
     picture.write_bytes(b"")
     replanned.end("failure")
-    report = build_report(
-        replanned.fold, workspace=replanned.workspace.root, wall_s=2.0, exit_code=ExitCode.GOAL_NOT_MET
-    )
+    report = build_report(replanned.fold, 2.0)
     text = io.StringIO()
-    print_report(report, replanned.fold, Console(file=text, width=160))
+    print_report(report, replanned.fold.rows(), Console(file=text, width=160))
     assert "goal tidy-7: not met  because" in text.getvalue()
     assert "6.5 s" in text.getvalue()
     assert "1 of 1 criteria hold" in text.getvalue()
@@ -167,8 +165,8 @@ def test_a_success_whose_execution_was_lost_is_never_shown_as_plain_success(run,
     run.end("success")
     with RunConsole("tidy") as console:
         console.show(run.fold)
-    report = build_report(run.fold, workspace=run.workspace.root, wall_s=2.0, exit_code=ExitCode.GOAL_MET)
-    print_report(report, run.fold, Console(file=text, width=200))
+    report = build_report(run.fold, 2.0)
+    print_report(report, run.fold.rows(), Console(file=text, width=200))
     for shown in (stream.getvalue(), text.getvalue()):
         assert "but the execution failed: runner_lost GRASP_LOST" in shown
     assert "success (execution failed)" in text.getvalue()
@@ -181,12 +179,12 @@ def test_a_success_whose_execution_was_lost_is_never_shown_as_plain_success(run,
 def test_the_verdict_decides_the_exit_code(run, verdict, code):
     run.begin()
     run.end(verdict)
-    assert compute_exit_code(run.fold) is code
+    assert build_report(run.fold, 2.0).exit_code == code
 
 
 def test_a_run_without_a_verdict_is_an_internal_error(run):
     run.begin()
-    assert compute_exit_code(run.fold) is ExitCode.INTERNAL_ERROR
+    assert build_report(run.fold, 2.0).exit_code == ExitCode.INTERNAL_ERROR
 
 
 def test_a_goal_that_preflight_rejected_has_its_own_code(run):
@@ -196,7 +194,7 @@ def test_a_goal_that_preflight_rejected_has_its_own_code(run):
     run.write(Side.RUNTIME, id, "check", 1)
     run.write(Side.RUNTIME, id, "reject", 1, reason="UNKNOWN_SKILL")
     run.end("failure")
-    assert compute_exit_code(run.fold) is ExitCode.REJECTED
+    assert build_report(run.fold, 2.0).exit_code == ExitCode.REJECTED
 
 
 def test_a_run_follows_its_own_goal_whatever_is_submitted_beside_it(run):
@@ -318,7 +316,7 @@ def test_a_session_that_an_earlier_goal_has_left_is_not_waited_for(run, monkeypa
 
     follow(run, monkeypatch, tmp_path)
 
-    assert compute_exit_code(run.fold) is ExitCode.GOAL_MET
+    assert build_report(run.fold, 2.0).exit_code == ExitCode.GOAL_MET
 
 
 def test_a_latched_emergency_stop_is_told_once_with_its_way_out(run, monkeypatch, tmp_path):
@@ -370,7 +368,7 @@ def test_whoever_has_read_of_the_workspace_can_interrupt_at_once(tmp_path, monke
     interrupts = Interrupts()
     monkeypatch.setattr(carrying_out, "choose_goal", choose_goal)
     with pytest.raises(Enough):
-        run_goal(RunOrder(graph=Path("tidy_table"), workspace=tmp_path / "w"), interrupts, SystemClock(), insist)
+        run_goal(RunRequest(graph=Path("tidy_table"), workspace=tmp_path / "w"), interrupts, SystemClock(), insist)
 
     assert counted == [2]
 
@@ -395,8 +393,8 @@ def test_the_sentences_of_a_rejection_are_printed_once(run, monkeypatch, is_in_g
     run.write(Side.AGENT, f"goal:{GOAL}", "goal_verdict", verdict="failure", criteria=[], reason=why)
     with RunConsole("tidy") as console:
         console.show(run.fold)
-    report = build_report(run.fold, workspace=run.workspace.root, wall_s=2.0, exit_code=ExitCode.REJECTED)
-    print_report(report, run.fold, Console(file=stream, width=300))
+    report = build_report(run.fold, 2.0)
+    print_report(report, run.fold.rows(), Console(file=stream, width=300))
     assert stream.getvalue().count("red: OUT_OF_REACH: found too far") == 1
     assert "red: rejected  OUT_OF_REACH, NO_FREE_SITE\n" in stream.getvalue()
 
@@ -425,6 +423,6 @@ def test_a_latched_stop_is_told_before_anything_starts_and_even_when_quiet(run, 
         raise Started
 
     monkeypatch.setattr(carrying_out, "start_planes", start)
-    order = mission_run.Order(graph=Path("tidy_table"), workspace=run.workspace.root, quiet=True)
+    request = RunRequest(graph=Path("tidy_table"), workspace=run.workspace.root)
     with pytest.raises(Started):
-        mission_run.run_mission(order)
+        mission_run.run_shown(request, quiet=True)

@@ -1,7 +1,7 @@
 """What no worker has sealed is sealed when the runtime plane ends."""
 
 from phyagentos.assembly.runtime_plane import seal_rest
-from phyagentos.cli.history import read_ledger
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import check_bundle, read_manifest
 from phyagentos.protocol.sessions.lifecycle import Side

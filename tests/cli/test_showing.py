@@ -87,14 +87,18 @@ def test_a_tree_that_contains_itself_is_not_drawn_for_ever(paos, tmp_path):
     assert f"{path}:3:8: CYCLE: found loop -> loop" in result.err
 
 
-@pytest.mark.parametrize("kind", schemas.names_of_schemas())
+KINDS = [*schemas.names_of_schemas(), *schemas.names_of_results()]
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_the_shipped_schema_is_up_to_date(kind):
     shipped = (SCHEMAS / f"{kind}.schema.json").read_text(encoding="utf-8")
     assert shipped == schemas.render_schema(kind), "run `make schemas`"
 
 
 def test_no_schema_is_shipped_that_nothing_makes():
-    assert sorted(path.name.removesuffix(".schema.json") for path in SCHEMAS.glob("*")) == schemas.names_of_schemas()
+    shipped = SCHEMAS.rglob("*.schema.json")
+    assert {path.relative_to(SCHEMAS).as_posix().removesuffix(".schema.json") for path in shipped} == set(KINDS)
 
 
 AUTHORED = [

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.heartbeats import read_heartbeats
 from phyagentos.protocol.workspace.workspace import Workspace

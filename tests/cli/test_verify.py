@@ -6,8 +6,8 @@ import json
 import msgspec
 import pytest
 
-from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, write_json
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
 from phyagentos.protocol.sessions.verdicts import Verdict
@@ -77,7 +77,7 @@ def test_every_further_judgement_is_appended(paos, judged):
         paos("verify", SESSION, "-w", judged.workspace.root)
     result = paos("verify", SESSION, "-w", judged.workspace.root, "--mode", "audit", "--json")
     assert result.code == ExitCode.GOAL_NOT_MET  # it ended `skill_failed`, and in an audit that decides
-    assert json.loads(result.out)["found"] == "success"
+    assert json.loads(result.out)["judgement"]["found"] == "success"
     status = fold(judged)
     assert [attempt.is_review for attempt in status.attempts] == [False, True, True, True]
     assert [attempt.mode for attempt in status.attempts] == ["recovery", "enforce", "enforce", "audit"]

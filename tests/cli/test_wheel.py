@@ -13,6 +13,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("trees", "goal_graphs", "skills", "scenes", "robots", "protocol", "faults")
+KIT = ("pyproject.toml", "rollout_forecaster/forecaster.py")
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +60,15 @@ def test_the_wheel_carries_every_authored_file(wheel, folder):
     assert not missing
 
 
+def test_the_wheel_carries_the_kits(wheel):
+    carried = set(zipfile.ZipFile(wheel).namelist())
+
+    assert {f"phyagentos/share/kits/rollouts/{name}" for name in KIT} <= carried
+
+
 def test_the_wheel_carries_the_scaffold_the_type_marker_and_the_page(wheel):
     carried = zipfile.ZipFile(wheel).namelist()
-    assert "phyagentos/cli/scaffold/goal_graphs/first.yaml" in carried
+    assert "phyagentos/operations/scaffold/goal_graphs/first.yaml" in carried
     assert "phyagentos/py.typed" in carried
     page = [path for folder in ("static", "templates") for path in (ROOT / "phyagentos" / "view" / folder).iterdir()]
     assert {path.relative_to(ROOT).as_posix() for path in page} <= set(carried)

@@ -98,7 +98,7 @@ def test_every_tool_refuses_hostile_arguments_and_changes_nothing(registry, work
 def test_compile_shows_the_sessions_of_a_name_or_of_a_text(registry):
     named, written = (registry.call("compile", {"graph": graph}).facts for graph in ("tidy_table", TIDY))
     assert named == written
-    assert [each["node"] for each in named["sessions"]] == ["red", "green", "blue"]
+    assert [each.node for each in named["sessions"]] == ["red", "green", "blue"]
 
 
 def test_a_goal_without_a_plan_becomes_a_graph_that_compiles_or_what_is_missing(registry):
@@ -106,7 +106,7 @@ def test_a_goal_without_a_plan_becomes_a_graph_that_compiles_or_what_is_missing(
     wanted |= {"accept": ["inside(red_cube, red_tray)"]}
     planned = registry.call("plan", {"goal": yaml.safe_dump(wanted), "seed": 7}).facts
     compiled = registry.call("compile", {"graph": planned["graph"]}).facts
-    assert [each["skill"] for each in compiled["sessions"]] == ["pick_and_place"]
+    assert [each.skill for each in compiled["sessions"]] == ["pick_and_place"]
     impossible = wanted | {"accept": ["inside(red_cube, red_tray)", "not inside(red_cube, red_tray)"]}
     assert registry.call("plan", {"goal": yaml.safe_dump(impossible)}).facts["graph"] == ""
     assert refuse(registry, "plan", goal="goal: x").code == "MISSING_KEY"
@@ -114,7 +114,7 @@ def test_a_goal_without_a_plan_becomes_a_graph_that_compiles_or_what_is_missing(
 
 def test_compile_takes_overrides_and_refuses_paths_in_them(registry):
     found = registry.call("compile", {"graph": TIDY, "overrides": {"targets.arm": "ur5e"}}).facts
-    assert {each["target"] for each in found["sessions"]} == {"ur5e"}
+    assert {each.target for each in found["sessions"]} == {"ur5e"}
     assert refuse(registry, "compile", graph=TIDY, overrides={"defaults.max_replans": "9"}).code == "INVALID_OVERRIDE"
 
 
@@ -188,5 +188,5 @@ def test_look_why_and_recall_answer_with_plain_data(registry, workspace):
     look = registry.call("look", {}).facts
     assert look["standing"].goals == {}
     assert refuse(registry, "why").code == "UNKNOWN_GOAL"
-    assert registry.call("recall", {"words": "red cube"}).facts["entries"] == []
+    assert registry.call("recall", {"words": "red cube"}).facts["entries"] == ()
     assert msgspec.json.encode(look)

@@ -1,34 +1,32 @@
 """Every forecaster that ships or is installed: named with a version, a distribution over outcomes, repeatable."""
 
-from importlib.metadata import entry_points
-
 import msgspec
 import pytest
 from learned_forecaster.model import fit_model
 
 from phyagentos.clock import SystemClock
+from phyagentos.protocol.capabilities.forecasters import DEFAULT, FORECASTERS
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.sessions.evidence import encode_json
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest, LookaheadResult
 from phyagentos.protocol.sessions.session import Scene
-from phyagentos.protocol.settings.forecasting import FORECASTERS, SHIPPED
 from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.lookahead.forecaster import Case, ForecasterSite, open_forecaster
 from phyagentos.runtime.lookahead.service import ForecastService
-from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
+from phyagentos.runtime.perception.world_model import WORLD, GroundTruthWorldModel
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 from tests.learned_kit import announce, draw_examples
 
 pytestmark = [pytest.mark.sim, pytest.mark.motion]
 
-NAMES = sorted({SHIPPED.name, "learned", *entry_points(group=FORECASTERS).names})
+NAMES = sorted({DEFAULT, "learned", *FORECASTERS.names()})
 OPTIONS = {"learned": {"model": "model.json"}}
 SCENE = Scene(name="tabletop/waiter", seed=7, episode="e")
 REQUEST = LookaheadRequest(samples=2, threshold=0.0, seed=5)
@@ -52,7 +50,7 @@ def case(site):
     limits = read_safety(site.workspace.safety).targets["panda"]
     handle = TargetSessionHandle(Loopback(ServedTarget(driver, ReceiveLog(None))), limits, sees_truth=True)
     handle.load(SCENE)
-    truth = TrueWorld("panda", handle)
+    truth = GroundTruthWorldModel("panda", handle)
     truth.enter(SCENE)
     session = make_contract(
         parameters={"object": "coaster", "destination": "tray"}, accept=("inside(coaster, tray)",), scene=SCENE

@@ -5,10 +5,11 @@ import pytest
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference, find_references, iter_nodes, read_tree
+from phyagentos.protocol.predicates.library import get_predicate_library
 from phyagentos.protocol.predicates.predicate import parse_predicate
-from phyagentos.protocol.sessions.trace import Role
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.execution.tree_check import check_tree
+from phyagentos.testing import check_leaf, check_predicate
 
 LIBRARY = Library.open()
 REGISTRY = build_registry(LIBRARY)
@@ -18,24 +19,13 @@ SKILLS = LIBRARY.names_of_skills()
 
 
 @pytest.mark.parametrize("name", LEAVES)
-def test_a_leaf_declares_every_port_with_a_description(name):
-    leaf = REGISTRY.get(name)
-
-    assert leaf.__doc__
-    for port, information in {**leaf.INPUT_PORTS, **leaf.OUTPUT_PORTS}.items():
-        assert information.description, f"{name}.{port} has no description"
-        assert port != "name", "name is the node's own"
+def test_a_leaf_is_documented_with_its_ports_and_those_of_its_role(name):
+    check_leaf(REGISTRY.get(name))
 
 
-PORTS = {Role.PLAN_GRASP: {"object"}, Role.PLAN_SITE: {"destination", "relation", "near"}, Role.VERIFY: {"object"}}
-
-
-@pytest.mark.parametrize("name", LEAVES)
-def test_a_leaf_declares_its_role_and_the_ports_that_go_with_it(name):
-    leaf = REGISTRY.get(name)
-
-    assert isinstance(leaf.ROLE, Role)
-    assert PORTS.get(leaf.ROLE, set()) <= leaf.INPUT_PORTS.keys()
+@pytest.mark.parametrize("definition", list(get_predicate_library()), ids=lambda each: each.name)
+def test_a_predicate_is_described_and_not_true_of_what_nothing_shows(definition):
+    check_predicate(definition)
 
 
 @pytest.mark.parametrize("name", TREES)

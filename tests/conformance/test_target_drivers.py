@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.assembly.drivers import build_driver_registry
+from phyagentos.assembly.drivers import DRIVERS
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
@@ -20,18 +20,17 @@ from phyagentos.runtime.drivers.debug import DebugDriver
 from phyagentos.runtime.drivers.gymnasium import open_gymnasium
 from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.conformance import CHECKS, Subject
-from phyagentos.runtime.targets.driver_registry import DriverSite
+from phyagentos.runtime.targets.driver_registry import DriverSite, find_driver
 from phyagentos.runtime.targets.handshake import Tokens, greet, make_key, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import serve
 from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocket
+from phyagentos.testing import DRIVER_CHECKS, DriverSubject
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks" / "library"
 SUBJECTS = {"debug": ("counter", "counter"), "mujoco": ("panda", "tabletop/cubes_and_trays")}
 REAL = {"go2", "piper", "so101"}  # tests/drivers: on emulated buses
-REGISTRY = build_driver_registry()
 
 
 ENVIRONMENT = """
@@ -62,7 +61,7 @@ def open_driver(tmp_path):
         workspace = Workspace.create(tmp_path / name, Library.open(BENCHMARKS))
         path = workspace.library().get_target(target)
         site = DriverSite(profile=read_target(path), folder=path.parent, workspace=workspace, clock=SystemClock())
-        return lambda: REGISTRY.get(site.profile).open(site)
+        return lambda: find_driver(DRIVERS, site.profile).open(site)
 
     return make
 
@@ -92,12 +91,12 @@ def subject(request, open_driver, served, tmp_path, pytestconfig):
     if name == "remote":
         beyond = open_driver("debug")
         profile = read_target(Library.open(BENCHMARKS).get_target("counter"))
-        subject = Subject(open=lambda: served(beyond(), profile), scene="counter")
+        subject = DriverSubject(open=lambda: served(beyond(), profile), scene="counter")
     elif name == "gymnasium":
         folder = write_environment(tmp_path, pytestconfig.option.gymnasium_python)
-        subject = Subject(open=lambda: open_gymnasium(read_target(folder / "target.yaml"), folder), scene="any")
+        subject = DriverSubject(open=lambda: open_gymnasium(read_target(folder / "target.yaml"), folder), scene="any")
     else:
-        subject = Subject(open=open_driver(name), scene=SUBJECTS[name][1])
+        subject = DriverSubject(open=open_driver(name), scene=SUBJECTS[name][1])
     yield subject
     subject.close()
 
@@ -107,22 +106,22 @@ def mark(name):
     return pytest.param(name, marks=marks.get(name, []))
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-@pytest.mark.parametrize("subject", [mark(name) for name in sorted(set(REGISTRY.names()) - REAL)], indirect=True)
+@pytest.mark.parametrize("check", DRIVER_CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("subject", [mark(name) for name in sorted(set(DRIVERS.names()) - REAL)], indirect=True)
 def test_a_driver_does_what_the_port_promises(subject, check):
     check(subject)
 
 
 def test_every_driver_of_the_registry_has_a_subject():
-    assert {*SUBJECTS, "remote", "gymnasium"} == set(REGISTRY.names()) - REAL
+    assert {*SUBJECTS, "remote", "gymnasium"} == set(DRIVERS.names()) - REAL
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", DRIVER_CHECKS, ids=lambda check: check.__name__)
 def test_the_port_demands_no_gripper(check):
     """A target whose flange carries nothing: its openings are zeros, and every promise stands."""
     told = read_target(Library.open(BENCHMARKS).get_target("counter")).model_dump(exclude={"gripper"})
     profile = TargetProfile.model_validate(told | {"end_effector": "none"})
-    subject = Subject(open=lambda: DebugDriver(profile, Library.open(BENCHMARKS)), scene="counter")
+    subject = DriverSubject(open=lambda: DebugDriver(profile, Library.open(BENCHMARKS)), scene="counter")
     check(subject)
     assert subject.serve().ask(wire.Describe()).end_effector == "none"
     subject.close()
@@ -149,7 +148,7 @@ def test_a_simulation_with_a_suction_cup_is_refused_before_it_starts(open_driver
     with pytest.raises(
         DefinitionError, match="NO_DRIVER: found 'suction'; expected 'opening' or 'none', for driver 'mujoco'"
     ):
-        REGISTRY.get(profile).open(site)
+        find_driver(DRIVERS, profile).open(site)
 
 
 @pytest.mark.parametrize(

@@ -22,9 +22,9 @@ from benchmarks.safety_parts.hostile import spoil_bytes, spoil_envelope, spoil_p
 from phyagentos.errors import ExecutionError
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.conformance import CHECKS, Reached, Subject
 from phyagentos.runtime.targets.handshake import Hello, greet, make_key, mint
 from phyagentos.runtime.targets.websocket import connect_websocket
+from phyagentos.testing import DRIVER_CHECKS, DriverSubject, ReachedTarget
 from tests.monitors.silence import LogMonitor
 
 pytestmark = pytest.mark.slow
@@ -54,7 +54,7 @@ class Served:
 
     def reach(self):
         endpoint = self.start()
-        return Reached(lambda: connect_websocket(endpoint), self.key)
+        return ReachedTarget(lambda: connect_websocket(endpoint), self.key)
 
     def set_stop(self, is_stopped):
         self.stop_file.touch() if is_stopped else self.stop_file.unlink(missing_ok=True)
@@ -77,9 +77,9 @@ def served(request, tmp_path, pytestconfig):
     made.close()
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", DRIVER_CHECKS, ids=lambda check: check.__name__)
 def test_the_kit_does_what_the_port_promises(served, check):
-    subject = Subject(open=served.reach, scene="counter", set_stop=served.set_stop)
+    subject = DriverSubject(open=served.reach, scene="counter", set_stop=served.set_stop)
     check(subject)
     subject.close()
 

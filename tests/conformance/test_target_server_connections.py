@@ -14,9 +14,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.conformance import Reached
 from phyagentos.runtime.targets.handshake import Hello, greet, mint
 from phyagentos.runtime.targets.websocket import connect_websocket
+from phyagentos.testing import ReachedTarget
 from tests.conformance.test_target_server import SLIDE, Served
 
 pytestmark = pytest.mark.slow
@@ -195,5 +195,5 @@ def test_a_client_that_waits_its_turn_may_say_no_more_than_a_greeting(slow):
         assert isinstance(ask(first, wire.Describe()), wire.Description)
         first.close()
     assert isinstance(
-        Reached(lambda: connect_websocket(endpoint), served.key).exchange(wire.Describe()), wire.Description
+        ReachedTarget(lambda: connect_websocket(endpoint), served.key).exchange(wire.Describe()), wire.Description
     )

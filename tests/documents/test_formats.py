@@ -2,8 +2,8 @@
 
 import pytest
 
-from phyagentos.cli.lint import lint_file
 from phyagentos.errors import DefinitionError
+from phyagentos.operations.lint import lint_file
 from phyagentos.protocol.documents.document import iter_blocks
 from phyagentos.protocol.sessions.lessons import Lesson, render_lessons
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing

@@ -11,7 +11,7 @@ from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.views.log import LINES_SHOWN, NODES_NAMED, LogTail, render_log
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 FAILURE = Attempt(verdict=Verdict.FAILURE, criteria=(), cause="GRASP_LOST", reason="no budget is left.")
 REPLAN = Attempt(verdict=Verdict.REPLAN, criteria=(), cause="GRASP_LOST", reason="the cube slipped.")

@@ -27,7 +27,7 @@ from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.renderer import Views
 from phyagentos.store.views.tasks import render_graph, render_tasks
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 pytestmark = pytest.mark.slow
 

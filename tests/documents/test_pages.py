@@ -1,5 +1,6 @@
-"""Every document has a page, and no page can rot: its fields and its excerpt are those of the model."""
+"""The pages that are written from declarations and records are up to date, and every document stands on its page."""
 
+import json
 import re
 import shutil
 import subprocess
@@ -7,78 +8,47 @@ import sys
 
 import pytest
 
-from phyagentos.cli.describing import KINDS
 from phyagentos.cli.schemas import names_of_schemas, render_fields
-from phyagentos.protocol.documents.document import iter_blocks
-from phyagentos.protocol.documents.log import read_log
+from phyagentos.operations.describe import KINDS
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
-from phyagentos.store.document_registry import FORMATS, check_document
-from tools.write_reference import BEGIN, END, renew_pages
-
-from .values import check_schema
+from phyagentos.store.document_registry import FORMATS
+from tools.record import find_figures, make_record
+from tools.write_reference import HEADLINES, MEASURED, read_records, render_measured, renew_headlines
 
 pytestmark = pytest.mark.slow
 
-NAMES = {file: file.rpartition(".")[0].lower() for file in (*FORMATS, *SETTINGS_FILES)}
+RECORD = {
+    "name": "kept",
+    "what": "Cups that were kept level",
+    "says": "{kept:.0f} of {all:.0f}",
+    "command": "python benchmarks/kept.py",
+    "commit": "0123456789ab",
+    "date": "2026-11-28",
+    "machine": "2 cores",
+    "figures": {"kept": 19.0, "all": 20.0},
+}
 
 
-def read_page(root, file):
-    return (root / "docs" / "documents" / f"{NAMES[file]}.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("file", [*FORMATS, *SETTINGS_FILES])
+def test_a_document_stands_on_the_page_with_its_module(root, file):
+    page = (root / "docs" / "documents.md").read_text(encoding="utf-8")
+    assert f"`{file}`" in page
+    modules = set(re.findall(r"`phyagentos\.protocol\.(\w+)\.(\w+)`", page))
+    assert len(modules) >= len(FORMATS)
+    assert {
+        each for each in modules if not (root / "phyagentos/protocol" / each[0] / f"{each[1]}.py").is_file()
+    } == set()
 
 
-@pytest.mark.parametrize("file", NAMES)
-def test_a_page_shows_every_field_of_the_model(root, file):
-    assert f"{BEGIN}\n{render_fields(NAMES[file])}\n{END}" in read_page(root, file), "run `make schemas`"
-
-
-@pytest.mark.parametrize("file", NAMES)
-def test_a_page_says_who_writes_and_what_an_edit_does(root, file):
-    page = read_page(root, file)
-    for row in ("sole writer", "truth or view", "a person's edit", "module", "schema"):
-        assert re.search(rf"^\| \*\*{row}\*\* \| \S.* \|$", page, re.MULTILINE), row
-    module = re.search(r"`phyagentos\.protocol\.(\w+)\.(\w+)`", page)
-    assert (root / "phyagentos" / "protocol" / module[1] / f"{module[2]}.py").is_file()
-    assert f"]({'documents/' + NAMES[file]}.md)" in (root / "docs" / "documents.md").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("file", NAMES)
+@pytest.mark.parametrize("file", [*FORMATS, *SETTINGS_FILES])
 def test_every_field_has_a_meaning(file):
-    rows = [line for line in render_fields(NAMES[file]).splitlines() if line.startswith("| `")]
+    rows = [line for line in render_fields(file.rpartition(".")[0].lower()).splitlines() if line.startswith("| `")]
     assert rows
     assert [row for row in rows if row.endswith("|  |")] == []
 
 
-@pytest.mark.parametrize("file", FORMATS)
-def test_the_excerpt_on_a_page_is_a_document(root, file):
-    (excerpt,) = re.findall(r"^````markdown\n(.*?)^````$", read_page(root, file), re.MULTILINE | re.DOTALL)
-    check_document(excerpt, file)
-    check_schema(excerpt, file)
-    assert list(iter_blocks(excerpt)) or read_log(excerpt).lines
-
-
-@pytest.mark.parametrize("file", SETTINGS_FILES)
-def test_the_excerpt_on_a_page_is_of_the_file_that_ships(root, file):
-    (shown,) = re.findall(r"^````yaml\n(.*?)^````$", read_page(root, file), re.MULTILINE | re.DOTALL)
-    assert shown in (root / "protocol" / file).read_text(encoding="utf-8")
-
-
-def test_pages_are_renewed_between_their_marks(tmp_path):
-    page = tmp_path / "sensors.md"
-    page.write_text(f"# before\n\n{BEGIN}old\n{END}\n# after\n")
-    (tmp_path / "other.md").write_text("# nothing to renew\n")
-
-    assert renew_pages(tmp_path) == {page: f"# before\n\n{BEGIN}\n{render_fields('sensors')}\n{END}\n# after\n"}
-
-
-@pytest.mark.parametrize("file", NAMES)
-def test_links_between_pages_lead_somewhere(root, file):
-    folder = root / "docs" / "documents"
-    for target in re.findall(r"\]\((?!http)([^)#]+)\)", re.sub(r"(?s)````.*?````", "", read_page(root, file))):
-        assert (folder / target).exists(), target
-
-
 def test_one_command_writes_schemas_documents_and_pages_as_they_are(root, tmp_path):
-    shutil.copytree(root / "docs" / "documents", tmp_path / "docs" / "documents")
+    shutil.copyfile(root / "README.md", tmp_path / "README.md")
     subprocess.run([sys.executable, root / "tools" / "write_reference.py", "--root", tmp_path], check=True)
 
     written = [path for path in tmp_path.rglob("*") if path.is_file()]
@@ -87,4 +57,42 @@ def test_one_command_writes_schemas_documents_and_pages_as_they_are(root, tmp_pa
     assert len(list((tmp_path / "protocol" / "schemas").iterdir())) == len(names_of_schemas())
     assert len(list((tmp_path / "protocol").glob("*.md"))) == len(FORMATS)
     assert {path.name for path in (tmp_path / "docs" / "reference").iterdir()} == {f"{kind}.md" for kind in KINDS}
-    assert (tmp_path / "docs" / "error_codes.md").is_file()
+    assert {path.name for path in (tmp_path / "docs").glob("*.md")} == {"error_codes.md", "measured.md"}
+
+
+def test_a_figure_without_a_record_is_not_printed():
+    before = "".join(("# Title\n", MEASURED[0], "| 60 of 60 |\n", MEASURED[1], "after\n"))
+    assert "60 of 60" not in renew_headlines(before, {})
+    name = HEADLINES[0]
+    renewed = renew_headlines(before, {name: RECORD})
+    assert f"| [Cups that were kept level](docs/measured.md#{name}) | 19 of 20 |" in renewed
+    assert renewed.endswith("after\n")
+
+
+def test_a_measured_figure_stands_with_command_commit_date_and_machine():
+    page = render_measured({"kept": RECORD})
+    assert "Cups that were kept level: 19 of 20." in page
+    assert "`python benchmarks/kept.py`, commit 0123456789ab, 2026-11-28, 2 cores." in page
+    assert "| `kept` | 19 |" in page
+
+
+def test_every_record_is_whole():
+    records = read_records()
+    assert records
+    for name, record in records.items():
+        assert record.keys() == RECORD.keys(), name
+        assert record["name"] == name
+        assert re.fullmatch(r"[0-9a-f]{12}\+?", record["commit"]), name
+        assert record["says"].format(**record["figures"])
+
+
+def test_a_record_holds_the_figures_of_the_last_line_that_has_them():
+    lines = ["text", json.dumps({"figures": {"a": 1}}), json.dumps({"figures": {"a": 2}, "holds": True}), "end"]
+    assert find_figures(lines) == {"a": 2}
+    with pytest.raises(ValueError, match="no line of the output is JSON with figures"):
+        find_figures(["text"])
+
+
+def test_a_record_is_refused_whose_sentence_names_no_figure_of_it():
+    with pytest.raises(KeyError, match="b"):
+        make_record("kept", "true", {"a": 1.0}, "what", "{b}")

@@ -16,7 +16,7 @@ from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RequestS
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal, take_signals
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.runtime_signal import PERIOD_S, RENEWAL_S, SILENCE_S, RuntimeSignal
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 
 @pytest.fixture

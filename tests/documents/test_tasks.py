@@ -15,7 +15,7 @@ from phyagentos.store.views.tasks import (
     render_tasks,
     split_reason,
 )
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import sys
 import pytest
 import yaml
 
-from phyagentos.cli.lint import lint_paths
+from phyagentos.operations.lint import lint_paths
 from phyagentos.protocol.capabilities.targets import TARGETS, Health
 from phyagentos.protocol.documents.document import iter_blocks, read_document
 from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RuntimeState
@@ -36,7 +36,8 @@ def workspace(tmp_path_factory, root):
 
 def test_lint_accepts_every_document_and_setting_of_the_workspace(workspace):
     paths = [workspace / name for name in (*FORMATS, *SETTINGS_FILES)]
-    assert lint_paths(paths) == (paths, [])
+    found = lint_paths(paths)
+    assert (found.checked, found.problems) == (tuple(map(str, paths)), ())
 
 
 @pytest.mark.parametrize("file", FORMATS)

@@ -7,14 +7,15 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.assembly.explanation import explain_session
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
+from phyagentos.operations.why import why
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.go2_bus import compute_crc, define_messages
 from phyagentos.runtime.drivers.devices.specs import GO2
-from phyagentos.runtime.targets.conformance import CHECKS, EPOCH, SESSION, Subject
 from phyagentos.runtime.targets.wire import Ack, Begin, End, Loaded, LoadScene, Settle
+from phyagentos.testing import DRIVER_CHECKS, DriverSubject
+from phyagentos.testing.driver_checks import EPOCH, SESSION
 from tests.drivers.journeys import Journey
 
 pytestmark = [pytest.mark.device, pytest.mark.alone]
@@ -51,12 +52,12 @@ def open_site(menagerie, make_site):
 @pytest.fixture
 def subject(robot, open_site):
     site = open_site()
-    subject = Subject(open=lambda: GO2.open(site), scene="cell", noise=0.005)
+    subject = DriverSubject(open=lambda: GO2.open(site), scene="cell", noise=0.005)
     yield subject
     subject.close()
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", DRIVER_CHECKS, ids=lambda check: check.__name__)
 def test_the_driver_does_what_the_port_promises(subject, check):
     check(subject)
 
@@ -155,8 +156,8 @@ def test_a_cut_bus_ends_the_session_as_a_lost_target_that_names_the_network(robo
     (session,) = journey.finish().sessions
 
     assert (session.ended, session.code) == ("target_lost", "TARGET_LOST")
-    why = explain_session(journey.workspace, journey.mission.ledger, session.id)
-    assert "lo: no LowState within 0.2 s; check cable, power and interface" in why
+    told = "\n".join(why(journey.workspace.root, session.id).explanation)
+    assert "lo: no LowState within 0.2 s; check cable, power and interface" in told
 
 
 def test_an_interface_that_is_not_there_is_named(menagerie, need_package, open_site):

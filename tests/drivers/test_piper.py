@@ -5,13 +5,12 @@ import threading
 
 import pytest
 
-from phyagentos.assembly.explanation import explain_session
 from phyagentos.assembly.paths import TOKENS
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
+from phyagentos.operations.why import why
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.specs import PIPER
-from phyagentos.runtime.targets.conformance import CHECKS, Reached, Subject
 from phyagentos.runtime.targets.handshake import Tokens, make_key
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
@@ -19,6 +18,7 @@ from phyagentos.runtime.targets.server import serve_realtime
 from phyagentos.runtime.targets.stop_listener import StopListener
 from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocket
 from phyagentos.runtime.targets.wire import LoadScene
+from phyagentos.testing import DRIVER_CHECKS, DriverSubject, ReachedTarget
 from tests.drivers.journeys import Journey
 from tests.following import wait_until
 
@@ -65,12 +65,12 @@ def open_site(menagerie, make_site):
 def subject(make_arm, open_site):
     arm = make_arm()
     site = open_site(arm)
-    subject = Subject(open=lambda: PIPER.open(site), scene="cell", noise=0.005, reset=arm.reset)
+    subject = DriverSubject(open=lambda: PIPER.open(site), scene="cell", noise=0.005, reset=arm.reset)
     yield subject
     subject.close()
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", DRIVER_CHECKS, ids=lambda check: check.__name__)
 def test_the_driver_does_what_the_port_promises(subject, check):
     check(subject)
 
@@ -126,7 +126,7 @@ class Served:
         log = ReceiveLog(workspace.logs / "bus.jsonl", site.clock)
         served = ServedTarget(PIPER.open(site), log, is_estopped=stops.is_latched, keep_stop=stops.keep)
         door = WebSocketDoor()
-        self._reach = lambda: Reached(lambda: connect_websocket(door.endpoint), key)
+        self._reach = lambda: ReachedTarget(lambda: connect_websocket(door.endpoint), key)
         told = f"driver: remote\nendpoint: {door.endpoint}\n"
         text = registry.read_text()
         old = f"driver: piper\nendpoint: {site.profile.endpoint}\n"
@@ -192,8 +192,8 @@ def test_a_cut_bus_ends_the_session_as_a_lost_target_that_names_the_channel(arm,
     (session,) = journey.finish().sessions
 
     assert (session.ended, session.code) == ("target_lost", "TARGET_LOST")
-    why = explain_session(journey.workspace, journey.mission.ledger, session.id)
-    assert f"{arm.channel}: no feedback within 0.2 s; check cable, power and interface" in why
+    told = "\n".join(why(journey.workspace.root, session.id).explanation)
+    assert f"{arm.channel}: no feedback within 0.2 s; check cable, power and interface" in told
 
 
 def test_an_interface_that_is_not_there_is_named(menagerie, need_package, make_site):

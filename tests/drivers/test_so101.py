@@ -2,12 +2,12 @@
 
 import pytest
 
-from phyagentos.assembly.explanation import explain_session
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
+from phyagentos.operations.why import why
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.specs import SO101
-from phyagentos.runtime.targets.conformance import CHECKS, Subject
+from phyagentos.testing import DRIVER_CHECKS, DriverSubject
 from tests.drivers.journeys import Journey
 from tests.drivers.sts3215 import SYNC_WRITE, TORQUE
 
@@ -31,12 +31,12 @@ def arm(menagerie, need_package):
 @pytest.fixture
 def subject(arm, menagerie, make_site):
     site = make_site("so101", menagerie / "robotstudio_so101", endpoint=arm.port)
-    subject = Subject(open=lambda: SO101.open(site), scene="cell", noise=0.005)
+    subject = DriverSubject(open=lambda: SO101.open(site), scene="cell", noise=0.005)
     yield subject
     subject.close()
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", DRIVER_CHECKS, ids=lambda check: check.__name__)
 def test_the_driver_does_what_the_port_promises(subject, check):
     check(subject)
 
@@ -80,8 +80,8 @@ def test_a_cut_cable_ends_the_session_as_a_lost_target_that_names_the_port(arm, 
     (session,) = journey.finish().sessions
 
     assert (session.ended, session.code) == ("target_lost", "TARGET_LOST")
-    why = explain_session(journey.workspace, journey.mission.ledger, session.id)
-    assert f"TARGET_LOST: the target refused Halt: {arm.port}: a servo: [TxRxResult] There is no status packet!" in why
+    told = "\n".join(why(journey.workspace.root, session.id).explanation)
+    assert f"TARGET_LOST: the target refused Halt: {arm.port}: a servo: [TxRxResult] There is no status packet!" in told
 
 
 def test_a_servo_that_complains_stops_the_arm(arm, subject):

@@ -12,7 +12,7 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.watch import Watch
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from . import second_reader
 from .workloads import DAY_S, LANE, NOON_S, identify, make_submit

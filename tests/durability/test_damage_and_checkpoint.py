@@ -1,18 +1,15 @@
 """A start from a checkpoint reads only the end of a lane; it believes no damage either, wherever that lies."""
 
 import random
-import shutil
 from collections import Counter
 
 import pytest
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
-from phyagentos.store.journal import Journal
 
-from . import damages, second_reader
+from . import damages
 from .patient import Patient
-from .workloads import LANE, fold, list_live, make_submit
+from .workloads import fold, list_live
 
 pytestmark = pytest.mark.slow
 
@@ -93,26 +90,3 @@ def test_an_end_that_a_checkpoint_has_seen_cannot_go_missing(patient, scale, fig
     with pytest.raises(ExecutionError, match=r"JOURNAL_DAMAGED: .*checkpoint"):
         patient.open()
     figures(damages=len(cuts) + 1, refused=refused + 1)
-
-
-def test_an_id_that_was_ever_used_is_refused_whatever_the_cache_holds(patient, memory, scale, figures):
-    rng, told = random.Random(24), Counter()
-    cache = patient.root / ".cache" / f"{LANE}.sqlite"
-    used = [record["id"] for record in second_reader.read_lane(patient.root, LANE) if record["ev"] == "submit"]
-    journal = patient.open()
-    journal.knows(used[0])  # reads every sealed segment in
-    journal.close()
-    whole = cache.read_bytes()
-    for _ in range(scale(60, 3_000)):
-        kind = rng.choice(list(damages.KINDS))
-        cache.write_bytes(damages.KINDS[kind](whole, rng))
-        journal = Journal(patient.root, side=Side.AGENT, by="late", partition=LANE, clock=patient.clock, durable=False)
-        for id in used:
-            with pytest.raises(IllegalTransition, match="asked for 'submit' in state"):
-                journal.commit([make_submit(id)])
-        journal.close()
-        patient.heal()
-        shutil.rmtree(cache.parent)
-        cache.parent.mkdir()
-        told[kind] += 1
-    figures(damages=told.total(), ids_each=len(used))

@@ -9,7 +9,7 @@ import pytest
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.journal import Journal
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from . import second_reader
 from .interception import Calls, intercept

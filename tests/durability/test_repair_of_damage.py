@@ -8,10 +8,10 @@ import pytest
 
 from phyagentos.errors import ExecutionError
 from phyagentos.store.follower import Follower
-from phyagentos.store.inspection import inspect_partition
-from phyagentos.store.repair import repair_partition
+from phyagentos.store.recovery.inspection import inspect_partition
+from phyagentos.store.recovery.repair import repair_partition
 from phyagentos.store.segments import SystemIO
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from . import damages, second_reader
 from .test_damage_and_checkpoint import KeptPatient

@@ -15,7 +15,7 @@ import pytest
 
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
 from phyagentos.store.journal import Entry, Journal
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .workloads import LANE, NOON_S, make_submit
 

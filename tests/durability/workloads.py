@@ -10,7 +10,7 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Scene, Session
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 LANE = "lane"
 DAY_S = 86_400.0

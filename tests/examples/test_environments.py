@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from phyagentos.bench.matrix import compile_suite
-from phyagentos.cli.lint import lint_paths
+from phyagentos.operations.lint import lint_paths
 from phyagentos.protocol.capabilities.library import find_shipped_root
 
 EXAMPLES = find_shipped_root() / "examples"
@@ -15,10 +15,10 @@ META_WORLD, KITCHEN = EXAMPLES / "08_meta_world", EXAMPLES / "09_franka_kitchen"
 
 @pytest.mark.parametrize("folder", [META_WORLD, KITCHEN], ids=lambda folder: folder.name)
 def test_it_lints_clean(folder):
-    files, problems = lint_paths([folder])
+    found = lint_paths([folder])
 
-    assert len(files) > 5
-    assert not problems
+    assert len(found.checked) > 5
+    assert not found.problems
 
 
 def test_a_table_of_tasks_becomes_a_suite_of_goal_graphs(tmp_path, monkeypatch):

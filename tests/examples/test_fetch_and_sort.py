@@ -9,8 +9,8 @@ import pytest
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.suite import open_bench
-from phyagentos.cli.lint import lint_paths
 from phyagentos.clock import SystemClock
+from phyagentos.operations.lint import lint_paths
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from tests.models_here import read_profile_here
 
@@ -18,10 +18,10 @@ EXAMPLE = find_shipped_root() / "examples" / "07_fetch_and_sort"
 
 
 def test_it_lints_clean():
-    files, problems = lint_paths([EXAMPLE])
+    found = lint_paths([EXAMPLE])
 
-    assert len(files) > 5
-    assert not problems
+    assert len(found.checked) > 5
+    assert not found.problems
 
 
 @pytest.mark.journey

@@ -15,14 +15,14 @@ from py_trees.decorators import Decorator
 from py_trees.parsers.behaviour_tree_xml import parse_behaviour_tree_xml
 from py_trees.ports import PortInformation, PortsMixin
 
-from phyagentos.cli.tree_exchange import find_tree, iter_leaf_models
 from phyagentos.export.bt_xml import FORMS, NodeModel, Port, decode, encode, render_trees
 from phyagentos.export.bt_xml_reader import read_trees
+from phyagentos.operations.behaviour_trees import find_tree, iter_leaf_models
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference, iter_nodes, parse_tree, read_tree
 from phyagentos.protocol.documents.schema import parse_yaml
 from phyagentos.runtime.execution.leaf_registry import build_registry
-from phyagentos.runtime.execution.tree_check import PORT_TYPES
+from phyagentos.runtime.execution.port_types import PORT_TYPES
 
 LIBRARY = Library.open()
 REGISTRY = build_registry(LIBRARY)

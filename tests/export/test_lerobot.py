@@ -14,7 +14,7 @@ from phyagentos.export.lerobot import write_dataset
 from phyagentos.protocol.sessions.recording import RECORDING, RecordedPicture
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 
-HOW = "needs the extra `export`: pip install 'phyagentos[export]'"
+HOW = "needs the extra `export`: pip install '.[export]'"
 parquet = pytest.importorskip("pyarrow.parquet", reason=HOW)
 av = pytest.importorskip("av", reason=HOW)
 

@@ -16,7 +16,7 @@ import pytest
 from phyagentos.protocol.sessions.looks import LookEntry, LookRole, StoredFrame, StoredFrames, StoredLook, StoredRequest
 from phyagentos.protocol.sessions.recording import INDEX, RECORDING, RecordedPicture, Recording
 
-reader = pytest.importorskip("mcap.reader", reason="needs the extra `export`: pip install 'phyagentos[export]'")
+reader = pytest.importorskip("mcap.reader", reason="needs the extra `export`: pip install '.[export]'")
 
 ARCHIVE = Path(__file__).parents[1] / "cli" / "stored" / "tidy_table_0_1_0.tar.xz"
 SESSION = "tidy_table-7.red"
@@ -165,7 +165,7 @@ def test_without_the_package_the_extra_is_named(stored, tmp_path, paos, monkeypa
 
     assert result.code == 2
     assert "paos export mcap: EXTRA_MISSING" in result.err
-    assert "Install it: pip install 'phyagentos[export]'" in result.err
+    assert "pip install '.[export]'" in result.err
     assert not (tmp_path / "red.mcap").exists()
 
 

@@ -8,7 +8,7 @@ import pytest
 from phyagentos.errors import DefinitionError
 from phyagentos.export.video import write_mp4
 
-av = pytest.importorskip("av", reason="needs the extra `export`: pip install 'phyagentos[export]'")
+av = pytest.importorskip("av", reason="needs the extra `export`: pip install '.[export]'")
 
 
 def test_a_film_has_every_picture_at_its_rate_without_an_odd_last_row_or_column(tmp_path):
@@ -39,6 +39,6 @@ def test_a_place_that_cannot_be_written_is_named_before_a_picture_is_drawn(tmp_p
 def test_without_pyav_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
 
-    with pytest.raises(DefinitionError, match=r"paos export video: EXTRA_MISSING.*phyagentos\[export\]"):
+    with pytest.raises(DefinitionError, match=r"paos export video: EXTRA_MISSING.*pip install '\.\[export\]'"):
         write_mp4([], tmp_path / "film.mp4", 25)
     assert not (tmp_path / "film.mp4").exists()

@@ -8,8 +8,8 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from phyagentos.cli.tree_exchange import iter_leaf_models
 from phyagentos.export.bt_xml import render_trees
+from phyagentos.operations.behaviour_trees import iter_leaf_models
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import NodeKind
 from phyagentos.runtime.execution.leaf_registry import build_registry

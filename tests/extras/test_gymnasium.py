@@ -14,9 +14,9 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.runtime.drivers.gymnasium import open_gymnasium
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.conformance import CHECKS, Client, Subject
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
+from phyagentos.testing import DRIVER_CHECKS, DriverClient, DriverSubject
 from tests.conformance.test_target_drivers import write_environment
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -50,21 +50,21 @@ def opened():
     def open_client(folder):
         driver = open_gymnasium(read_target(folder / "target.yaml"), folder)
         targets.append(ServedTarget(driver, ReceiveLog(None)))
-        return Client(targets[-1], Subject(open=lambda: driver, scene="any"))
+        return DriverClient(targets[-1], DriverSubject(open=lambda: driver, scene="any"))
 
     yield open_client
     for target in targets:
         target.close()
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", DRIVER_CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("name", ["MountainCar-v0", "sawyer"])
 def test_an_environment_does_what_the_port_promises(name, check, tmp_path, example, pytestconfig):
     if name == "sawyer":
         folder = example / "robots" / "sawyer"
     else:
         folder = write_environment(tmp_path, pytestconfig.option.gymnasium_python, name, *SMALL[name])
-    subject = Subject(open=lambda: open_gymnasium(read_target(folder / "target.yaml"), folder), scene="drawer")
+    subject = DriverSubject(open=lambda: open_gymnasium(read_target(folder / "target.yaml"), folder), scene="drawer")
     check(subject)
     subject.close()
 

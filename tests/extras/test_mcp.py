@@ -271,7 +271,7 @@ def test_an_agent_finds_a_hidden_cube_call_by_call_and_a_rerun_repeats_its_decis
                 out, err = run.communicate(timeout=120)
             assert (run.returncode, "success" in out) == (0, True), err
             _, why = await ask(client, "why", subject=session)
-            assert why["found"]["state"] == "succeeded"
+            assert why["session"]["state"] == "succeeded"
             again = [sys.executable, "-m", "phyagentos", "rerun", session, "-w", str(workspace.root)]
             repeated = subprocess.run(again, cwd=project, capture_output=True, text=True, timeout=LIMIT_S, check=False)
             assert "identical, bit for bit" in repeated.stdout, repeated.stdout + repeated.stderr

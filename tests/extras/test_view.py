@@ -6,8 +6,8 @@ import shutil
 
 import pytest
 
-from phyagentos.cli.history import read_ledger
 from phyagentos.clock import SystemClock
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.estop import is_latched, reset
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.view.panels import PANELS

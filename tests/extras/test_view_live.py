@@ -4,8 +4,8 @@ import contextlib
 
 import pytest
 
-from phyagentos.cli.history import read_ledger
 from phyagentos.clock import SystemClock
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.estop import is_latched, read_latch
 from phyagentos.protocol.sessions.heartbeats import find_heartbeat

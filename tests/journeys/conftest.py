@@ -15,6 +15,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from tests.goal_graphs import assert_same_graph, check_recorded_graphs
 
 HERE = Path(__file__).parent
+KIT = HERE.parents[1] / "kits" / "rollouts"
 STATECHARTS = HERE / "test_statecharts.py"
 _FILES: set[Path] = set()  # of the journeys that this run goes through
 
@@ -74,7 +75,9 @@ class Plane:
 
 @pytest.fixture(scope="session")
 def plane(tmp_path_factory):
-    plane = Plane(tmp_path_factory.mktemp("journeys") / "w", HERE / "faults.yaml")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(KIT), prepend=os.pathsep)  # its processes find it, as if it were installed
+        plane = Plane(tmp_path_factory.mktemp("journeys") / "w", HERE / "faults.yaml")
     yield plane
     plane.stop()
 

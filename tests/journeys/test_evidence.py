@@ -10,15 +10,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from phyagentos.assembly.rerun import find_differences, rerun_session
 from phyagentos.clock import SystemClock
+from phyagentos.operations.rerun import find_differences, rerun
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import MANIFEST, check_bundle, read_manifest
 from phyagentos.protocol.sessions.looks import LOOKS, read_looks
 from phyagentos.protocol.settings.runtime_contract import EvidenceRetention
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.retention import apply_retention
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 pytestmark = pytest.mark.journey
 
@@ -66,7 +66,7 @@ def test_a_session_with_a_fault_can_be_repeated_from_its_own_documents(plane):
     once = {"defaults.max_replans": "0"}
     plane.mission.run(GRAPH, seed=6, goal="slip-6", overrides=once)
 
-    assert rerun_session(plane.workspace.root, "slip-6.red").differences == ()
+    assert rerun(plane.workspace.root, "slip-6.red").differences == ()
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def test_a_thinned_session_can_be_repeated_and_is_compared_by_the_hashes_of_what
     assert not (thinned / evidence.TRAJECTORY).exists()
     assert check_bundle(thinned) == []
 
-    assert rerun_session(copy.root, "calm-5.red").differences == ()
+    assert rerun(copy.root, "calm-5.red").differences == ()
     assert "trajectory.npz: differs from the hash that was kept" in find_differences(thinned, other)
 
 

@@ -8,10 +8,10 @@ import yaml
 from phyagentos.agent.goals.selector import ANY
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.review import judge_again
-from phyagentos.assembly.rerun import perceive_again
 from phyagentos.assembly.verification import build_verifier
-from phyagentos.cli.history import read_ledger
 from phyagentos.clock import SystemClock
+from phyagentos.operations.verify import perceive_again
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.sessions.looks import find_look_problems
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver

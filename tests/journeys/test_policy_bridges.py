@@ -19,7 +19,7 @@ from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.actions.bridges.chain import BRIDGES, compile_chain
+from phyagentos.runtime.actions.bridges.chain import compile_chain, list_bridges
 from phyagentos.runtime.actions.bridges.tool_poses import describe_frames
 from phyagentos.runtime.policies.exchanges import read_arrays, read_exchanges, replay_exchanges
 from phyagentos.runtime.policies.openpi_server import serve_openpi
@@ -206,4 +206,4 @@ def test_these_languages_need_every_bridge(run):
     target, frames = describe_target_space(profile), describe_frames(profile)
     chains = [compile_chain(ActionSpace.model_validate(space), target, frames) for space in SPACES.values()]
     used = {type(link) for chain in chains for link in chain.links}
-    assert used == set(BRIDGES)
+    assert used == set(list_bridges())

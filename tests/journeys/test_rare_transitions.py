@@ -19,7 +19,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision import target_supervisor, watchdog
 from phyagentos.runtime.supervision.workers import Worker
 from phyagentos.store.journal import Entry, Journal
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 from tests.following import Followed, wait_until
 
 from .reached import read_phase_arrows

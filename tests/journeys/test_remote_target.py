@@ -5,9 +5,9 @@ import sys
 
 import pytest
 
-from phyagentos.assembly.explanation import explain_session
 from phyagentos.assembly.paths import TOKENS
-from phyagentos.assembly.rerun import find_differences
+from phyagentos.operations.rerun import find_differences
+from phyagentos.operations.why import why
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.targets.handshake import make_key
@@ -51,9 +51,9 @@ def test_a_session_over_websocket_has_the_bits_of_one_over_a_socket(plane, make_
     (session,) = reports[1].sessions
     differences = find_differences(near.bundle(session.id), far.bundle(session.id))
     assert differences == ["execution.json: differs"]  # it says which driver moved
-    why = [explain_session(plane.workspace, plane.mission.ledger, session.id) for plane in (near, far)]
-    assert "moved by    driver mujoco" in why[0]
-    assert "moved by    driver remote/mujoco" in why[1]
+    told = ["\n".join(why(plane.workspace.root, session.id).explanation) for plane in (near, far)]
+    assert "moved by    driver mujoco" in told[0]
+    assert "moved by    driver remote/mujoco" in told[1]
     lines = [
         (plane / "logs" / "receive-panda.jsonl").read_text().splitlines()
         for plane in (near.workspace.root, far.workspace.root, there.root)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from phyagentos.assembly.rerun import find_differences
+from phyagentos.operations.rerun import find_differences
 
 pytestmark = pytest.mark.journey
 

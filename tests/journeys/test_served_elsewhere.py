@@ -14,10 +14,10 @@ import pytest
 import yaml
 
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
-from phyagentos.assembly.explanation import explain_session
 from phyagentos.assembly.paths import TOKENS
 from phyagentos.assembly.planes import start_watch
 from phyagentos.clock import SystemClock
+from phyagentos.operations.why import why
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -134,16 +134,16 @@ def pursue(elsewhere, meanwhile=lambda: None):
         report = agent.mission.run(elsewhere.workspace.root / "lift.yaml", seed=0)
         thread.join()
         ledger = agent.mission.ledger
-        why = [explain_session(elsewhere.workspace, ledger, each.id) for each in report.sessions]
-        return report, [ledger.sessions[each.id] for each in report.sessions], why
+        told = ["\n".join(why(elsewhere.workspace.root, each.id).explanation) for each in report.sessions]
+        return report, [ledger.sessions[each.id] for each in report.sessions], told
 
 
 @pytest.mark.parametrize("elsewhere", ["plain", "tls"], indirect=True)
 def test_a_goal_is_met_on_a_body_that_the_kit_serves(elsewhere):
-    report, _, (why,) = pursue(elsewhere)
+    report, _, (told,) = pursue(elsewhere)
 
     assert report.verdict == "success"
-    assert "driver remote/slide" in why
+    assert "driver remote/slide" in told
     assert [number for _, _, number in elsewhere.read()] == list(range(1, 21))
 
 

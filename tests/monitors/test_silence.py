@@ -10,8 +10,7 @@ from phyagentos.protocol.sessions.estop import Latch, latch, reset
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Entry, Journal
-from tests.clocks import ManualClock
-from tests.contracts import make_contract
+from phyagentos.testing import ManualClock, make_contract
 
 from .hook import iter_new_workspaces
 from .silence import ESTOP_S, STOP_S, Kind, count_commands, find_violations, main

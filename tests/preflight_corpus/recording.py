@@ -47,7 +47,7 @@ def record(scene: str, target: str, library: Library, seed: int = SEED) -> Recor
     """Ask a simulated world, as the world process would hold it."""
     from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
     from phyagentos.runtime.models.robot import read_profile
-    from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
+    from phyagentos.runtime.perception.world_model import WORLD, GroundTruthWorldModel
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.served_target import ServedTarget
 
@@ -61,7 +61,7 @@ def record(scene: str, target: str, library: Library, seed: int = SEED) -> Recor
         world.close()
     assert isinstance(description, wire.Description), description
     assert isinstance(observation, wire.Observation), observation
-    truth = TrueWorld(target, SimpleNamespace(latest=None, observe=lambda: observation))
+    truth = GroundTruthWorldModel(target, SimpleNamespace(latest=None, observe=lambda: observation))
     truth.enter(Scene(name=scene, seed=seed, episode=EPISODE))
     return Recorded(description=description, environment=truth.observe(WORLD))
 

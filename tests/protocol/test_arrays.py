@@ -1,4 +1,4 @@
-"""NPZ files of our own making are what numpy reads and writes."""
+"""Arrays of the evidence come back bit for bit, and equal ones have equal bytes."""
 
 import io
 import zipfile
@@ -16,7 +16,7 @@ ANY = arrays(
 )
 
 
-@given(st.dictionaries(st.from_regex(r"[a-z_]{1,8}", fullmatch=True), ANY, max_size=4))
+@given(st.dictionaries(st.from_regex(r"[a-z]_[a-z]{1,6}", fullmatch=True), ANY, max_size=4))
 def test_numpy_reads_back_every_array_bit_for_bit(written):
     with np.load(io.BytesIO(encode_arrays(written))) as read:
         assert read.files == list(written)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from phyagentos.protocol.sessions.calibration import Bin, Scored, TrackRecord, compute_record, compute_reliability
+from phyagentos.protocol.sessions.calibration import Scored, TrackRecord, compute_record
 
 FOUR = [Scored(0.9, True), Scored(0.8, True), Scored(0.3, False), Scored(0.6, True)]
 
@@ -30,9 +30,3 @@ def test_a_forecaster_is_unfit_only_when_enough_cases_say_so():
     assert [record.is_unfit(least) for least in (19, 20)] == [True, False]
     assert not TrackRecord(cases=50, brier=0.2, base_brier=0.2).is_unfit(20)
     assert str(record) == "Brier score 0.400, base rate 0.200, 19 cases"
-
-
-def test_reliability_compares_what_was_foreseen_with_what_happened_bin_by_bin():
-    bins = compute_reliability([Scored(0.1, False), Scored(1.0, True), Scored(0.9, False), Scored(0.8, True)])
-
-    assert bins == (Bin(0.0, 0.2, 1, 0.1, 0), Bin(0.8, 1.0, 3, pytest.approx(0.9), 2))

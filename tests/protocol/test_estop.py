@@ -18,7 +18,7 @@ from phyagentos.protocol.sessions.estop import (
     read_latch,
     reset,
 )
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 
 def test_the_first_latch_stays(tmp_path):

@@ -5,7 +5,7 @@ import weakref
 
 import pytest
 
-from phyagentos.assembly import processes
+from phyagentos.assembly import processes, worker_process
 from phyagentos.errors import DefinitionError
 
 
@@ -17,7 +17,7 @@ def test_a_child_has_told_why_before_its_connections_close(monkeypatch):
         weakref.finalize(connection, lambda: at_the_end.append(told.getvalue()))  # the supervisor kills at this moment
         raise DefinitionError.of("MODEL_UNREADABLE", "arm.xml", "a torn file", "a model")
 
-    monkeypatch.setattr(processes, "run_worker", break_off)
+    monkeypatch.setattr(worker_process, "run_worker", break_off)
     monkeypatch.setattr("sys.stderr", told)
     with pytest.raises(SystemExit) as end:
         processes.main(["worker", "--workspace", "w", "--target", "arm"])

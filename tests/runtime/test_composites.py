@@ -48,7 +48,7 @@ def test_home_is_planned_with_what_the_fingers_hold_though_no_port_names_it(
     build_bench, session, plant, doubles, profile
 ):
     """The held thing was an obstacle in contact with the fingers: the arm found no way out of its own hand."""
-    target = doubles.PerfectTarget(profile, [doubles.build_cube()], graspable="red_cube")
+    target = doubles.PerfectTarget(profile, [doubles.make_cube()], graspable="red_cube")
     target.q = target.q_d = target.q + 0.1
     bench = build_bench(target, planner := doubles.ScriptedPlanner(), library=plant(["close_gripper", "move_home"]))
     bench.run(session)
@@ -60,7 +60,7 @@ def test_a_reactive_sequence_judges_its_condition_each_period_and_the_trace_show
 ):
     """`exists` fails once the cube is gone: the arm that moves beside it is stopped within a period."""
     tree = 'reactive_sequence: {children: [{condition: "exists(red_cube)"}, {wait: {seconds: 9}}]}'
-    target = doubles.PerfectTarget(profile, [doubles.build_cube()])
+    target = doubles.PerfectTarget(profile, [doubles.make_cube()])
     bench = build_bench(target, library=plant([tree]))
     carry_out = target._carry_out
 

@@ -6,7 +6,7 @@ import threading
 import numpy as np
 import pytest
 
-from phyagentos.assembly.processes import connect_to_world
+from phyagentos.assembly.worker_process import connect_to_world
 from phyagentos.clock import SystemClock
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.handshake import Tokens, make_key, mint

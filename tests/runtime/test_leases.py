@@ -29,7 +29,7 @@ from phyagentos.runtime.worker.orders import (
 )
 from phyagentos.runtime.worker.worker import WorkerLoop
 from phyagentos.store.journal import Entry, Journal
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .test_watchdog import ScriptedWorker, make_session, stand  # noqa: F401 - a fixture
 
@@ -183,7 +183,7 @@ class Standing:
 def test_a_session_ends_while_its_command_waits_for_other_targets(employed, why, code):
     target, describe = employed.bench.target, employed.bench.target._describe
     target._describe = lambda: msgspec.structs.replace(describe(), shares_time=True)
-    employed.bench.handle._connection = standing = Standing(target)
+    employed.bench.handle.link.connection = standing = Standing(target)
     target.commands = standing.is_waiting.is_set
     employed.start()
     employed.renew_and_wait()  # heard while the command waits

@@ -5,8 +5,8 @@ import pytest
 
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, find_heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.session import Limits
-from phyagentos.runtime.supervision.limits import HeartbeatMonitor, Sign
-from tests.clocks import ManualClock
+from phyagentos.runtime.supervision.limits import FaultKind, HeartbeatMonitor
+from phyagentos.testing import ManualClock
 
 LIMITS = Limits(heartbeat_s=3.0, stall_s=5.0, think_s=12.0)
 PID = 41
@@ -30,12 +30,12 @@ class Heart:
         return self.look()
 
     def look(self):
-        return self.monitor.find_trouble(LIMITS, PID)
+        return self.monitor.find_fault(LIMITS, PID)
 
     def beat_until_trouble(self, changes=lambda _: {}, at_most=100):
         for count in range(at_most):
-            if (trouble := self.beat(**changes(count))) is not None:
-                return trouble, count * PERIOD_S
+            if (fault := self.beat(**changes(count))) is not None:
+                return fault, count * PERIOD_S
         return None, at_most * PERIOD_S
 
 
@@ -55,29 +55,29 @@ def test_one_that_beats_and_whose_simulated_time_goes_on_is_left_alone(heart):
 def test_one_that_beats_without_progress_is_stalled_after_the_limit(heart):
     heart.beat(tick=7, sim_time_s=1.0)
 
-    trouble, after_s = heart.beat_until_trouble()
+    fault, after_s = heart.beat_until_trouble()
 
-    assert trouble.sign is Sign.STALLED
-    assert trouble.message == "it acts, and no control period has passed for 5.0 s"
+    assert fault.kind is FaultKind.STALLED
+    assert fault.message == "it acts, and no control period has passed for 5.0 s"
     assert LIMITS.stall_s <= after_s <= LIMITS.stall_s + 2 * PERIOD_S
 
 
 def test_thinking_is_progress_within_the_limit_of_the_planner_only(heart):
     heart.beat(phase="thinking")
 
-    trouble, after_s = heart.beat_until_trouble()
+    fault, after_s = heart.beat_until_trouble()
 
-    assert trouble.sign is Sign.STALLED
-    assert "waits for a planner" in trouble.message
+    assert fault.kind is FaultKind.STALLED
+    assert "waits for a planner" in fault.message
     assert LIMITS.think_s <= after_s <= LIMITS.think_s + 2 * PERIOD_S
 
 
 def test_going_to_and_fro_between_thinking_and_acting_hides_no_stall(heart):
     phases = ("thinking", "executing")
 
-    trouble, _ = heart.beat_until_trouble(lambda count: {"phase": phases[count % 2], "leaf": str(count)})
+    fault, _ = heart.beat_until_trouble(lambda count: {"phase": phases[count % 2], "leaf": str(count)})
 
-    assert trouble.sign is Sign.STALLED
+    assert fault.kind is FaultKind.STALLED
 
 
 def test_acting_after_a_long_thought_is_no_stall(heart):
@@ -98,23 +98,23 @@ def test_one_that_says_nothing_new_is_silent(heart):
     heart.beat(tick=1)
     heart.clock.advance(LIMITS.heartbeat_s + 0.1)
 
-    assert heart.look().sign is Sign.SILENT
+    assert heart.look().kind is FaultKind.SILENT
 
 
 def test_a_sequence_that_runs_backwards_is_inconsistent(heart):
     heart.beat(sequence=9, tick=1)
 
-    trouble = heart.beat(sequence=8, tick=2)
+    fault = heart.beat(sequence=8, tick=2)
 
-    assert trouble.sign is Sign.INCONSISTENT
-    assert trouble.message == "beat 8 follows beat 9"
+    assert fault.kind is FaultKind.INCONSISTENT
+    assert fault.message == "beat 8 follows beat 9"
 
 
 @pytest.mark.parametrize("back", [{"tick": 4}, {"sim_time_s": 0.5}])
 def test_progress_that_runs_backwards_is_inconsistent(heart, back):
     heart.beat(tick=5, sim_time_s=1.0)
 
-    assert heart.beat(**back).sign is Sign.INCONSISTENT
+    assert heart.beat(**back).kind is FaultKind.INCONSISTENT
 
 
 def test_the_next_session_begins_to_count_anew(heart):
@@ -128,16 +128,16 @@ def test_the_next_session_begins_to_count_anew(heart):
 def test_two_beaters_for_one_target_are_inconsistent(heart):
     heart.beat(tick=1)
 
-    trouble = heart.beat(pid=PID + 1, tick=2)
+    fault = heart.beat(pid=PID + 1, tick=2)
 
-    assert trouble.sign is Sign.INCONSISTENT
-    assert trouble.message == f"process {PID + 1} beats for arm, whose worker is process {PID}"
+    assert fault.kind is FaultKind.INCONSISTENT
+    assert fault.message == f"process {PID + 1} beats for arm, whose worker is process {PID}"
 
 
 def test_a_second_beater_that_came_first_is_found_too(heart):
     assert heart.beat(pid=PID + 1) is None  # it may be the last word of an earlier worker
 
-    assert heart.beat(pid=PID + 1).sign is Sign.INCONSISTENT
+    assert heart.beat(pid=PID + 1).kind is FaultKind.INCONSISTENT
 
 
 def test_the_last_word_of_an_earlier_worker_is_no_sign_of_life(heart):
@@ -148,7 +148,7 @@ def test_the_last_word_of_an_earlier_worker_is_no_sign_of_life(heart):
         assert heart.look() is None
     heart.clock.advance(PERIOD_S + 0.1)
 
-    assert heart.look().sign is Sign.SILENT
+    assert heart.look().kind is FaultKind.SILENT
 
 
 def test_a_watchdog_that_was_stopped_itself_holds_that_against_nobody(heart):

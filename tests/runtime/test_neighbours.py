@@ -19,7 +19,7 @@ def crowded(doubles, profile):
 
     class Crowded(doubles.PerfectTarget):
         def __init__(self, name, blocks, *, moves=False, touched_n=None):
-            super().__init__(profile, [doubles.build_cube()])
+            super().__init__(profile, [doubles.make_cube()])
             self.name, self.blocks, self.moves, self.touched_n = name, blocks, moves, touched_n or {}
 
         def handle(self, request):

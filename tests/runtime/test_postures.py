@@ -17,12 +17,12 @@ from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.motion.profile_checks import check_profile
-from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
+from phyagentos.runtime.perception.world_model import WORLD, GroundTruthWorldModel
 from phyagentos.runtime.preflight.arguments import iter_posture_problems
 from phyagentos.runtime.preflight.dry_run import DryRun
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 ASIDE = (1.2, -0.5, 0.1, -2.0, 0.0, 1.6, 0.5)
 FLOOR = (0.0, 1.6, 0.0, -0.3, 0.0, 1.5, 0.0)  # stretched out, through the table
@@ -72,7 +72,7 @@ def test_an_unknown_posture_is_refused_with_the_nearest_name(ask, profile, libra
 def test_a_posture_through_the_table_is_refused_before_anything_moves(open_bench, ask, profile, library, registry):
     bench, _ = open_bench()
     bench.handle.load(ask("aside").scene)
-    world = TrueWorld("panda", bench.handle, profile=profile)
+    world = GroundTruthWorldModel("panda", bench.handle, profile=profile)
     world.enter(ask("aside").scene)
     dry_run = DryRun(
         planner=bench.planner,
@@ -96,7 +96,7 @@ def test_a_posture_is_reached_on_physics_and_judged_by_the_measured_joints(open_
     execution = bench.run(session)
 
     assert execution.ended is Ended.COMPLETED, execution
-    assert np.abs(driver.physics.data.qpos[driver.physics.q_address] - ASIDE).max() < 0.01
+    assert np.abs(driver.physics.data.qpos[driver.physics.state.q_address] - ASIDE).max() < 0.01
     bundle = read_bundle(bench.workspace / execution.evidence, session, execution)
     (criterion,) = PredicateJudge().judge(bundle)
     assert (criterion.truth, criterion.measured["off_rad"] < 0.01) == (Truth.TRUE, True)

@@ -17,7 +17,6 @@ from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Environment, Interior, Pose, Region
 from phyagentos.runtime.preflight.arguments import iter_contradictions, iter_name_problems
 from phyagentos.runtime.preflight.compatibility import Preflight
-from phyagentos.runtime.preflight.findings import describe_problem
 from phyagentos.runtime.preflight.settings import Settings
 from phyagentos.runtime.targets.wire import WIRE_VERSION, Description, Kinematics
 
@@ -200,13 +199,13 @@ def test_only_a_skill_that_looks_may_name_what_the_inventory_knows_and_no_look_h
 def test_a_rejection_tells_who_asked_for_what_and_what_would_help():
     problem = make_preflight(actions=("torque",)).find_contract_problems(make_session())[0]
 
-    assert describe_problem(problem) == {
+    assert msgspec.to_builtins(problem) == {
         "code": "ACTION_UNAVAILABLE",
         "address": "g.a: skill.needs.actions",
         "found": "'torque'",
         "expected": "gripper_width, joint_position",
         "triggered_by": "skill pick: needs.actions",
-        "fix": "Choose a target that offers it; panda does not.",
+        "hint": "Choose a target that offers it; panda does not.",
     }
 
 

@@ -18,6 +18,8 @@ from phyagentos.protocol.world.environment import Entity, Environment, Interior,
 from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.channel import Link
 from phyagentos.runtime.codec import Codec
+from phyagentos.runtime.execution.first_motions import Foreseen, Grasp, Home
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.requests import (
@@ -37,8 +39,6 @@ from phyagentos.runtime.preflight.adapter_plan import AdapterPlan
 from phyagentos.runtime.preflight.dry_run import (
     ANSWER_S,
     DryRun,
-    Grasp,
-    Home,
     Reach,
     compute_reach,
     find_motions,
@@ -46,7 +46,7 @@ from phyagentos.runtime.preflight.dry_run import (
 from phyagentos.runtime.preflight.examination import Examiner
 from phyagentos.runtime.targets.wire import Kinematics
 from phyagentos.runtime.worker.orders import Check, Checked, Ready, Reconcile, encode, receive_answer, serve_refusals
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 WAY = Approach(label="yaw+000", tcp_end=Pose((0.5, 0.0, 0.02)), line_rad=np.tile(HOME, (3, 1)))
@@ -155,6 +155,48 @@ def test_what_follows_a_subtree_that_was_not_looked_through_is_not_tried(tmp_pat
     )
     arguments = {"object": "cube", "to": (0.4, 0.0, 0.02)}
     assert list(find_motions("push_and_pick", arguments, Library.open(tmp_path), REGISTRY)) == []
+
+
+class Scoop(Leaf):
+    """Takes hold in a way that no leaf which ships knows."""
+
+    ROLE = Role.PLAN_GRASP
+    INPUT_PORTS = {"object": PortInformation(data_type=str, description="What to scoop.")}
+
+
+class Lever(Leaf):
+    """As `Scoop`, by another port."""
+
+    ROLE = Role.PLAN
+    INPUT_PORTS = {"bottom": PortInformation(data_type=str, description="What to lift.")}
+
+    @classmethod
+    def foresee(cls, wired, path):
+        return Foreseen(Grasp(wired["bottom"], path))
+
+
+@pytest.mark.parametrize(("leaf", "port"), [(Scoop, "object"), (Lever, "bottom")])
+def test_a_grasp_of_a_leaf_that_does_not_ship_is_tried_like_one_that_does(tmp_path, leaf, port):
+    tree = f"""
+tree: scoop
+description: d
+inputs: {{object: {{type: entity}}, destination: {{type: place}}}}
+root:
+  sequence:
+    children:
+      - locate: {{object: $object}}
+      - take: {{{port}: $object}}
+      - plan_place: {{payload: $payload, destination: $destination}}
+"""
+    (tmp_path / "trees").mkdir()
+    (tmp_path / "trees/scoop.yaml").write_text(tree, encoding="utf-8")
+    registry = build_registry(Library.open())
+    registry.register("take", leaf)
+
+    arguments = {"object": "cube", "destination": "tray"}
+    motions = list(find_motions("scoop", arguments, Library.open(tmp_path), registry))
+
+    assert motions == [Grasp("cube", "scoop/take"), Destination("tray")]
 
 
 def test_a_motion_that_was_found_is_possible_and_the_place_is_asked_for_with_its_grasp():

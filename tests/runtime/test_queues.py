@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from phyagentos.protocol.sessions.session import Limits, SessionStatus
 from phyagentos.runtime.supervision.queues import SLACK, Queues
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .test_watchdog import make_session
 

@@ -10,9 +10,9 @@ from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.session import Ended, Limits
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.execution.leaf import Leaf, Role, Status
-from phyagentos.runtime.perception.world_model import Glance, TrueWorld
+from phyagentos.runtime.perception.world_model import ConfirmationCapture, GroundTruthWorldModel
 from phyagentos.runtime.targets import wire
-from tests.runtime.conftest import build_cube
+from phyagentos.testing import make_cube
 
 
 class Tap:
@@ -63,9 +63,9 @@ def move(build_bench, build_session, doubles, profile):
     """Run `home` from afar; returns the tap, the bench and the execution."""
 
     def move(target=None, distance_rad=0.3, **changes):
-        bench = build_bench(target or doubles.PerfectTarget(profile, [doubles.build_cube()]))
+        bench = build_bench(target or doubles.PerfectTarget(profile, [doubles.make_cube()]))
         bench.target.q = bench.target.q + distance_rad
-        tap = bench.handle._connection = Tap(bench.handle._connection)
+        tap = bench.handle.link.connection = Tap(bench.handle.link.connection)
         execution = bench.run(build_session(skill="home", parameters={}, **changes))
         return tap, bench, execution
 
@@ -103,30 +103,30 @@ def test_where_nothing_is_to_be_seen_no_sample_holds_up_the_next_command(move):
     assert tap.alone <= 3, "the first command, and those about the end of a motion"
 
 
-class Glancing(TrueWorld):
+class Glancing(GroundTruthWorldModel):
     """Plans glances at the cubes; `is_sure` decides what each of them shows."""
 
     is_sure = staticmethod(lambda _number: True)
     planned = 0
 
-    def plan_glance(self, things, time_s):
+    def plan_confirmation(self, things, time_s):
         self.planned += 1
         self.expected_s = time_s
-        return Glance(things, wire.Capture(cameras=("overhead",)), None)
+        return ConfirmationCapture(things, wire.Capture(cameras=("overhead",)), None)
 
-    def read_glance(self, glance, frames):
+    def read_confirmation(self, glance, frames):
         assert self.step.time_s == pytest.approx(self.expected_s)
         assert [type(each) for each in frames] == [wire.Frames]
         world = self._describe(self._handle.step)
         names = glance.things if self.is_sure(self.planned) is True else ()
-        things = {name: build_cube(name) for name in names}
+        things = {name: make_cube(name) for name in names}
         return None if self.is_sure(self.planned) is None else msgspec.structs.replace(world, entities=things)
 
 
 @pytest.fixture
 def glancing(monkeypatch, doubles):
     """The true world with glances; the target sends frames without pictures."""
-    monkeypatch.setattr("tests.runtime.conftest.TrueWorld", Glancing)
+    monkeypatch.setattr("phyagentos.testing.skill_stand.GroundTruthWorldModel", Glancing)
     monkeypatch.setattr(Glancing, "is_sure", staticmethod(lambda _number: True))
     handle = doubles.PerfectTarget.handle
 
@@ -180,7 +180,7 @@ def test_a_command_behind_a_refused_one_is_not_recorded(move, doubles, profile):
                 return wire.Refused("TARGET_LIMIT" if request.sequence == 12 else "OUT_OF_SEQUENCE", "no")
             return super().handle(request)
 
-    tap, bench, execution = move(Refusing(profile, [doubles.build_cube()]))
+    tap, bench, execution = move(Refusing(profile, [doubles.make_cube()]))
 
     assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "TARGET_LIMIT")
     assert len(read_trajectory(bench, execution)["time_s"]) == 11
@@ -198,7 +198,7 @@ def test_a_stop_of_the_target_is_met_before_another_command_is_sent(move, double
             is_struck = isinstance(request, wire.Command) and request.sequence == 12
             return msgspec.structs.replace(reply, stopped="COLLISION_STOP") if is_struck else reply
 
-    _, bench, execution = move(Stopping(profile, [doubles.build_cube()]))
+    _, bench, execution = move(Stopping(profile, [doubles.make_cube()]))
 
     assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "COLLISION_STOP")
     assert bench.target.commands()[-1].sequence == 13
@@ -225,9 +225,9 @@ def test_fingers_move_while_the_worker_records(build_bench, build_session, plant
     library, ticks = plant([leaf]), []
     for number, can_run_ahead in enumerate((True, False)):
         monkeypatch.setattr(TargetSessionHandle, "can_run_ahead", property(lambda _, can=can_run_ahead: can))
-        bench = build_bench(doubles.PerfectTarget(profile, [doubles.build_cube()]), library=library)
+        bench = build_bench(doubles.PerfectTarget(profile, [doubles.make_cube()]), library=library)
         bench.target.width_m = 0.04
-        tap = bench.handle._connection = Tap(bench.handle._connection)
+        tap = bench.handle.link.connection = Tap(bench.handle.link.connection)
         execution = bench.run(build_session(skill="planted", parameters={}, id=f"tidy-1.n{number}"))
         ticks.append(execution.ticks)
 

@@ -111,7 +111,7 @@ def test_the_look_at_the_end_waits_a_while_for_what_the_acceptance_speaks_of_to_
             self.entities["red_cube"] = cube
             return super()._observe()
 
-    cubes = [doubles.build_cube(), doubles.build_cube("red_tray"), doubles.build_cube("blue_cube", (0.2, 0.2, 0.02))]
+    cubes = [doubles.make_cube(), doubles.make_cube("red_tray"), doubles.make_cube("blue_cube", (0.2, 0.2, 0.02))]
     bench = build_bench(Rolling(profile, cubes))
     session = build_session(skill="home", parameters={}, accept=(accept,))
     execution = bench.run(session)
@@ -140,8 +140,8 @@ def test_what_is_met_already_is_not_acted_on(build_bench, build_session, doubles
             self.entities["red_cube"] = thing
             return super()._observe()
 
-    tray = doubles.build_cube("red_tray", (0.5, 0.3, 0.0), interior=Interior((0.0, 0.0, 0.05), (0.1, 0.1, 0.05)))
-    bench = build_bench(Rolling(profile, [doubles.build_cube(position=cube), tray]))
+    tray = doubles.make_cube("red_tray", (0.5, 0.3, 0.0), interior=Interior((0.0, 0.0, 0.05), (0.1, 0.1, 0.05)))
+    bench = build_bench(Rolling(profile, [doubles.make_cube(position_m=cube), tray]))
     bench.target.q = bench.target.q + 0.3
     accept = ("inside(red_cube, red_tray)", "not moved(red_tray)")
     session = build_session(skill="home", parameters={}, accept=accept, unless_met=asked)
@@ -162,7 +162,7 @@ def test_what_preflight_granted_for_a_look_alone_never_acts(build_bench, build_s
 
 
 def test_pick_and_place_runs_through_its_leaves_in_order(build_bench, build_session, doubles, profile):
-    cubes = [doubles.build_cube(), doubles.build_cube("red_tray", (0.5, 0.3, 0.0))]
+    cubes = [doubles.make_cube(), doubles.make_cube("red_tray", (0.5, 0.3, 0.0))]
     bench = build_bench(doubles.PerfectTarget(profile, cubes, graspable="red_cube"), doubles.ScriptedPlanner(polls=3))
     session = build_session()
     execution = bench.run(session)
@@ -183,7 +183,7 @@ def test_pick_and_place_runs_through_its_leaves_in_order(build_bench, build_sess
 def test_thinking_does_not_advance_simulated_time_and_leaves_no_trace(build_bench, build_session, doubles, profile):
     traces, commands = [], []
     for polls in (0, 50):
-        cubes = [doubles.build_cube(), doubles.build_cube("red_tray", (0.5, 0.3, 0.0))]
+        cubes = [doubles.make_cube(), doubles.make_cube("red_tray", (0.5, 0.3, 0.0))]
         target = doubles.PerfectTarget(profile, cubes, graspable="red_cube")
         bench = build_bench(target, doubles.ScriptedPlanner(polls=polls))
         execution = bench.run(build_session())
@@ -196,7 +196,7 @@ def test_thinking_does_not_advance_simulated_time_and_leaves_no_trace(build_benc
 
 
 def test_a_session_leaves_a_complete_bundle(build_bench, build_session, doubles, profile):
-    cubes = [doubles.build_cube(), doubles.build_cube("red_tray", (0.5, 0.3, 0.0))]
+    cubes = [doubles.make_cube(), doubles.make_cube("red_tray", (0.5, 0.3, 0.0))]
     bench = build_bench(doubles.PerfectTarget(profile, cubes, graspable="red_cube"))
     session = build_session(hold=("exists(red_tray)",))
     execution = bench.run(session)
@@ -367,7 +367,7 @@ def test_a_grasp_on_air_fails_with_its_code(build_bench, build_session):
 
 
 def test_an_object_that_leaves_the_fingers_on_the_way_is_a_lost_grasp(build_bench, build_session, doubles, profile):
-    cubes = [doubles.build_cube(), doubles.build_cube("red_tray", (0.5, 0.3, 0.0))]
+    cubes = [doubles.make_cube(), doubles.make_cube("red_tray", (0.5, 0.3, 0.0))]
     target = doubles.PerfectTarget(profile, cubes, graspable="red_cube")
     bench = build_bench(target)
 
@@ -401,7 +401,7 @@ def test_a_drive_that_is_shaken_has_lost_what_it_holds_only_once_its_fingers_clo
                 force_n, width_m = 0.0, 0.002 if closes else 0.0381
             return msgspec.structs.replace(state, grip_force_n=force_n, gripper_width_m=width_m)
 
-    target = Shaken(profile, [doubles.build_cube(), doubles.build_cube("red_tray", (0.5, 0.3, 0.0))], "red_cube")
+    target = Shaken(profile, [doubles.make_cube(), doubles.make_cube("red_tray", (0.5, 0.3, 0.0))], "red_cube")
     bench = build_bench(target)
 
     def shake(request):
@@ -442,7 +442,7 @@ def test_what_happens_while_the_arm_comes_to_rest_counts_for_the_hold_conditions
                 self.entities.pop("red_cube")
             return super().handle(request)
 
-    profile, cube = build_bench().target.profile, doubles.build_cube()
+    profile, cube = build_bench().target.profile, doubles.make_cube()
     bench = build_bench(Robbed(profile, [cube]), library=plant(["wait: {seconds: 0.04}"]))
     session = msgspec.structs.replace(session, hold=("exists(red_cube)",))
     execution = bench.run(session)
@@ -455,8 +455,8 @@ def test_what_happens_while_the_arm_comes_to_rest_counts_for_the_hold_conditions
 def test_what_lies_in_a_vessel_is_in_the_way_unless_the_vessel_is_moved(
     build_bench, build_session, doubles, taken, in_the_way
 ):
-    box = doubles.build_cube("box", interior=Interior((0.0, 0.0, 0.05), (0.1, 0.1, 0.1)))
-    things = [box, doubles.build_cube(), doubles.build_cube("blue_cube")]
+    box = doubles.make_cube("box", interior=Interior((0.0, 0.0, 0.05), (0.1, 0.1, 0.1)))
+    things = [box, doubles.make_cube(), doubles.make_cube("blue_cube")]
     planner = doubles.ScriptedPlanner(answer=doubles.refuse)
     bench = build_bench(doubles.PerfectTarget(build_bench().target.profile, things), planner)
     bench.run(build_session(skill="pick", parameters={"object": taken}))

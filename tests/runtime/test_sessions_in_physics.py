@@ -136,9 +136,9 @@ def falls(monkeypatch):
 
     def watch(controller):
         sense(controller)
-        touching = controller._physics.find_touching()
+        touching = controller._physics.queries.find_touching()
         for name in ("red_cube", "green_cube"):
-            height = float(controller._physics.find_position(name)[2])
+            height = float(controller._physics.queries.find_position(name)[2])
             began[name] = height if name in touching else max(began.get(name, height), height)
             longest[name] = max(longest.get(name, 0.0), began[name] - height)
 

@@ -9,7 +9,7 @@ from phyagentos.runtime.supervision.shared_time import AGENT_S, SharedTime, find
 from phyagentos.runtime.supervision.target_phase import Phase
 from phyagentos.runtime.targets.agreement import AgreementReceiver
 from phyagentos.store.turn_marks import TurnMarks
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 ARMS = ("left", "right")
 

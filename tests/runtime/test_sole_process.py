@@ -16,7 +16,7 @@ from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.workspace.process_lock import become_sole, find_sole, is_held, is_held_by
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision.world_process import get_lock
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 HOLD = """
 import sys

@@ -15,7 +15,7 @@ from phyagentos.runtime.supervision.target_phase import (
     PhaseLog,
     fire_phase,
 )
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 TRIGGERS = sorted({row.trigger for row in PHASE_TRANSITIONS})
 

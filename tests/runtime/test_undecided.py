@@ -14,8 +14,7 @@ from phyagentos.runtime.execution.criteria import find_open_criteria, is_margina
 from phyagentos.runtime.supervision.target_phase import Phase
 from phyagentos.runtime.supervision.target_supervisor import VERDICT_S, Supervision, TargetSupervisor
 from phyagentos.store.ledger import Ledger
-from tests.clocks import ManualClock
-from tests.contracts import make_contract
+from phyagentos.testing import ManualClock, make_contract
 
 SESSION = make_contract(accept=("inside(red_cube, tray)", "visible(tray)"))
 

@@ -18,7 +18,7 @@ from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolMan
 from phyagentos.runtime.supervision.watchdog import Watchdog
 from phyagentos.runtime.worker.orders import Check, Checked, Finished, Ready, Reconcile, Renew, Run, Stop, encode
 from phyagentos.store.journal import Entry, Journal
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 from tests.following import Followed, wait_until
 
 PLAN = AdapterPlan(target_adapter="a", skill_runtime="s", tree="t", observation_path=(), action_path=())

@@ -6,7 +6,7 @@ import pytest
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Scene, Session
 from phyagentos.store.journal import Entry, Journal
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .edit_stand import EditStand
 

@@ -1,14 +1,33 @@
 """What rots in a journal, and what is done about it."""
 
+import hashlib
+
 from phyagentos.store.checkpoint import start_reading, write_checkpoint
+from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Entry
 from phyagentos.store.records import encode_record
-from phyagentos.store.repair import repair_partition
+from phyagentos.store.recovery.repair import repair_partition
 from phyagentos.store.segments import SystemIO
-from phyagentos.store.statistics import HashingFollower
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .conftest import make_submit
+
+
+class HashingFollower(Follower):
+    """Hashes every record it accepts, header and payload, as docs/journal.md defines it."""
+
+    def __init__(self, folder):
+        super().__init__(folder)
+        self.records, self._hash = 0, hashlib.sha256()
+
+    @property
+    def records_sha256(self):
+        return self._hash.hexdigest()
+
+    def accept(self, data, records):
+        super().accept(data, records)
+        self._hash.update(data)
+        self.records += len(records)
 
 
 def mend(folder, *, accept_loss=True, **options):

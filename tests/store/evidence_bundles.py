@@ -20,7 +20,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.retention import apply_retention
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 MODEL = b"model" * 40_000
 DAY_S = 86_400.0

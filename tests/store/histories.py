@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS, IllegalTransition, Side
 from phyagentos.store.journal import Entry, Fenced, IllegalEvent, Journal
 from phyagentos.store.ledger import Ledger
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 EXECUTION = {"ended": "completed", "evidence": "evidence/s", "outputs": {"place_site": [0.1, float("inf"), None]}}
 ATTEMPT = {

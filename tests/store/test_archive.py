@@ -6,14 +6,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from phyagentos.errors import ExecutionError
-from phyagentos.store.checkpoint import NAME, start_reading
+from phyagentos.store.checkpoint import start_reading
 from phyagentos.store.follower import Follower
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import Entry
 from phyagentos.store.maintenance import Maintenance, archive_segments
 from phyagentos.store.segments import SystemIO, list_all_segments, list_segments
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 from .histories import STEPS, Story, fold
 
@@ -134,21 +133,6 @@ def test_a_follower_that_lags_behind_goes_on_through_the_archive(agent, submit):
         follower.close()
 
 
-def test_a_change_in_the_archive_is_noticed_by_whoever_reads_it(agent, submit):
-    submit_many(agent, submit, range(10))
-    end_many(agent, range(10))
-    tidy(agent.folder)
-    path = sorted((agent.folder.parent / "archive").rglob("*.md"))[1]
-    data = path.read_bytes()
-
-    path.write_bytes(data.replace(b"red cube", b"blu cube", 1))
-    with pytest.raises(ExecutionError, match=rf"JOURNAL_DAMAGED: .*archive/1970-01/.*{path.name}, offset \d+: record"):
-        read_seqs(agent.folder)
-    path.unlink()
-    with pytest.raises(ExecutionError, match="JOURNAL_DAMAGED"):
-        read_seqs(agent.folder)
-
-
 def test_writers_and_starts_need_no_archive(open_journal, agent, submit):
     submit_many(agent, submit, range(20))
     end_many(agent, range(20))
@@ -206,15 +190,6 @@ def test_archiving_at_any_moment_changes_nothing_that_is_told(tmp_path_factory, 
             assert histories.find(id) == [record for record in seen if record.id == id]
     assert [path.name for path in story.folder.iterdir() if path.name.endswith(".tmp")] == []
     story.close()
-
-
-def test_the_archive_is_no_lane(agent, submit, open_journal):
-    submit_many(agent, submit, range(20))
-    end_many(agent, range(20))
-    tidy(agent.folder)
-
-    assert open_journal().folder == agent.folder
-    assert (agent.folder / NAME).exists()
 
 
 def test_nothing_behind_what_the_horizon_knows_is_moved(agent, submit):

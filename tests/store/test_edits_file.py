@@ -5,8 +5,8 @@ import shutil
 
 import pytest
 
-from phyagentos.store.edits.exchange import ExchangeUnsupported, exchange, may_be_written, rename_new
-from phyagentos.store.edits.shared_file import GRACE_S, MISSING_S, SharedFile
+from phyagentos.store import shared_file
+from phyagentos.store.shared_file import GRACE_S, MISSING_S, SharedFile, may_be_written
 
 MARK = "<!-- end of view -->\n"
 
@@ -36,18 +36,20 @@ def shelf(tmp_path, clock):
     return shelf
 
 
-def unsupported(one, other):
-    raise ExchangeUnsupported(22, "no exchange here")
+def refuse(one, other):
+    if not other.exists():
+        raise FileNotFoundError(2, "nothing there")
+    raise OSError(22, "no exchange here")
 
 
-@pytest.fixture(params=["exchange", "compare then rename"])
-def any_shelf(tmp_path, clock, request):
-    shelf = Shelf(tmp_path, clock, **({} if request.param == "exchange" else {"swap": unsupported}))
-    shelf.put("one\n")
+@pytest.fixture(params=["one step", "three steps"])
+def any_shelf(shelf, request, monkeypatch):
+    if request.param == "three steps":
+        monkeypatch.setattr(shared_file, "exchange", refuse)
     return shelf
 
 
-def test_what_nobody_touched_is_found_by_nobody(any_shelf):
+def test_what_no_one_touched_is_found_by_no_one(any_shelf):
     for _ in range(5):
         any_shelf.put("two\n")
         assert any_shelf.take(0.5) == []
@@ -125,17 +127,13 @@ def test_a_writer_that_never_closes_is_given_up_after_the_grace(shelf):
         assert shelf.take(2.0) == [("half", False)]
 
 
-def test_a_change_that_leaves_size_and_time_as_they_were_is_found(shelf):
+def test_a_change_that_leaves_size_and_time_as_they_were_is_found_with_the_next_rendering(shelf):
     before = shelf.path.stat()
     shelf.path.write_text("oNe\n" + MARK)
     os.utime(shelf.path, ns=(before.st_atime_ns, before.st_mtime_ns))
-    assert not shelf.file.is_touched()
-    shelf.clock.advance(2.0)
-    assert shelf.file.is_touched()
     shelf.put("two\n")
-    shelf.clock.advance(2.0)
 
-    assert shelf.take() == [("oNe\n" + MARK, True)]
+    assert shelf.take(2.0) == [("oNe\n" + MARK, True)]
 
 
 def test_what_a_killed_process_had_in_its_hands_is_found_by_the_next(tmp_path, clock):
@@ -178,12 +176,20 @@ def test_what_was_not_dealt_with_stays(shelf):
     assert shelf.take(2.0) == [("theirs\n" + MARK, True)]
 
 
-def test_nobody_swaps_while_somebody_holds_the_file(shelf):
+def test_no_process_swaps_while_another_one_holds_the_file(shelf):
     other = SharedFile(shelf.path, shelf.aside, shelf.clock)
-    with other.hold(wait=True) as is_held:
-        assert is_held
+    with other.hold(wait=True):
         assert not shelf.put("two\n")
     assert shelf.put("two\n")
+
+
+def test_a_file_system_without_leases_is_given_time(shelf, monkeypatch):
+    monkeypatch.setattr(shared_file, "may_be_written", lambda _: None)
+    shelf.path.write_text("theirs\n" + MARK)
+    shelf.put("two\n")
+
+    assert shelf.take(2.0) == []
+    assert shelf.take(5.0) == [("theirs\n" + MARK, True)]
 
 
 def test_the_folder_aside_may_be_deleted(shelf):
@@ -192,30 +198,6 @@ def test_the_folder_aside_may_be_deleted(shelf):
     assert shelf.put("two\n")
 
     assert shelf.take() == [("theirs\n" + MARK, True)]
-
-
-def test_a_folder_in_its_place_is_put_aside(shelf):
-    shelf.path.unlink()
-    shelf.path.mkdir()
-    (shelf.path / "precious").write_text("x")
-    assert shelf.put("two\n")
-    assert shelf.take(2.0) == []
-
-    assert shelf.path.read_text() == "two\n" + MARK
-    (folder,) = [path for path in shelf.aside.iterdir() if path.is_dir()]
-    assert (folder / "precious").read_text() == "x"
-
-
-def test_exchange_and_rename_new_say_what_stands_in_the_way(tmp_path):
-    one, two = tmp_path / "one", tmp_path / "two"
-    one.write_text("1")
-    with pytest.raises(FileNotFoundError, match="two"):
-        exchange(one, two)
-    two.write_text("2")
-    exchange(one, two)
-    assert (one.read_text(), two.read_text()) == ("2", "1")
-    with pytest.raises(FileExistsError):
-        rename_new(one, two)
 
 
 def test_the_system_tells_who_may_write(tmp_path):

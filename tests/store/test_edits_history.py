@@ -2,10 +2,12 @@
 
 import pytest
 
+from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Entry
-from phyagentos.store.views import history
-from phyagentos.store.views.history import History
-from phyagentos.store.views.sessions import FINISHED_SHOWN, render_page
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.views import page_history
+from phyagentos.store.views.page_history import History
+from phyagentos.store.views.sessions import render_page
 
 
 @pytest.fixture
@@ -35,10 +37,9 @@ def story(open_journal, submit):
     return agent.folder, texts
 
 
-@pytest.mark.parametrize("kept", [0, 100, 100_000])
-def test_every_earlier_rendering_is_told_again(story, open_history, kept):
+def test_every_earlier_rendering_is_found_again(story, open_history):
     lane, texts = story
-    late = open_history(lane, kept=kept)
+    late = open_history(lane)
     late.read_new()
 
     for seq in (1, 2, 59, 119, 120):
@@ -52,24 +53,23 @@ def test_what_was_rendered_lately_is_remembered(open_journal, submit, open_histo
         agent.commit([submit(f"s{number}")])
         watched.read_new()
         watched.build_page()
-    monkeypatch.setattr(history, "_begin", None)
+    monkeypatch.setattr(page_history, "_begin", None)
 
     assert [len(watched.find_page(seq).shown) for seq in range(1, 11)] == list(range(1, 11))
 
 
-def test_what_each_rendering_adds_to_memory_is_let_go_again(open_journal, submit, open_history):
+def test_the_oldest_renderings_are_let_go(open_journal, submit, open_history, monkeypatch):
+    monkeypatch.setattr(page_history, "PAGES_KEPT", 20)
     agent = open_journal()
-    watched = open_history(agent.folder, kept=20 * history.STATUS)
-    shown = {}
-    for number in range(100):
-        agent.commit([submit(f"s{number}"), Entry(f"s{number}", "cancel")])
+    watched = open_history(agent.folder)
+    for number in range(30):
+        agent.commit([submit(f"s{number}")])
         watched.read_new()
-        shown |= {id(status): status for status in watched.build_page().shown}
+        watched.build_page()
+    monkeypatch.setattr(page_history, "_begin", lambda _: (Ledger(), Follower(agent.folder)))
 
-    remembered = {id(status) for page, _ in watched._pages.values() for status in page.shown}
-    assert len(shown) == 100
-    assert remembered <= shown.keys()
-    assert len(remembered) <= FINISHED_SHOWN + 20
+    assert [len(watched.find_page(seq).shown) for seq in (1, 10, 11, 30)] == [1, 10, 11, 30]
+    assert len(watched._pages) == 20
 
 
 def test_a_record_that_is_still_to_come_is_not_told(story, open_history):
@@ -83,7 +83,7 @@ def test_a_record_that_is_still_to_come_is_not_told(story, open_history):
 
 def test_a_large_journal_is_read_from_its_checkpoint(story, open_history, open_journal, monkeypatch):
     lane, texts = story
-    monkeypatch.setattr(history, "SMALL_BYTES", 0)
+    monkeypatch.setattr(page_history, "SMALL_BYTES", 0)
     journal = open_journal(by="upkeep")
     ledger = journal.open_ledger()
     assert ledger.seq == 120

@@ -1,45 +1,83 @@
-"""Three kinds of editors against a publisher in another process: the benchmark with small counts."""
+"""Three kinds of editors against a publisher: no edit is lost while the file is rendered all the time."""
 
-import json
-import subprocess
-import sys
-from pathlib import Path
+import threading
 
 import pytest
 
-BENCHMARK = Path(__file__).resolve().parents[2] / "benchmarks" / "edits.py"
+from phyagentos.clock import SystemClock
+from phyagentos.store import shared_file
+from phyagentos.store.views.page_history import History
+from phyagentos.store.views.sessions import END_MARK
+
+from .edit_stand import EditStand
+from .test_edits import NEW
 
 
-@pytest.fixture
-def run_benchmark(tmp_path):
-    def run(edits, rounds, kind, kills=0):
-        counts = ["--edits", str(edits), "--rounds", str(rounds), "--kills", str(kills)]
-        command = [sys.executable, str(BENCHMARK), *counts, "--only", kind]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
-        assert done.returncode in {0, 1}, done.stderr
-        return json.loads(done.stdout.splitlines()[-1])["figures"]
-
-    return run
+def rename_over(file, text):
+    temporary = file.with_name(".swp")
+    temporary.write_text(text)
+    temporary.replace(file)
 
 
-@pytest.mark.timeout(0)  # nightly takes an hour
-def test_no_edit_of_three_editors_is_lost_while_the_file_is_rendered(run_benchmark, pytestconfig):
-    edits, rounds = (150, 45) if pytestconfig.getoption("--nightly") else (30, 1)
-    figures = run_benchmark(edits, rounds, "exchange + merge")
-
-    assert (figures["edits"], figures["exchange_lost"]) == (3 * edits * rounds, 0)
-    assert figures["exchange_renderings_per_s"] > 1
-
-
-@pytest.mark.timeout(0)
-def test_no_edit_is_lost_when_the_renderer_is_killed(run_benchmark, pytestconfig):
-    edits, rounds, kills = (150, 10, 20) if pytestconfig.getoption("--nightly") else (12, 1, 2)
-    figures = run_benchmark(edits, rounds, "exchange + merge", kills)
-
-    assert (figures["edits"], figures["exchange_lost"]) == (3 * edits * rounds, 0)
+def write_in_place(file, text):
+    with file.open("r+") as writer:
+        writer.truncate()
+        for begin in range(0, len(text), 2000):
+            writer.write(text[begin : begin + 2000])
+            writer.flush()
 
 
-def test_the_count_of_lost_edits_can_fail(run_benchmark):
-    figures = run_benchmark(3, 1, "plain rename")
+def move_away(file, text):
+    file.rename(file.with_name("S.md~"))
+    file.write_text(text)
 
-    assert figures["plain_lost"] == 9
+
+def read_whole(file):
+    while True:
+        try:
+            text = file.read_text()
+        except FileNotFoundError:
+            continue
+        if END_MARK in text:
+            return text
+
+
+def list_lost(root, save):
+    clock = SystemClock()
+    stand = EditStand(root / "w", clock)
+    history, is_over = History(stand.agent.folder), threading.Event()
+
+    def publish():
+        while not is_over.wait(0.005):
+            stand.edits.take_file(history)
+            stand.edits.file.put(history.render(history.build_page()))
+
+    publisher = threading.Thread(target=publish)
+    publisher.start()
+    ids = [f"edit-{number}" for number in range(20)]
+    for id in ids:
+        save(stand.file, read_whole(stand.file).replace(END_MARK, NEW.replace("by-hand", id) + END_MARK))
+        clock.sleep(0.05)
+    clock.sleep(2.0)
+    is_over.set()
+    publisher.join()
+    history.read_new()
+    lost = [id for id in ids if id not in history.ledger.sessions and f"## {id}\n" not in stand.rejected]
+    history.close()
+    stand.close()
+    return lost
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("save", [rename_over, write_in_place, move_away])
+def test_no_edit_is_lost_while_the_file_is_rendered(tmp_path, save):
+    assert list_lost(tmp_path, save) == []
+
+
+def test_a_renderer_that_renames_over_would_lose_edits(tmp_path, monkeypatch):
+    def rename(fresh, path):
+        fresh.replace(path)
+        fresh.touch()
+
+    monkeypatch.setattr(shared_file, "_swap", rename)
+    assert list_lost(tmp_path, rename_over)

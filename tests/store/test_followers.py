@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.compaction import compact_partition
-from phyagentos.store.inspection import inspect_partition
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.records import frame_payload, read_record
-from phyagentos.store.repair import repair_partition
-from phyagentos.store.segments import Front, SystemIO, create_segment, locate
-from phyagentos.store.statistics import HashingFollower
-from tests.clocks import ManualClock
+from phyagentos.store.recovery.inspection import inspect_partition
+from phyagentos.store.recovery.repair import repair_partition
+from phyagentos.store.segments import SystemIO, locate
+from phyagentos.testing import ManualClock
 
 from .conftest import make_submit
+from .damage import HashingFollower
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "journal.md"
@@ -68,18 +68,6 @@ def fill(journal, count):
         journal.commit([Entry(f"s{number}", "cancel", {"reason": "no | `more`"})])
 
 
-def test_an_empty_journal(open_journal, agree):
-    open_journal()
-
-    assert (agree()["records"], agree()["tail"]) == (0, "clean")
-
-
-def test_a_journal_of_one_segment(open_journal, agree):
-    fill(open_journal(), 5)
-
-    assert agree()["seq"] == 15
-
-
 def test_a_journal_of_many_segments(open_journal, agree, clock):
     journal = open_journal(segment_bytes=1500)
     fill(journal, 5)
@@ -88,18 +76,6 @@ def test_a_journal_of_many_segments(open_journal, agree, clock):
 
     assert len(list(journal.folder.glob("*.md"))) > 4
     assert agree()["records"] == 16
-
-
-def test_the_thousandth_segment_of_a_day_comes_after_the_one_before(open_journal, agree, tmp_path):
-    folder = tmp_path / "sessions" / "lane"
-    folder.mkdir(parents=True)
-    create_segment(folder, Front("lane", "1970-01-12.998", first_seq=1), SystemIO(), durable=False)
-    journal = open_journal(segment_bytes=1)
-    for number in range(4):
-        journal.commit([make_submit(f"s{number}")])
-
-    assert (folder / "1970-01-12.1001.md").exists()
-    assert agree()["seq"] == 4
 
 
 def test_an_archived_journal_reads_as_before(open_journal, agree, clock):
@@ -152,16 +128,6 @@ def test_a_torn_end_is_waited_for(open_journal, agree):
         path.write_bytes(whole[:size])
         found = agree()
         assert (found["tail"], found["seq"]) == ("torn", 3)
-
-
-def test_a_repaired_end_is_read_on(open_journal, agree):
-    journal = open_journal()
-    fill(journal, 1)
-    (path,) = journal.folder.glob("*.md")
-    path.write_bytes(path.read_bytes() + b"<!-- phy1 0000000004 000900 00000000 -->\n- half of")
-    open_journal(Side.RUNTIME).commit([Entry("t0", "claim")])
-
-    assert (agree()["seq"], agree()["tail"]) == (5, "clean")
 
 
 def test_damage_is_told_with_its_place(open_journal, agree):

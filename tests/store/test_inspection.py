@@ -9,14 +9,13 @@ import pytest
 from phyagentos.errors import ExecutionError
 from phyagentos.store.checkpoint import write_checkpoint
 from phyagentos.store.compaction import compact_partition
-from phyagentos.store.inspection import inspect_partition
 from phyagentos.store.records import Record, encode_record
-from phyagentos.store.repair import repair_partition
+from phyagentos.store.recovery.inspection import inspect_partition
+from phyagentos.store.recovery.repair import repair_partition
 from phyagentos.store.segments import SystemIO, locate_archived, open_segment
-from phyagentos.store.statistics import HashingFollower
 
 from .conftest import make_submit
-from .damage import checkpoint, fill, frames_of, mend, segments_of, spoil, start_of
+from .damage import HashingFollower, checkpoint, fill, frames_of, mend, segments_of, spoil, start_of
 
 
 def test_every_damage_is_told_not_only_the_first(open_journal):

@@ -1,13 +1,8 @@
 """Several processes on one lane: one order, nothing lost, no session claimed twice, whoever is killed."""
 
 import json
-import os
-import signal
 import subprocess
 import sys
-
-from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.store.ledger import Ledger
 
 RECORDS = 200
 HEAD = """
@@ -40,17 +35,6 @@ while True:
 print(json.dumps({"won": won, "refused": refused}))
 """
 )
-RELEASE_FOREVER = (
-    HEAD
-    + """
-session, epoch = "s" + name, 0
-while True:
-    release = Entry(session, "release", {"reason": "x" * 3000}, epoch + 1)
-    records = journal.commit([Entry(session, "claim"), Entry(session, "check"), release])
-    epoch += 1
-    os.write(1, f"{records[-1].seq}\\n".encode())
-"""
-)
 
 
 def start(code, root, name):
@@ -79,31 +63,3 @@ def test_two_processes_share_200_sessions_without_losing_or_doubling_one(tmp_pat
     acknowledged = {"one": set(answers[0]["won"]), "two": set(answers[1]["won"])}
     assert {name: {r.seq for r in claims if r.by == name} for name in acknowledged} == acknowledged
     assert [record.seq for record in open_journal().read_new()] == [record.seq for record in records]
-
-
-def test_a_killed_writer_loses_nothing_it_was_told_of(tmp_path, open_journal, submit):
-    agent = open_journal()
-    agent.commit([submit("sone"), submit("stwo")])
-    writers = [start(RELEASE_FOREVER, tmp_path, name) for name in ("one", "two")]
-    for process in writers:
-        process.stdin.write("go\n")
-        process.stdin.flush()
-
-    acknowledged = []
-    for process in writers:
-        acknowledged += [int(process.stdout.readline()) for _ in range(100)]
-    for process in writers:
-        os.kill(process.pid, signal.SIGKILL)
-        acknowledged += [
-            int(line) for line in process.communicate()[0].splitlines(keepends=True) if line.endswith("\n")
-        ]
-
-    late = open_journal(Side.RUNTIME, "late")
-    late.commit([])
-    records = late.read_new()
-    ledger = Ledger()
-    for record in records:
-        ledger.apply(record)
-    assert [record.seq for record in records] == list(range(1, len(records) + 1))
-    assert set(acknowledged) <= {record.seq for record in records if record.ev == "release"}
-    assert [status.state for status in ledger.sessions.values()] == ["pending", "pending"]

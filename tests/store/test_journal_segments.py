@@ -2,9 +2,6 @@
 
 import re
 
-import pytest
-
-from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.journal import Entry
 
@@ -35,21 +32,6 @@ def test_midnight_begins_a_new_segment_and_a_clock_that_goes_back_does_not(open_
 
     assert sorted(path.name for path in agent.folder.glob("*.md")) == ["1970-01-12.001.md", "1970-01-13.001.md"]
     assert [record.id for record in open_journal().read_new()] == ["a", "b", "c"]
-
-
-def test_a_change_in_a_sealed_segment_is_noticed(open_journal, submit):
-    agent = open_journal(segment_bytes=500)
-    for number in range(4):
-        agent.commit([submit(f"s{number}")])
-    first = min(agent.folder.glob("*.md"))
-    whole = first.read_bytes()
-
-    first.write_bytes(whole[: whole.rindex(b"<!-- phy1")])
-    with pytest.raises(ExecutionError, match="JOURNAL_DAMAGED"):
-        open_journal()
-    first.write_bytes(whole + b"\n")
-    with pytest.raises(ExecutionError, match="JOURNAL_DAMAGED"):
-        open_journal()
 
 
 def test_a_writer_that_was_asleep_goes_on_in_the_newest_segment(open_journal, submit):

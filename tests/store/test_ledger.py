@@ -165,7 +165,7 @@ def test_a_repair_changes_nobody(open_journal, submit):
 @given(st.data())
 def test_the_fold_agrees_with_the_journal_after_any_history(tmp_path_factory, submit, data):
     from phyagentos.store.journal import Journal
-    from tests.clocks import ManualClock
+    from phyagentos.testing import ManualClock
 
     root = tmp_path_factory.mktemp("lane")
     journals = {s: Journal(root, side=s, by=s.value, clock=ManualClock(), durable=False) for s in Side}

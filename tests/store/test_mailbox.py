@@ -10,7 +10,7 @@ import pytest
 
 from phyagentos.protocol.sessions import stop_signals as mailbox
 from phyagentos.protocol.sessions.stop_signals import DONE_KEPT, Signal, SignalReader, drop_signal, take_signals
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 
 def make_old(path):
@@ -71,38 +71,6 @@ def test_what_cannot_be_read_is_put_aside_with_the_reason(tmp_path, text, reason
     assert re.search(f"by-hand.yaml: .*{reason}", told, re.DOTALL)
     assert "cancel, pause, resume, estop" in told
     assert list((tmp_path / "new").iterdir()) == []
-
-
-def test_a_file_that_is_finished_late_is_taken(tmp_path):
-    (tmp_path / "new").mkdir()
-    path = tmp_path / "new" / "slow"
-    path.touch()
-    assert take_signals(tmp_path) == []
-    path.write_text("kind: estop\n")
-
-    assert take_signals(tmp_path) == [Signal(kind="estop")]
-
-
-def test_the_same_name_twice_loses_neither(tmp_path):
-    (tmp_path / "new").mkdir()
-    for text in ("kind: pause", "kind: resume"):
-        (tmp_path / "new" / "stop").write_text(text)
-        take_signals(tmp_path)
-
-    assert (tmp_path / "done" / "stop").read_text() == "kind: pause"
-    assert (tmp_path / "done" / "stop.1").read_text() == "kind: resume"
-
-
-def test_a_folder_in_the_wrong_place_stops_nobody(tmp_path, clock):
-    (tmp_path / "new" / "oops").mkdir(parents=True)
-    os.mkfifo(tmp_path / "new" / "pipe")
-    (tmp_path / "new" / "loop").symlink_to("loop")
-    drop_signal(tmp_path, Signal(kind="cancel"), clock)
-
-    assert [signal.kind for signal in SignalReader(tmp_path).read_new()] == ["cancel"]
-
-    assert [signal.kind for signal in take_signals(tmp_path)] == ["cancel"]
-    assert [path.name for path in (tmp_path / "new").iterdir()] == ["oops"]
 
 
 def lay_sparse(path):
@@ -166,25 +134,6 @@ def test_a_file_that_grows_all_the_time_holds_up_no_reader(tmp_path, monkeypatch
     assert SignalReader(tmp_path).read_new() == [Signal(kind="estop")]
 
 
-def test_no_folder_means_no_signals(tmp_path):
-    assert take_signals(tmp_path / "missing") == []
-
-
-def test_two_takers_never_get_the_same_one(tmp_path):
-    clock = ManualClock()
-    for number in range(100):
-        drop_signal(tmp_path, Signal(kind="cancel", reason=str(number)), clock)
-        clock.advance(0.001)
-    taken = [[], []]
-    threads = [threading.Thread(target=lambda i=i: taken[i].extend(take_signals(tmp_path))) for i in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-
-    assert sorted(int(signal.reason) for each in taken for signal in each) == list(range(100))
-
-
 def test_every_reader_gets_every_signal_once_whoever_is_faster(tmp_path, clock):
     early, late = SignalReader(tmp_path), SignalReader(tmp_path / "new")
     taken, heard = [], []
@@ -202,23 +151,6 @@ def test_every_reader_gets_every_signal_once_whoever_is_faster(tmp_path, clock):
     assert [signal.reason for signal in late.read_new()] == expected
     assert [signal.reason for signal in [*heard, *early.read_new()]] == expected
     assert late.read_new() == early.read_new() == []
-
-
-def test_a_reader_moves_nothing(tmp_path, clock):
-    path = drop_signal(tmp_path, Signal(kind="estop"), clock)
-    assert [signal.kind for signal in SignalReader(tmp_path).read_new()] == ["estop"]
-
-    assert path.exists()
-    assert [signal.kind for signal in take_signals(tmp_path)] == ["estop"]
-
-
-def test_what_was_taken_before_a_reader_began_is_old_and_what_waits_is_not(tmp_path, clock):
-    drop_signal(tmp_path, Signal(kind="cancel"), clock)
-    take_signals(tmp_path)
-    clock.advance(1)
-    drop_signal(tmp_path, Signal(kind="estop"), clock)
-
-    assert [signal.kind for signal in SignalReader(tmp_path).read_new()] == ["estop"]
 
 
 def test_a_reader_waits_for_a_file_that_is_finished_late_and_survives_one_of_the_same_name(tmp_path):

@@ -13,7 +13,7 @@ from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RequestS
 from phyagentos.protocol.sessions.stop_signals import Signal, SignalReader, drop_signal, take_signals
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.runtime_signal import RuntimeSignal
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 ODD = ["arm too close\x7f", "one \x9b, two \ufffe", "nothing \x00\x1b[0m", "half of \ud83d", "Gef\udce4\udcdf"]
 NAMES = [b"n" * 255, b"n" * 250 + b".yaml", b"\xff\xfe.yaml", b"two\nlines"]

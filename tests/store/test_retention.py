@@ -195,15 +195,6 @@ def test_what_is_reported_is_what_is_freed(store):
     assert count() == report.bytes_after - sum(grown.values())
 
 
-def test_a_dry_run_writes_nothing(store):
-    store.run("g.a", seal=False)
-    before = read_all(store.workspace.evidence)
-    report = store.prune(dry_run=True)
-
-    assert report.sealed_late == ("g.a",)
-    assert read_all(store.workspace.evidence) == before
-
-
 def test_a_bundle_whose_worker_died_before_sealing_it_is_sealed_late_and_says_so(store):
     folder = store.run("g.a", Verdict.FAILURE, seal=False)
     report = store.prune()
@@ -232,15 +223,6 @@ def test_a_bundle_that_no_session_belongs_to_is_left_alone(store):
     store.prune()
 
     assert names_in(stranger) == {evidence.TRACE}
-
-
-def test_a_second_clean_up_does_nothing(store):
-    store.run("g.a")
-    store.prune()
-    before = read_all(store.workspace.evidence)
-
-    assert store.prune().thinned == ()
-    assert read_all(store.workspace.evidence) == before
 
 
 def test_two_clean_ups_at_once_are_refused(store):
@@ -329,16 +311,6 @@ def test_the_disk_has_the_new_manifest_before_anything_is_deleted(store, monkeyp
     assert in_bundle[0][1] == in_bundle[1][1]  # the temporary manifest
     assert in_bundle[2][1] == folder
     assert {path.name for name, path in in_bundle if name == "unlink"} == HEAVY
-
-
-def test_a_manifest_can_be_read_by_any_json_reader(store):
-    folder = store.run("g.a")
-    store.prune()
-    plain = json.loads((folder / MANIFEST).read_text())
-
-    assert plain["phy"] == "evidence/1"
-    assert set(plain["thinned"][0]["files"]) == HEAVY
-    assert plain["outcome"]["attempts"][0]["verdict"] == "success"
 
 
 def test_sessions_whose_journal_is_archived_are_thinned_all_the_same(store):

@@ -8,7 +8,7 @@ import pytest
 
 from phyagentos.store import watch as watch_module
 from phyagentos.store.watch import Watch
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 SOON_S = 5.0  # far longer than a wake-up takes: a test that waits as long has failed
 

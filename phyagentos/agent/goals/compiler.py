@@ -16,7 +16,7 @@ from phyagentos.agent.goals.selector import ANY, Choice
 from phyagentos.agent.goals.spec import REFERENCE, NodeSpec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.placed_scenes import name_placed
-from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
 from phyagentos.protocol.predicates.predicate import has_metric, parse_predicate, substitute
 from phyagentos.protocol.predicates.syntax import format_value
 from phyagentos.protocol.sessions.calibration import TrackRecord
@@ -74,28 +74,12 @@ class SessionCompiler:
         Raises:
             DefinitionError: An output of a data edge is missing, or leads to an invalid predicate.
         """
-        node, own = self.graph.nodes[name], self.graph.choices[name]
-        choice = revision.choice if revision and revision.choice else own
-        purpose = revision.purpose if revision else ""
+        node, revision = self.graph.nodes[name], revision or Revision(parent=None)
+        own, purpose, of_goal = self.graph.choices[name], revision.purpose, self.graph.spec
+        choice = revision.choice or own
         skill = self.catalogue.skills[choice.skill]
         promiser = skill if purpose else self.catalogue.skills[own.skill]  # another skill must keep the same promise
-        values = {
-            f"{source}.outputs.{output}": value
-            for source, found in (outputs or {}).items()
-            for output, value in found.items()
-        }
-        given = substitute_value(choice.parameters, values)
-        if outputs is not None:
-            _check_resolved(given, self.goal, name)
-        meant = {key: p.default for key, p in skill.parameters.items() if p.default is not None} | given
-        parameters = {key: meant[key] for key in skill.parameters if key in meant}
-        authored = {} if purpose else {**node.spec.arguments, **substitute_value(own.parameters, values)}
-        known = {**authored, **parameters, **values, "target": choice.target}
-        omitted = tuple(key for key in (*skill.parameters, *promiser.parameters) if key not in known)
-        roles = {role: choice.target if target == ANY else target for role, target in self.graph.spec.targets.items()}
-        roles["target"] = choice.target
-        resolve = _Resolver(known, roles, omitted, f"{self.goal}.{name}", preview=outputs is None)
-        of_goal = self.graph.spec
+        parameters, resolve = self._bind(name, choice, purpose, outputs)
         limits = msgspec.convert(of_goal.defaults, Limits, from_attributes=True)
         limits = msgspec.structs.replace(limits, timeout_s=node.spec.timeout_s or limits.timeout_s)
         spec = node.spec if not purpose else _NOTHING  # what prepares a node does not pursue its objective
@@ -104,13 +88,14 @@ class SessionCompiler:
             id=compute_session_id(self.goal, name, attempt),
             goal=self.goal,
             node=name,
-            parent=revision.parent if revision else None,
+            parent=revision.parent,
             attempt=attempt,
-            objective=substitute(spec.objective, known) or _describe(choice.skill, parameters),
+            objective=substitute(spec.objective, resolve.values) or _describe(choice.skill, parameters),
             skill=choice.skill,
             target=choice.target,
             parameters=parameters,
-            requires=requires if revision is None or revision.requires is None else revision.requires,
+            acts_on=find_parameter(skill, ParameterRole.OBJECT),
+            requires=requires if revision.requires is None else revision.requires,
             hold=resolve((*skill.hold, *spec.hold, *of_goal.constraints)),
             accept=resolve((*spec.accept, *promiser.guarantees)),
             scene=Scene(
@@ -121,8 +106,8 @@ class SessionCompiler:
             ),
             seed=compute_seed(self.seed, "node", name, "attempt", attempt),
             limits=limits,
-            strategy=revision.strategy if revision else OWN_WAY,
-            priority=node.spec.priority + (revision.lead if revision else 0),
+            strategy=revision.strategy,
+            priority=node.spec.priority + revision.lead,
             resources=tuple(dict.fromkeys((*skill.needs.resources, *spec.resources))),
             reset_policy=of_goal.defaults.reset_policy,
             purpose=purpose,
@@ -133,15 +118,38 @@ class SessionCompiler:
             kept=self.graph.kept if name in self.graph.brought and not purpose else (),
         )
 
-    def _ask_ahead(self, name: str, attempt: int, revision: Revision | None) -> LookaheadRequest | None:
+    def _bind(
+        self, name: str, choice: Choice, purpose: str, outputs: Outputs | None
+    ) -> "tuple[dict[str, Any], _Resolver]":
+        """The arguments of a session in the order of its skill, and what puts them into its predicates."""
+        node, own = self.graph.nodes[name], self.graph.choices[name]
+        skills = [self.catalogue.skills[choice.skill], *([] if purpose else [self.catalogue.skills[own.skill]])]
+        values = {
+            f"{source}.outputs.{output}": value
+            for source, found in (outputs or {}).items()
+            for output, value in found.items()
+        }
+        given = substitute_value(choice.parameters, values)
+        if outputs is not None:
+            _check_resolved(given, self.goal, name)
+        meant = {key: p.default for key, p in skills[0].parameters.items() if p.default is not None} | given
+        parameters = {key: meant[key] for key in skills[0].parameters if key in meant}
+        authored = {} if purpose else {**node.spec.arguments, **substitute_value(own.parameters, values)}
+        known = {**authored, **parameters, **values, "target": choice.target}
+        omitted = tuple(key for skill in skills for key in skill.parameters if key not in known)
+        roles = {role: choice.target if target == ANY else target for role, target in self.graph.spec.targets.items()}
+        roles["target"] = choice.target
+        return parameters, _Resolver(known, roles, omitted, f"{self.goal}.{name}", preview=outputs is None)
+
+    def _ask_ahead(self, name: str, attempt: int, revision: Revision) -> LookaheadRequest | None:
         """Look-ahead of a session; preparing sessions have none."""
         own = self.graph.nodes[name].spec.lookahead
         asked = self.graph.spec.defaults.lookahead if own is None else own
-        if not asked or (revision and revision.purpose):
+        if not asked or revision.purpose:
             return None
         return LookaheadRequest(
             samples=asked.samples,
-            threshold=asked.threshold if revision is None or revision.threshold is None else revision.threshold,
+            threshold=asked.threshold if revision.threshold is None else revision.threshold,
             seed=compute_seed(self.seed, "node", name, "attempt", attempt),
             forecasters=asked.forecasters,
             distrusted=dict(self.distrusted),
@@ -150,7 +158,7 @@ class SessionCompiler:
     @property
     def asks_ahead(self) -> bool:
         """Whether any session of the goal asks for look-ahead."""
-        return any(self._ask_ahead(name, 0, None) for name in self.graph.nodes)
+        return any(self._ask_ahead(name, 0, Revision(parent=None)) for name in self.graph.nodes)
 
     def preview(self) -> tuple[Session, ...]:
         """The first session of every node in order, but of those that fan out over what is seen."""

@@ -19,11 +19,10 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import find_roles
 from phyagentos.protocol.documents.markdown import escape_label
 from phyagentos.protocol.documents.schema import Located, parse_yaml, read_yaml, salvage
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import read_statement
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.predicates.syntax import Name, iter_calls
-
-_ANYWHERE = frozenset({"exists", "visible"})  # predicates that stay true wherever a thing is put
-_AT_LAST = _ANYWHERE | {"holding"}  # and those that it makes false only on the way
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,20 +121,9 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
     dag = _build_dag(nodes)
     failing = {each: () for node in nodes.values() for edge in node.on_failure for each in edge}
     rescuers = {each: tuple(n for n, node in nodes.items() if each in chain(*node.on_failure)) for each in failing}
-    order_dag = dag.copy()  # what waits for a node waits for those that run when it has failed, too
-    order_dag.add_edges_from((r, name) for name, node in nodes.items() for b in node.after for r in rescuers.get(b, ()))
-    while not nx.is_directed_acyclic_graph(order_dag):
-        edges = nx.find_cycle(order_dag)
-        cycle = [*(edge[0] for edge in edges), edges[0][0]]
-        start = nodes[cycle[0]]
-        problems.append(
-            located.problem("CYCLE", start.path, " -> ".join(cycle), "no way back", "Remove one of these edges.")
-        )
-        order_dag.remove_edge(cycle[-2], cycle[-1])  # only to find what else is wrong
+    order = _sort(nodes, dag, rescuers, located, problems)
     checks = Checks(spec, nodes, located, catalogue)
     problems += checks.check_spec()
-    rank = {name: index for index, name in enumerate(nodes)}
-    order = tuple(nx.lexicographical_topological_sort(order_dag, key=rank.__getitem__))
     choices, more = checks.check_bindings(dag, order)
     by_finding = {(problem.code, problem.address, problem.found): problem for problem in reversed([*problems, *more])}
     unique = list(reversed(by_finding.values()))
@@ -161,16 +149,43 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
     return graph, []
 
 
+def _sort(
+    nodes: Mapping[str, Node],
+    dag: "nx.DiGraph[str]",
+    rescuers: Mapping[str, tuple[str, ...]],
+    located: Located,
+    problems: list[Problem],
+) -> tuple[str, ...]:
+    """The nodes in order, each after those that run when one that it waits for has failed; cycles go to `problems`."""
+    order_dag = dag.copy()
+    order_dag.add_edges_from((r, name) for name, node in nodes.items() for b in node.after for r in rescuers.get(b, ()))
+    while not nx.is_directed_acyclic_graph(order_dag):
+        edges = nx.find_cycle(order_dag)
+        cycle = [*(edge[0] for edge in edges), edges[0][0]]
+        hint = "Remove one of these edges."
+        problems.append(located.problem("CYCLE", nodes[cycle[0]].path, " -> ".join(cycle), "no way back", hint))
+        order_dag.remove_edge(cycle[-2], cycle[-1])  # only to find what else is wrong
+    rank = {name: index for index, name in enumerate(nodes)}
+    return tuple(nx.lexicographical_topological_sort(order_dag, key=rank.__getitem__))
+
+
 def _find_kept(
     spec: GoalSpec, nodes: Mapping[str, Node], choices: Mapping[str, Choice], brought: set[str]
 ) -> tuple[str, ...]:
-    texts = [(text, _AT_LAST) for text in spec.accept] + [(text, _ANYWHERE) for text in spec.constraints]
+    at_last, always = [*spec.accept], [*spec.constraints]
     for name, node in nodes.items():
         values = choices[name].parameters
-        texts += [(substitute(text, values), _ANYWHERE) for text in (*node.spec.requires, *node.spec.hold)]
-        texts += [(substitute(text, values), _AT_LAST) for text in node.spec.accept]
-    calls = ((call, free) for text, free in texts for call in iter_calls(parse_predicate(text, template=True).formula))
-    terms = (term for call, free in calls if call.name not in free for term in call.terms)
+        always += [substitute(text, values) for text in (*node.spec.requires, *node.spec.hold)]
+        at_last += [substitute(text, values) for text in node.spec.accept]
+    free = {meaning for meaning in Meaning if meaning.holds_anywhere}
+    terms = (
+        term
+        for texts, passed in ((always, free), (at_last, {*free, Meaning.HOLDING}))  # a hand lets go: only on the way
+        for text in texts
+        for call in iter_calls(parse_predicate(text, template=True).formula)
+        if read_statement(call).meaning not in passed
+        for term in call.terms
+    )
     return tuple(sorted({term.text for term in terms if isinstance(term, Name)} - brought))
 
 

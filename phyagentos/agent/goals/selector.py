@@ -14,6 +14,7 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
 from phyagentos.protocol.predicates import syntax
+from phyagentos.protocol.predicates.meaning import find_held, normalize
 from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate, substitute
 
 ANY = "any"
@@ -88,9 +89,12 @@ def select(
 def unify(wanted: syntax.Formula, offered: syntax.Formula) -> dict[str, Any] | None:
     """Values of the variables of `offered` that make it equal to `wanted`, or None."""
     match wanted, offered:
-        case syntax.Call(name, terms), syntax.Call(other, patterns) if name == other and len(terms) == len(patterns):
+        case syntax.Call(), syntax.Call():
+            asked, promised = normalize(wanted), normalize(offered)
+            if asked.name != promised.name or len(asked.terms) != len(promised.terms):
+                return None
             bound: dict[str, Any] = {}
-            for term, pattern in zip(terms, patterns, strict=True):
+            for term, pattern in zip(asked.terms, promised.terms, strict=True):
                 if not _unify_term(term, pattern, bound):
                     return None
             return bound
@@ -174,9 +178,9 @@ def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, Any])
 
 def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, Any], established: Iterable[str]) -> str:
     """What the skill must hold from the start and nothing before it takes hold of; empty where there is none."""
-    before = [None, *(_find_held(text) for text in established)]
+    before = [None, *map(find_held, established)]
     required = (substitute(text, parameters) for text in runtime.requires)
-    missing = (text for text in required if _find_held(text) not in before)
+    missing = (text for text in required if find_held(text) not in before)
     return next((parse_predicate(text, template=True).text for text in missing), "")
 
 
@@ -191,20 +195,14 @@ def _find_unfit(runtime: SkillRuntime, parameters: Mapping[str, Any], mechanisms
 
 
 def find_predicates(texts: Iterable[str]) -> set[str]:
-    """Names of the predicates in some texts."""
-    return {call.name for text in texts for call in syntax.iter_calls(parse_predicate(text, template=True).formula)}
+    """Names of the predicates in some texts, one for each meaning."""
+    formulas = (parse_predicate(text, template=True).formula for text in texts)
+    return {normalize(call).name for formula in formulas for call in syntax.iter_calls(formula)}
 
 
 def begins_with_holding(runtime: SkillRuntime) -> bool:
     """Whether a skill must hold something from the start."""
-    return any(_find_held(text) is not None for text in runtime.requires)
-
-
-def _find_held(text: str) -> syntax.Term | None:
-    match parse_predicate(text, template=True).formula:
-        case syntax.Call("holding", (_, held)):
-            return held
-    return None
+    return any(find_held(text) is not None for text in runtime.requires)
 
 
 def find_lacks(runtime: SkillRuntime, target: TargetProfile) -> Iterator[str]:

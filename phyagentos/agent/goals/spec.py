@@ -5,10 +5,10 @@ from typing import Annotated, Any, Literal
 
 import pydantic
 
+from phyagentos.protocol.capabilities.forecasters import DEFAULT, check_forecasters
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.sessions.session import PRIORITY_MAX, ResetPolicy
-from phyagentos.protocol.settings.forecasting import SHIPPED, check_forecasters
 
 NODE_NAME = r"^[a-z][a-z0-9_]*$"
 NAME_MAX = 80  # letters of a goal or node as authored; ids add a seed, or the values of a fan-out
@@ -33,7 +33,7 @@ class LookaheadSpec(Authored):
     samples: int = pydantic.Field(default=16, ge=1, le=1000)
     threshold: float = pydantic.Field(default=0.7, ge=0.0, le=1.0)
     forecasters: Annotated[tuple[str, ...], pydantic.AfterValidator(check_forecasters)] = pydantic.Field(
-        default=(SHIPPED.name,), min_length=1
+        default=(DEFAULT,), min_length=1, validate_default=True
     )
 
 

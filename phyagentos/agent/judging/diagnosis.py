@@ -15,8 +15,10 @@ from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage, compute_move, find_failed_leaf
 from phyagentos.codes import CODES, Retry
 from phyagentos.protocol.predicates.builtins import MOVED_M
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import read_statement
 from phyagentos.protocol.predicates.predicate import find_entities, find_formula, find_things
-from phyagentos.protocol.predicates.syntax import And, Call, Not, render
+from phyagentos.protocol.predicates.syntax import And, Not, render
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.trace import Role
@@ -126,11 +128,11 @@ def diagnose_after_looking(bundle: Bundle, criteria: Sequence[Criterion]) -> Dia
 
 
 def find_object(session: Session, world: Environment | None, criteria: Sequence[Criterion] = ()) -> str | None:
-    """The movable entity of a session: the first one that its parameters, or else its criteria, name."""
+    """What a session acts on, or else the first movable thing that its criteria name."""
     if world is None:
         return None
     mentioned = (name for criterion in criteria for name in find_entities(criterion.text))
-    return world.find_movable((*session.parameters.values(), *mentioned))
+    return session.find_object(world) or world.find_movable(mentioned)
 
 
 def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], timeline: ManipulationTimeline) -> tuple[Cause, str]:
@@ -212,7 +214,7 @@ def _judge_completed(
     if not execution.is_idle and execution.ticks == 0 and not _has_anything_moved(bundle.before, after):
         return Cause.NOTHING_CHANGED, "the skill reported success after 0 commands and nothing moved"
     wanted = [find_formula(criterion.text) for criterion in criteria if criterion.truth is Truth.FALSE]
-    if any(isinstance(each, Call) and each.name == "holding" for each in wanted):
+    if Meaning.HOLDING in (read_statement(each).meaning for each in wanted):
         return Cause.GRASP_MISSED, f"{name} is not held although the skill reported success"
     if moved_m > MOVED_M:
         return Cause.PLACED_WRONG, f"{name} moved {moved_m:.3f} m, but not to where it was wanted"

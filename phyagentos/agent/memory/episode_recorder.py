@@ -27,8 +27,8 @@ from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Standing
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.edits.shared_file import SharedFile
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.shared_file import SharedFile
 
 _EntryT = TypeVar("_EntryT", bound=MemoryEntry)
 INTERVENTION = "intervention"  # kind of an event: a guard or a watched condition stopped or changed a command

@@ -91,7 +91,7 @@ class ExperienceLog:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
         lock = PartitionLock(self.folder)
-        writer = SegmentWriter(self.folder, lock, SystemIO(), durable=self._durable)
+        writer = SegmentWriter(self.folder, SystemIO(), durable=self._durable)
         follower = Follower(self.folder, self._known)
         try:
             with lock.held():

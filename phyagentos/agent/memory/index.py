@@ -14,7 +14,7 @@ import msgspec
 from phyagentos.agent.memory.experience import Experience
 from phyagentos.agent.memory.experience_log import LogPosition
 from phyagentos.agent.memory.methodological import Correction
-from phyagentos.store.index import CacheFile
+from phyagentos.store.cache_file import CacheFile
 
 VERSION = 3  # of what stands in it: another one is thrown away
 _ANY = "any"  # of a lesson that no skill, or no thing, narrows

@@ -11,7 +11,7 @@ from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.memory.advisor import NOTHING, Advisor, apply_advice
 from phyagentos.agent.mission.goal_facts import GoalFacts
-from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.case import Case, UnmetObjective
 from phyagentos.agent.repair.foreseen import foresee
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.session import Session
@@ -49,7 +49,7 @@ class Drafter:
             self.take_in_ended()
             own = self.evidence.by_target.get(session.target, self.evidence.all)
             world = own.now or self.evidence.all.now
-            miss = Miss(session=session, cause=Cause.NO_PLAN, reason="", world=world)
+            miss = UnmetObjective(session=session, cause=Cause.NO_PLAN, reason="", world=world)
             step = foresee(self.make_case(node, miss, fresh, session.kept), advice.means)
             try:
                 if step is not None:
@@ -66,7 +66,7 @@ class Drafter:
         for status in self.facts.find_ended():
             self.evidence.take_in(status)
 
-    def make_case(self, node: str, miss: Miss, fresh: Outputs = _NONE, kept: Iterable[str] = ()) -> Case:
+    def make_case(self, node: str, miss: UnmetObjective, fresh: Outputs = _NONE, kept: Iterable[str] = ()) -> Case:
         """What a repair decides on; things that are `kept` are not moved."""
         facts = self.facts
         return Case(

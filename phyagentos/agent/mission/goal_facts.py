@@ -8,7 +8,7 @@ from typing import Any
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.mission.worklist import GoalDag
 from phyagentos.agent.repair import looking
-from phyagentos.agent.repair.case import Left, compute_left
+from phyagentos.agent.repair.case import RemainingBudget, compute_left
 from phyagentos.protocol.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
 from phyagentos.protocol.sessions.session import GoalId, Session, SessionId, SessionStatus
@@ -128,7 +128,7 @@ class GoalFacts:
         """Whether the node may have another child."""
         return self.count_replans(name) < self.graph.max_replans(name)
 
-    def compute_left(self, node: str = "") -> Left:
+    def compute_left(self, node: str = "") -> RemainingBudget:
         """What the goal may still cost; each node without a session counts as one, `node` left out."""
         needed = sum(each.state not in _BEGUN for name, each in self.nodes.items() if name != node)
         return compute_left(self.graph.spec.budget, self._list_sessions(), needed)

@@ -17,13 +17,13 @@ from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts, is_forecast_refusal
 from phyagentos.agent.repair import clearing, looking
 from phyagentos.agent.repair.alternative import AlternativeKind
-from phyagentos.agent.repair.case import Miss
+from phyagentos.agent.repair.case import UnmetObjective
 from phyagentos.agent.repair.foreseen import revise_refused
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.agent.repair.regressions import find_lost_preconditions, find_regressions
 from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_requires
-from phyagentos.protocol.predicates.predicate import parse_predicate
-from phyagentos.protocol.predicates.syntax import iter_calls
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import normalize_text, read_meanings
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Session, SessionStatus
@@ -56,7 +56,7 @@ class Recovery:
         node = status.contract.node
         if self.prepares(status):
             return self._follow_preparation(status, bundle, attempt)
-        miss = Miss.of_execution(bundle, attempt)
+        miss = UnmetObjective.of_execution(bundle, attempt)
         may_look = attempt.mode is VerificationMode.RECOVERY and attempt.missing_evidence
         is_over = attempt.verdict is Verdict.FAILURE
         if miss is not None and is_over and may_look and (entries := self._look_once_more(node, miss)):
@@ -107,7 +107,7 @@ class Recovery:
         if latest.execution is not None and latest.contract.id != subject.contract.id:
             miss = miss.join(self.evidence.read(latest))
             if is_look(latest.contract) and latest.decision is not None and miss.bundle is not None:
-                miss = Miss.of_execution(miss.bundle, latest.decision) or miss
+                miss = UnmetObjective.of_execution(miss.bundle, latest.decision) or miss
         return self._repair(node, miss, restores=latest.state != SessionState.REPLANNED)
 
     def find_regressions(self) -> dict[str, str]:
@@ -142,7 +142,7 @@ class Recovery:
             return []
         unknown = next(each for each in criteria if each.truth is Truth.UNKNOWN)
         bundle = self.evidence.read(subject)
-        miss = Miss(
+        miss = UnmetObjective(
             session=subject.contract,
             cause=Cause.EVIDENCE_MISSING,
             reason=f"of the goal, {unknown.text} is unknown: {unknown.because}",
@@ -160,7 +160,7 @@ class Recovery:
         relation = Relation.AGAIN if state is NodeState.INVALIDATED else Relation.REPLAN
         return self.drafter.note_next(node, GoalEvent.NODE_WAITS, reason, relation, regressions)
 
-    def _repair(self, node: str, miss: Miss, *, restores: bool = True) -> list[Entry]:
+    def _repair(self, node: str, miss: UnmetObjective, *, restores: bool = True) -> list[Entry]:
         """Records of the policy's choice; the last one blocks the node when it gives up."""
         if planned := self._plan_anew(node, miss, miss.reason, only_unmet=True):
             return planned
@@ -171,7 +171,7 @@ class Recovery:
             return self._plan_anew(node, miss, why) or self.drafter.block(node, why)
         return self._submit(node, revision, miss, decision.reasons, restores=restores)
 
-    def _plan_anew(self, node: str, miss: Miss, reason: str, *, only_unmet: bool = False) -> list[Entry]:
+    def _plan_anew(self, node: str, miss: UnmetObjective, reason: str, *, only_unmet: bool = False) -> list[Entry]:
         """A plan for the rest of the goal at the price of a replan, and the end of the node; empty without a plan.
 
         `only_unmet` asks for one where the session lacks something of the world.
@@ -199,7 +199,7 @@ class Recovery:
         child = self.drafter.draft(contract.node, revision)
         return [] if isinstance(child, str) else self.drafter.submit(child, why)
 
-    def _look_once_more(self, node: str, miss: Miss) -> list[Entry]:
+    def _look_once_more(self, node: str, miss: UnmetObjective) -> list[Entry]:
         """A look for a session that cannot be replanned; empty when the policy has none."""
         decision = self.policy.choose(self.drafter.make_case(node, miss))
         if decision.chosen.kind is not AlternativeKind.LOOK or decision.chosen.revision is None:
@@ -208,7 +208,7 @@ class Recovery:
         return [] if isinstance(child, str) else self.drafter.submit(child, decision.reasons)
 
     def _submit(
-        self, node: str, revision: Revision, miss: Miss, reasons: Iterable[str], *, restores: bool
+        self, node: str, revision: Revision, miss: UnmetObjective, reasons: Iterable[str], *, restores: bool
     ) -> list[Entry]:
         """The child, or first the restoration of lost preconditions that an earlier node had achieved."""
         child = self.drafter.draft(node, revision)
@@ -267,31 +267,33 @@ class Recovery:
             return self.drafter.block(node, session)
         return self.drafter.submit(session, (f"{prepared.contract.id} came first, as memory advised",))
 
-    def _find_miss(self, subject: SessionStatus) -> Miss | None:
+    def _find_miss(self, subject: SessionStatus) -> UnmetObjective | None:
         """The miss of a session, judged or refused by preflight; None when a repair has no answer to it."""
         if subject.execution is not None:
             decided = subject.decision
-            return Miss.of_execution(self.evidence.read(subject), decided) if decided is not None else None
+            return UnmetObjective.of_execution(self.evidence.read(subject), decided) if decided is not None else None
         codes, cause = {each.code for each in subject.problems}, find_refusal(subject.problems)
         lacking = (each.subject for each in subject.problems if each.code == _UNMET and each.subject)
-        unmet = {call.name for text in lacking for call in iter_calls(parse_predicate(text).formula)}
+        unmet = {*read_meanings(lacking)}
         world = self.evidence.find_latest(subject.contract.scene.episode)
         if world is None or "AMBIGUOUS" in codes:  # no look tells which is meant
             return None
-        if not codes & _NEVER_CARRIED and ("visible" in unmet or codes & {"ENTITY_UNKNOWN", "NEVER_SEEN"}):
+        if not codes & _NEVER_CARRIED and (Meaning.VISIBLE in unmet or codes & {"ENTITY_UNKNOWN", "NEVER_SEEN"}):
             is_unseen = bool(looking.list_unseen(subject.contract, world) or self.facts.count_looks(subject.contract))
             cause = Cause.OBJECT_HIDDEN if is_unseen else None
-        elif "holding" in unmet:
+        elif Meaning.HOLDING in unmet:
             cause = Cause.GRASP_LOST
-        return Miss.of_refusal(subject, cause, world) if cause is not None else None
+        return UnmetObjective.of_refusal(subject, cause, world) if cause is not None else None
 
     def _find_restorers(self, node: str, lost: Set[str]) -> dict[str, str]:
         """Finished nodes before one that had achieved what it needs and lacks now -> the lack."""
         before = self.facts.dag.find_before(node) if self.restores and lost else ()
+        finished, wanted = self.facts.find_finished(), {*map(normalize_text, lost)}
+        again = {name: wanted.intersection(map(normalize_text, each.accept)) for name, each in finished.items()}
         return {
-            name: f"{node} needs {', '.join(sorted(lost & set(session.accept)))} again"
-            for name, session in self.facts.find_finished().items()
-            if name in before and lost & set(session.accept) and self.facts.has_replans(name)
+            name: f"{node} needs {', '.join(sorted(found))} again"
+            for name, found in again.items()
+            if name in before and found and self.facts.has_replans(name)
         }
 
 

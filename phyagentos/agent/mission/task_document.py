@@ -12,8 +12,8 @@ from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.tasks import TASK, GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.edits.shared_file import SharedFile
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.shared_file import SharedFile
 from phyagentos.store.views.tasks import is_over, render_tasks
 
 RENDERINGS_KEPT = 64  # that an edit may have been made from

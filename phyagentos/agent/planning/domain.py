@@ -10,7 +10,7 @@ from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.checks import Checks
 from phyagentos.agent.goals.selector import ANY, find_lacks
 from phyagentos.agent.goals.spec import GoalSpec, WantedGoal
-from phyagentos.agent.planning.goal_facts import is_held, make_fact, read_conditions, relates
+from phyagentos.agent.planning.goal_facts import list_places, make_fact, read_conditions
 from phyagentos.agent.planning.operators import Scope, list_operators
 from phyagentos.agent.planning.problem import Capacity, Condition, Fact, Literal, Operator, PlanningProblem
 from phyagentos.agent.planning.rooms import FILL, Spot, count_room, find_lid, find_spots, list_carried, place_spot
@@ -18,7 +18,8 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import Vector
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
 from phyagentos.protocol.documents.schema import Address, Located, read_yaml, salvage
-from phyagentos.protocol.predicates.library import View
+from phyagentos.protocol.predicates.library import Meaning, View
+from phyagentos.protocol.predicates.meaning import Statement, read_statement
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.predicates.relations import find_places
 from phyagentos.protocol.predicates.syntax import Call, Compare, Name, Point, iter_calls
@@ -47,7 +48,7 @@ class Domain:
         return tuple(
             fact if value else f"not {fact}"
             for call, fact, value in formulas
-            if not (isinstance(call, Call) and is_held(call))
+            if read_statement(call).meaning is not Meaning.HOLDING
         )
 
 
@@ -96,27 +97,12 @@ def build_domain(
         DefinitionError: A predicate that cannot be planned for, or `UNKNOWN_TARGET`.
     """
     roles = _resolve_targets(wanted, catalogue)
-    targets = {name: catalogue.targets[name] for name in dict.fromkeys(roles.values())}
-    things = list_carried(world)
-    stages, invariants = _read_goal(wanted, things, roles, lambda path: ".".join(map(str, path)))
-    texts = (*chain(*wanted.steps), *wanted.accept, *wanted.constraints)
-    calls = [call for text in texts for call in iter_calls(parse_predicate(text).rename_targets(roles).formula)]
-    relations = (relation for each in world.entities.values() for relation in find_places(each, world))
-    present = [Call(each.name, tuple(map(Name, each.arguments))) for each in relations]
-    scope = Scope(
-        world=world,
-        things=things,
-        places=_list_places(world, things, calls, present, everywhere=everywhere),
-        spots=_list_spots(world, things, calls, next(iter(targets.values()))),
-        wanted=calls,
-        present=present,
-        targets=targets,
-        lids={place: lid for place in world.entities if (lid := find_lid(world, place))},
-    )
+    stages, invariants = _read_goal(wanted, list_carried(world), roles, lambda path: ".".join(map(str, path)))
+    scope = _make_scope(wanted, roles, catalogue, world, everywhere=everywhere)
     kept = [each.literals[0] for each in invariants if len(each.literals) == 1]
     broken = {(fact, not value) for fact, value in kept}
     operators = [each for each in list_operators(catalogue.skills, scope) if broken.isdisjoint(each.changes.items())]
-    facts = dict.fromkeys(make_fact(call) for call in present)
+    facts = dict.fromkeys(make_fact(call) for call in scope.present)
     facts |= dict.fromkeys(fact for each in operators for fact in (*each.requires, *each.changes))
     facts |= dict.fromkeys(fact for stage in stages for each in stage for fact, _ in each.literals)
     view = View(now=world, initial=world)
@@ -135,6 +121,26 @@ def build_domain(
         exact=tuple(group for group in groups if group & initial and _is_exact(group, needed)),
     )
     return Domain(problem=problem, roles=roles, operators=tuple(operators), state=state)
+
+
+def _make_scope(
+    wanted: WantedGoal, roles: Mapping[str, str], catalogue: Catalogue, world: Environment, *, everywhere: bool
+) -> Scope:
+    targets, things = {name: catalogue.targets[name] for name in dict.fromkeys(roles.values())}, list_carried(world)
+    texts = (*chain(*wanted.steps), *wanted.accept, *wanted.constraints)
+    calls = [call for text in texts for call in iter_calls(parse_predicate(text).rename_targets(roles).formula)]
+    relations = (relation for each in world.entities.values() for relation in find_places(each, world))
+    present = [Call(each.name, tuple(map(Name, each.arguments))) for each in relations]
+    return Scope(
+        world=world,
+        things=things,
+        places=_list_places(world, things, calls, present, everywhere=everywhere),
+        spots=_list_spots(world, things, calls, next(iter(targets.values()))),
+        wanted=calls,
+        present=present,
+        targets=targets,
+        lids={place: lid for place in world.entities if (lid := find_lid(world, place))},
+    )
 
 
 def _resolve_targets(wanted: WantedGoal, catalogue: Catalogue) -> dict[str, str]:
@@ -168,10 +174,10 @@ def _list_places(
     world: Environment, things: Sequence[str], calls: Iterable[Call], present: Iterable[Call], *, everywhere: bool
 ) -> list[str]:
     """Those that the goal names; `everywhere` all vessels and regions, and what movable or used things may stand on."""
-    named = [term.text for call in calls if relates(call) for term in call.terms[1:] if isinstance(term, Name)]
+    named = [term.text for call in calls for term in list_places(call) if isinstance(term, Name)]
     known = dict.fromkeys(name for name in named if name in world.entities or name in world.regions)
     if everywhere:
-        bearing = {*things, *(term.text for call in present for term in call.terms[1:] if isinstance(term, Name))}
+        bearing = {*things, *(term.text for call in present for term in list_places(call) if isinstance(term, Name))}
         known |= dict.fromkeys([*world.regions, *(n for n, e in world.entities.items() if e.interior is not None)])
         flat = [e for e in world.entities.values() if e.interior is None and e.mechanism is None and not e.part_of]
         known |= dict.fromkeys(each.name for each in flat if each.name in bearing)
@@ -205,12 +211,11 @@ def _drop_needless(operators: Sequence[Operator], state: frozenset[Literal]) -> 
 def _iter_capacities(facts: Iterable[Fact], initial: frozenset[Fact], scope: Scope) -> Iterator[Capacity]:
     weights: dict[str, dict[Fact, int]] = {}
     for fact in facts:
-        formula = parse_predicate(fact).formula
-        match formula:
-            case Call(_, (Name(thing), Name(place))) if relates(formula) and thing in scope.things:
+        match read_statement(parse_predicate(fact).formula):
+            case Statement(_, Name(thing), Name(place), None) if thing in scope.things:
                 count = count_room(scope.world, thing, place)
                 weights.setdefault(place, {})[fact] = FILL // max(count, 1)
-            case Call(_, (Name(thing), Point(point_m))) if thing in scope.things:
+            case Statement(_, Name(thing), Point(point_m), None) if thing in scope.things:
                 weights.setdefault(str(point_m), {})[fact] = FILL
     for place, each in weights.items():
         present = sum(weight for fact, weight in each.items() if fact in initial)
@@ -228,11 +233,11 @@ def _iter_exclusive(operators: Sequence[Operator], initial: frozenset[Fact]) -> 
     """Places of one thing, and things in one hand, of which at most one is ever true: by start and operators."""
     groups: dict[str, set[Fact]] = {}
     for fact in dict.fromkeys(fact for each in operators for fact in each.changes):
-        formula = parse_predicate(fact).formula
-        if isinstance(formula, Call) and relates(formula):
-            named = [term.text for term in formula.terms if isinstance(term, Name)]
-            for name in named[: 2 if is_held(formula) else 1]:
-                groups.setdefault(name, set()).add(fact)
+        said = read_statement(formula := parse_predicate(fact).formula)
+        if isinstance(formula, Call) and said.relates:
+            for term in formula.terms if said.meaning is Meaning.HOLDING else (said.object,):
+                if isinstance(term, Name):
+                    groups.setdefault(term.text, set()).add(fact)
     for group in groups.values():
         entering = [each for each in operators if any(each.changes.get(fact) for fact in group)]
         left = (sum(each.changes.get(f, each.requires.get(f, True)) for f in group) for each in entering)

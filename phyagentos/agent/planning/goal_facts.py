@@ -9,7 +9,8 @@ from itertools import product
 
 from phyagentos.agent.planning.problem import Condition, Fact
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.predicates.library import Argument, ArgumentKind, get_predicate_library
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import find_definition, normalize, read_statement
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.predicates.syntax import (
     And,
@@ -23,47 +24,26 @@ from phyagentos.protocol.predicates.syntax import (
     Or,
     Point,
     Star,
-    Variable,
+    Term,
     iter_calls,
     iter_free_stars,
     map_calls,
     render,
 )
 
-THINGS = (ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE)
 
-
-@lru_cache(maxsize=8192)
-def list_kinds(call: Call) -> tuple[ArgumentKind, ...]:
-    """What each term of a call names."""
-    return tuple(each.kind for each in _list_arguments(call)[: len(call.terms)])
+def list_places(call: Call) -> tuple[Term, ...]:
+    """What a call names that something may be put into or onto: all but its object; what is held may bear one, too."""
+    said = read_statement(call)
+    if said.meaning is Meaning.HOLDING:
+        return call.terms[1:]
+    return tuple(term for term in call.terms if term != said.object) if said.relates else ()
 
 
 def list_defaults(call: Call) -> list[float | None]:
     """Of each argument of a predicate the number that stands for one that is left out."""
-    return [each.default for each in _list_arguments(call)]
-
-
-def _list_arguments(call: Call) -> tuple[Argument, ...]:
-    definition = get_predicate_library().find(call.name)
-    return definition.arguments if definition is not None else ()
-
-
-def relates(call: Call) -> bool:
-    """Whether it says where a thing is: beside the thing it names another one, a place, or the hand that holds it."""
-    return sum(kind in THINGS for kind in list_kinds(call)) >= 2 or is_held(call)
-
-
-def is_held(call: Call) -> bool:
-    """Whether it says that a thing is in a hand."""
-    return list_kinds(call) == (ArgumentKind.TARGET, ArgumentKind.ENTITY)
-
-
-def find_subject(call: Call, written: type[Name | Variable] = Name) -> str:
-    """The thing that a call is about: the first that it names, or has a variable for."""
-    terms = (term for term, kind in zip(call.terms, list_kinds(call), strict=True) if kind in THINGS)
-    found = next((term for term in terms if isinstance(term, written)), None)
-    return "" if found is None else found.path if isinstance(found, Variable) else found.text
+    definition = find_definition(call)
+    return [each.default for each in definition.arguments] if definition is not None else []
 
 
 @lru_cache(maxsize=8192)
@@ -71,6 +51,7 @@ def make_fact(formula: Call | Compare) -> Fact:
     """Its canonical text: without numbers that are the defaults, or that say how close a point is met."""
     if isinstance(formula, Compare):
         return render(formula)
+    formula = normalize(formula)
     at_point = any(isinstance(term, Point) for term in formula.terms)
     pairs = zip(formula.terms, list_defaults(formula), strict=False)
     kept = [term for term, d in pairs if not (isinstance(term, Number) and (at_point or term.value == d))]

@@ -10,19 +10,13 @@ from itertools import chain, product
 from typing import Any
 
 from phyagentos.agent.goals.selector import find_lacks
-from phyagentos.agent.planning.goal_facts import (
-    find_subject,
-    is_held,
-    list_defaults,
-    list_kinds,
-    make_fact,
-    relates,
-)
+from phyagentos.agent.planning.goal_facts import list_defaults, list_places, make_fact
 from phyagentos.agent.planning.problem import Fact, Operator
 from phyagentos.agent.planning.rooms import Spot, count_room, find_in_lane, is_in_reach
-from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.predicates.library import ArgumentKind, get_predicate_library
+from phyagentos.protocol.predicates.library import ArgumentKind, Meaning
+from phyagentos.protocol.predicates.meaning import find_definition, list_kinds, read_statement, state
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.predicates.syntax import (
     And,
@@ -43,7 +37,6 @@ from phyagentos.protocol.world.free_spot import find_support
 Effect = tuple[Call, bool]  # a statement, and whether it is true
 _EASY_M = 0.1  # a skill that may miss by so much finds a place
 _GRIPPER = "gripper_width"  # the action that a hand is opened and closed by
-_SUPPORT = "support"  # the parameter that says what a thing stands on afterwards
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,61 +106,70 @@ class _Draft:
         lids = self.scope.lids
         declared = {make_fact(call): value for call, value in self.requires}
         requires, changes = self._list_needs(known), self._list_changes(declared, known)
-        facts = {make_fact(call) for call in known.get(self.moved, ())}
-        inside = {place: f"inside({self.moved}, {place})" for place in lids}
-        hidden = {place: fact for place, fact in inside.items() if fact in facts}
-        yield self._make(dict.fromkeys(hidden.values(), False) | requires | declared, changes)
-        for place, fact in hidden.items():
+        hidden = self._find_hidden(known)
+        yield self._make(dict.fromkeys(hidden, False) | requires | declared, changes)
+        for fact, place in hidden.items():
             if place != self.place:
-                source = {fact: True, f"open({lids[place]})": True}
+                source = {fact: True, state(Meaning.OPEN, lids[place]): True}
                 yield self._make(requires | declared | source, changes, f" out of {place}")
+
+    def _find_hidden(self, known: Mapping[str, Sequence[Call]]) -> dict[Fact, str]:
+        """Facts that its thing is in a place which a lid hides, and that place."""
+        lids = {place: rank for rank, place in enumerate(self.scope.lids)}
+        said = {make_fact(call): read_statement(call) for call in known.get(self.moved, ())}
+        inside = {
+            fact: each.place.text
+            for fact, each in said.items()
+            if each.meaning is Meaning.INSIDE and each.object == Name(self.moved) and isinstance(each.place, Name)
+        }
+        return dict(sorted(((f, p) for f, p in inside.items() if p in lids), key=lambda pair: lids[pair[1]]))
 
     def _list_changes(self, declared: Mapping[Fact, bool], known: Mapping[str, Sequence[Call]]) -> dict[Fact, bool]:
         """Guarantees, and what these undo."""
-        library = get_predicate_library()
         changes = {make_fact(call): value for call, value in self.effects}
         for call in self.gains:
-            definition = library.find(call.name)
+            definition = find_definition(call)
             for other in definition.excludes if definition is not None else ():
                 changes.setdefault(make_fact(replace(call, name=other)), False)
         if not self.moved:
             return changes
-        is_taken = any(map(is_held, self.gains))
+        is_taken = any(map(_is_held, self.gains))
         for call in known.get(self.moved, ()):
-            is_kept = is_taken and is_held(call) and declared.get(make_fact(call))  # another hand holds it, too
+            is_kept = is_taken and _is_held(call) and declared.get(make_fact(call))  # another hand holds it, too
             if _is_undone(call, self.moved) and not is_kept:
                 changes.setdefault(make_fact(call), False)
-        return changes | {f"moved({self.moved})": True}
+        return changes | {state(Meaning.MOVED, self.moved): True}
 
     def _list_needs(self, known: Mapping[str, Sequence[Call]]) -> dict[Fact, bool]:
         """Preconditions beside those that are declared."""
         world, things, moved, place = self.scope.world, self.scope.things, self.moved, self.place
         needs: dict[Fact, bool] = {}
         for call in self.gains:
-            moving = world.entities.get(find_subject(call))
+            said = read_statement(call)
+            moving = world.entities.get(said.name_object())
             if moving is not None and moving.mechanism is not None:
-                lane = find_in_lane(world, moving.name, things) if call.name == "open" else []
-                needs |= dict.fromkeys((f"moved({name})" for name in lane), True) | self._need_clear(moving.name, known)
+                lane = find_in_lane(world, moving.name, things) if said.meaning is Meaning.OPEN else []
+                needs |= {state(Meaning.MOVED, name): True for name in lane} | self._need_clear(moving.name, known)
         if _GRIPPER in self.skill.needs.actions:
-            needs |= {make_fact(call): False for call in known.get(self.target, ()) if is_held(call)}
+            needs |= {make_fact(call): False for call in known.get(self.target, ()) if _is_held(call)}
         if not moved:
             return needs
         in_hands = (call for name in (moved, place) for call in known.get(str(name), ()))
-        needs |= {make_fact(call): False for call in in_hands if is_held(call)} | self._need_clear(moved, known)
+        needs |= {make_fact(call): False for call in in_hands if _is_held(call)} | self._need_clear(moved, known)
         if isinstance(place, Spot):
-            needs |= {f"moved({name})": True for name in place.blockers if name != moved}
+            needs |= {state(Meaning.MOVED, name): True for name in place.blockers if name != moved}
         else:
             is_top = place in things and world.entities[place].interior is None
             needs |= self._need_clear(place, known) if is_top else {}
-            needs |= {f"open({self.scope.lids[place]})": True} if place in self.scope.lids else {}
+            needs |= {state(Meaning.OPEN, self.scope.lids[place]): True} if place in self.scope.lids else {}
         is_near = is_in_reach(world, moved, self.scope.targets[self.target])
-        return needs if is_near else needs | {f"moved({moved})": True}
+        return needs if is_near else needs | {state(Meaning.MOVED, moved): True}
 
     def _need_clear(self, name: str, known: Mapping[str, Sequence[Call]]) -> dict[Fact, bool]:
         """Nothing stands on a thing but what is put there."""
-        calls = (call for call in known.get(name, ()) if call.name == "on")
+        said = ((call, read_statement(call)) for call in known.get(name, ()))
         others = {*self.scope.things} - {name, self.moved}
-        return {make_fact(call): False for call in calls if find_subject(call) in others}
+        return {make_fact(c): False for c, each in said if each.meaning is Meaning.ON and each.name_object() in others}
 
     def _is_exact(self) -> bool:
         """Whether a point is met as closely as the goal wants it."""
@@ -189,9 +191,11 @@ class _Draft:
         is_exact = at_spot and all(_get_tolerance(call) < _EASY_M for call, _ in self.effects)
         kinds = {key: entities[v].kind for key, v in self.parameters.items() if isinstance(v, str) and v in entities}
         is_meant = any(each.kinds or kinds.get(key) == key for key, each in skill.parameters.items())
-        burden = len(self.parameters.keys() - {_SUPPORT}) + len(skill.requires)
-        burden += 2 * (is_exact + (at_spot and _SUPPORT not in skill.parameters) - is_meant)
-        is_full = any(call.name == "inside" and call.terms[1] == Name(self.moved) for call in self.scope.present)
+        support = find_parameter(skill, ParameterRole.SUPPORT)
+        burden = len(self.parameters.keys() - {support}) + len(skill.requires)
+        burden += 2 * (is_exact + (at_spot and not support) - is_meant)
+        present = map(read_statement, self.scope.present)
+        is_full = any(each.meaning is Meaning.INSIDE and each.place == Name(self.moved) for each in present)
         burden += 4 * (is_full and not skill.hold)  # a skill that watches it all through spills less
         shown = ", ".join(f"{key}={value}" for key, value in self.parameters.items())
         promise = " and ".join(make_fact(call) if value else f"not {render(call)}" for call, value in self.effects)
@@ -212,8 +216,10 @@ def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> I
     requires = [each for text in skill.requires for each in _split(parse_predicate(text, template=True).formula)]
     for chosen in product(*(offer.parts if isinstance(offer, Or) else (offer,) for offer in offers)):
         literals = [literal for formula in chosen for literal in _split(formula)]
-        moved = next((find_subject(call, Variable) for call, value in literals if value and relates(call)), "")
-        choices = _list_choices(skill, [*literals, *(r for r in requires if relates(r[0]))], moved, target, scope)
+        related = (read_statement(call) for call, value in literals if value)
+        moved = next((each.name_object(Variable) for each in related if each.relates), "")
+        needed = (each for each in requires if read_statement(each[0]).relates)
+        choices = _list_choices(skill, [*literals, *needed], moved, target, scope)
         relations = {call.name for call, value in literals if value}
         for values in product(*choices.values()):
             spot = next((value for value in values if isinstance(value, Spot)), None)
@@ -256,7 +262,8 @@ def _list_choices(
     if any(parameter.mechanism for parameter in skill.parameters.values()):
         parts = [name for name, each in scope.world.entities.items() if each.part_of]
         free = (key for key, each in skill.parameters.items() if each.type == "entity" and key not in choices)
-        choices |= {key: parts for key in free if key != _SUPPORT}
+        support = find_parameter(skill, ParameterRole.SUPPORT)
+        choices |= {key: parts for key in free if key != support}
     return choices
 
 
@@ -282,9 +289,9 @@ def _list_values(
         return [n for n, each in entities.items() if each.mechanism and each.mechanism.kind == parameter.mechanism]
     if key == moved:
         values = list(scope.things)
-    elif relates(call):  # a vessel takes things in, a top bears them, a region both
-        held = ((name, entities.get(name)) for name in scope.places)
-        values = [n for n, each in held if each is None or (each.interior is not None) == (call.name == "inside")]
+    elif (said := read_statement(call)).relates:  # a vessel takes things in, a top bears them, a region both
+        held, is_in = ((name, entities.get(name)) for name in scope.places), said.meaning is Meaning.INSIDE
+        values = [name for name, each in held if each is None or (each.interior is not None) == is_in]
     else:
         values = list(dict.fromkeys([*scope.things, *(term.text for term in named if isinstance(term, Name))]))
     kinds = {name: each.kind for name, each in entities.items()} | dict.fromkeys(scope.world.regions, "region")
@@ -295,11 +302,12 @@ def _find_support(
     skill: SkillRuntime, thing: str, spot: Spot | None, given: Mapping[str, Any], scope: Scope
 ) -> dict[str, str]:
     """What a thing is put on, where the skill asks for it and no guarantee says it: what is there."""
-    if _SUPPORT not in skill.parameters or _SUPPORT in given:
+    key = find_parameter(skill, ParameterRole.SUPPORT)
+    if not key or key in given:
         return {}
     below = find_support(scope.world, thing) if spot is None and thing in scope.world.entities else None
     name = spot.support if spot is not None else below.name if below is not None else ""
-    return {_SUPPORT: name} if name else {}
+    return {key: name} if name else {}
 
 
 def _is_whole(skill: SkillRuntime, given: Mapping[str, Any], world: Environment) -> bool:
@@ -327,7 +335,12 @@ def _iter_bound(literals: Iterable[Effect], given: Mapping[str, Any], target: st
 def _is_undone(call: Call, moved: str) -> bool:
     """Whether a fact is no more once a thing was moved: where it was, and what was measured from it."""
     kinds = [kind for term, kind in zip(call.terms, list_kinds(call), strict=True) if term == Name(moved)]
-    return relates(call) and (find_subject(call) == moved or ArgumentKind.CONTAINER not in kinds)
+    said = read_statement(call)
+    return said.relates and (said.name_object() == moved or ArgumentKind.CONTAINER not in kinds)
+
+
+def _is_held(call: Call) -> bool:
+    return read_statement(call).meaning is Meaning.HOLDING
 
 
 def _get_tolerance(call: Call) -> float:
@@ -337,11 +350,9 @@ def _get_tolerance(call: Call) -> float:
 
 def _find_place(effects: Iterable[Effect], moved: str) -> str:
     """Where a thing is put; empty where it is taken."""
-    calls = (call for call, value in effects if value and relates(call) and not is_held(call))
-    found = (
-        term.text for call in calls if find_subject(call) == moved for term in call.terms[1:] if isinstance(term, Name)
-    )
-    return next(found, "")
+    calls = (call for call, value in effects if value and not _is_held(call))
+    about = (call for call in calls if read_statement(call).name_object() == moved)
+    return next((term.text for call in about for term in list_places(call) if isinstance(term, Name)), "")
 
 
 def _split(formula: Formula, value: bool = True) -> Iterator[Effect]:

@@ -22,7 +22,7 @@ BUDGET = "BUDGET"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Left:
+class RemainingBudget:
     """Remainder of a budget: sessions, simulated time of all together [s]; `needed` are those of nodes without one."""
 
     sessions: float = math.inf
@@ -47,13 +47,13 @@ class Left:
         return ""
 
 
-def compute_left(budget: Budget, sessions: Iterable[SessionStatus], needed: int = 0) -> Left:
+def compute_left(budget: Budget, sessions: Iterable[SessionStatus], needed: int = 0) -> RemainingBudget:
     """Remainder after these sessions."""
     count, spent_s = 0, 0.0
     for status in sessions:
         count += 1
         spent_s += status.execution.sim_time_s if status.execution else 0.0
-    return Left(
+    return RemainingBudget(
         sessions=math.inf if budget.sessions is None else budget.sessions - count,
         sim_time_s=math.inf if budget.sim_time_s is None else budget.sim_time_s - spent_s,
         needed=needed,
@@ -61,7 +61,7 @@ def compute_left(budget: Budget, sessions: Iterable[SessionStatus], needed: int 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Miss:
+class UnmetObjective:
     """An objective that a session did not meet.
 
     Attributes:
@@ -80,7 +80,7 @@ class Miss:
     codes: frozenset[str] = frozenset()
 
     @classmethod
-    def of_execution(cls, bundle: Bundle, attempt: Attempt) -> "Miss | None":
+    def of_execution(cls, bundle: Bundle, attempt: Attempt) -> "UnmetObjective | None":
         """A judgement on this evidence; None when it misses nothing."""
         if not attempt.verdict.is_miss:
             return None
@@ -96,12 +96,12 @@ class Miss:
         )
 
     @classmethod
-    def of_refusal(cls, refused: SessionStatus, cause: Cause, world: Environment) -> "Miss":
+    def of_refusal(cls, refused: SessionStatus, cause: Cause, world: Environment) -> "UnmetObjective":
         """Findings of preflight, without evidence of an execution."""
         codes = frozenset(problem.code for problem in refused.problems)
         return cls(session=refused.contract, cause=cause, reason=refused.reason, world=world, codes=codes)
 
-    def join(self, look: Bundle) -> "Miss":
+    def join(self, look: Bundle) -> "UnmetObjective":
         """The same miss, with the world of a later session."""
         bundle = join_evidence(self.bundle, look) if self.bundle is not None else None
         return replace(self, bundle=bundle, world=look.after or self.world)
@@ -149,12 +149,12 @@ class Case:
         recall: Evidence of an earlier session of the lineage; None where nothing was executed.
     """
 
-    miss: Miss
+    miss: UnmetObjective
     choice: Choice
     catalogue: Catalogue
     lineage: tuple[SessionStatus, ...]
     replans_left: int
-    left: Left
+    left: RemainingBudget
     protected: frozenset[str] = frozenset()
     time_of: Mapping[str, float]
     recall: Callable[[SessionStatus], Bundle | None] = field(default=lambda _: None)

@@ -7,12 +7,15 @@ from collections.abc import Iterator
 from phyagentos.agent.goals.selector import Choice, find_lacks
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, propose
-from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.case import Case, UnmetObjective
 from phyagentos.geometry import Vector
-from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import Statement, read_statement
 from phyagentos.protocol.predicates.predicate import iter_entities, parse_predicate
-from phyagentos.protocol.predicates.syntax import Call, Number, Variable
+from phyagentos.protocol.predicates.syntax import Variable
+from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support
 
@@ -64,15 +67,15 @@ def propose_moving(
         yield from _iter_ways(case, world, target, name, spot, tried)
 
 
-def find_blockers(miss: Miss) -> list[str]:
+def find_blockers(miss: UnmetObjective) -> list[str]:
     """Movable entities that obstruct the planner or fill the destination; the commonest first."""
     world, event = miss.world, miss.failed_leaf
     if world is None:
         return []
-    own = world.find_movable(miss.session.parameters.values())
+    own = miss.session.find_object(world)
     counted: Counter[str] = Counter()
-    for pair, count in dict(event.numbers.get("rejected", {}) if event else {}).items():
-        counted.update({name: int(count) for name in str(pair).split("|") if name in world.entities})
+    for reason, count in dict(event.numbers.get("rejected", {}) if event else {}).items():
+        counted.update({name: int(count) for name in Contact.parse(reason) or () if name in world.entities})
     if FULL in miss.codes:
         for place in miss.session.parameters.values():
             counted.update(find_filling(world, str(place)) if place != own else ())
@@ -87,8 +90,8 @@ def _iter_ways(
         if next(find_lacks(skill, target), None):
             continue
         parameters = {keys[0]: name, keys[1]: [round(value, 4) for value in spot]}
-        support = find_support(world, name)
-        parameters |= {"support": support.name} if "support" in skill.parameters and support else {}
+        support, key = find_support(world, name), find_parameter(skill, ParameterRole.SUPPORT)
+        parameters |= {key: support.name} if key and support else {}
         needed = (k for k, p in skill.parameters.items() if not p.optional and p.default is None)
         if any(key not in parameters for key in needed):
             continue
@@ -106,8 +109,8 @@ def iter_movers(case: Case) -> Iterator[tuple[SkillRuntime, tuple[str, str], flo
     """Skills that promise `at(<entity>, <point>, tolerance)`: the skill, its two parameters, the tolerance [m]."""
     for _, skill in sorted(case.catalogue.skills.items()):
         for text in skill.guarantees:
-            match parse_predicate(text, template=True).formula:
-                case Call("at", (Variable(thing), Variable(point), Number(tolerance_m))):
+            match read_statement(parse_predicate(text, template=True).formula):
+                case Statement(Meaning.AT, Variable(thing), Variable(point), float(tolerance_m)):
                     if thing in skill.parameters and point in skill.parameters:
                         yield skill, (thing, point), tolerance_m
 

@@ -11,6 +11,8 @@ from phyagentos.agent.judging.diagnosis import diagnose_after_looking, find_obje
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, propose
 from phyagentos.agent.repair.case import Case
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import state
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
@@ -45,7 +47,7 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
 def find_look(case: Case, name: object) -> Choice | None:
     """The session that makes an entity visible; None where no skill looks."""
     try:
-        return select(Promise(guarantees=f"visible({name})"), case.session.target, {}, case.catalogue)
+        return select(Promise(guarantees=state(Meaning.VISIBLE, str(name))), case.session.target, {}, case.catalogue)
     except DefinitionError:
         return None
 

@@ -14,9 +14,11 @@ from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Alternat
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.looking import LEAD
 from phyagentos.agent.repair.retrying import find_of_skill, keep_requires, revise_requires
-from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import Statement, normalize_text, read_meanings, read_statement
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
-from phyagentos.protocol.predicates.syntax import Call, Formula, Name, Number, Or, Variable, iter_calls
+from phyagentos.protocol.predicates.syntax import Call, Formula, Name, Or, Variable
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.free_spot import find_support
@@ -82,7 +84,10 @@ def bind_requires(case: Case, choice: Choice) -> tuple[str, ...]:
     """Preconditions of a chosen skill, with its arguments, and those of the node."""
     values = {**choice.parameters, "target": choice.target}
     own = (parse_predicate(substitute(text, values)).text for text in case.catalogue.skills[choice.skill].requires)
-    return tuple(dict.fromkeys((*own, *keep_requires(case))))
+    by_meaning: dict[str, str] = {}
+    for text in (*own, *keep_requires(case)):
+        by_meaning.setdefault(normalize_text(text), text)
+    return tuple(by_meaning.values())
 
 
 def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -> dict[str, Any] | None:
@@ -98,9 +103,10 @@ def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) ->
         else:
             return None
     parameters.pop("target", None)
-    if "support" in skill.parameters and (thing := world.find_movable(parameters.values())) is not None:
-        support = find_support(world, thing)
-        parameters = ({"support": support.name} if support is not None else {}) | parameters
+    key, object = (find_parameter(skill, role) for role in (ParameterRole.SUPPORT, ParameterRole.OBJECT))
+    moved = world.find_movable([parameters[object]] if object in parameters else parameters.values())
+    if key and moved is not None and (support := find_support(world, moved)) is not None:
+        parameters = {key: support.name} | parameters
     needed = {key for key, p in skill.parameters.items() if not p.optional and p.default is None}
     kinds = {name: entity.kind for name, entity in world.entities.items()}
     if any(p.kinds and kinds.get(str(parameters.get(key))) not in p.kinds for key, p in skill.parameters.items()):
@@ -109,9 +115,12 @@ def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) ->
 
 
 def _bind(wanted: Formula, offered: Formula, world: Environment) -> dict[str, Any] | None:
-    match wanted, offered:
-        case Call("inside", (Name(thing), Name(place))), Call("at", (Variable(key), Variable(point), Number(tol_m))):
-            center = _find_middle(world, place, tol_m)
+    match read_statement(wanted), read_statement(offered):
+        case (
+            Statement(Meaning.INSIDE, Name(thing), Name(place)),
+            Statement(Meaning.AT, Variable(key), Variable(point), float(tolerance_m)),
+        ):
+            center = _find_middle(world, place, tolerance_m)
             return None if center is None or thing not in world.entities else {key: thing, point: center}
     return unify(wanted, offered)
 
@@ -129,7 +138,7 @@ def find_false(skill: SkillRuntime, parameters: dict[str, Any], world: Environme
     view = session.make_view(world, world)
     for text in skill.requires:
         predicate = parse_predicate(substitute(text, {**parameters, "target": session.target}))
-        holds = any(call.name == "holding" for call in iter_calls(predicate.formula))
+        holds = Meaning.HOLDING in read_meanings([predicate.text])
         truth = predicate.evaluate(view).truth
         if truth is Truth.FALSE or (holds and truth is not Truth.TRUE):
             return predicate.text
@@ -172,10 +181,11 @@ def _bind_held(case: Case, skill: SkillRuntime) -> dict[str, Any] | None:
 def _choose(wanted: str, guarantee: str, skill: SkillRuntime) -> dict[str, Any] | None:
     """Arguments that make a guarantee, or one of its alternatives, the wanted promise."""
     formula: Formula = parse_predicate(wanted).formula
-    match formula, parse_predicate(guarantee, template=True).formula:
-        case Call(name), Or(parts):
-            chooser = next((key for key, each in skill.parameters.items() if name in each.choices), None)
-            bound = next((found for part in parts if (found := unify(formula, part)) is not None), None)
-            return None if chooser is None or bound is None else {**bound, chooser: name}
-        case _, offered:
-            return unify(formula, offered)
+    offered = parse_predicate(guarantee, template=True).formula
+    if not isinstance(offered, Or):
+        return unify(formula, offered)
+    for part in offered.parts:
+        if isinstance(part, Call) and (bound := unify(formula, part)) is not None:
+            chooser = next((key for key, each in skill.parameters.items() if part.name in each.choices), None)
+            return None if chooser is None else {**bound, chooser: part.name}
+    return None

@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import read_statement
 from phyagentos.protocol.predicates.predicate import Predicate, iter_entities, parse_predicate, substitute
-from phyagentos.protocol.predicates.syntax import Call
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
@@ -11,7 +12,7 @@ from phyagentos.protocol.world.truth import Truth
 Promises = Mapping[str, Collection[str]]  # skill -> what it guarantees, as authored
 Worlds = Mapping[str, tuple[Environment, Environment | None]]  # target -> its latest snapshot and its first
 
-_TAKING = frozenset({"holding", "moved"})  # they pass by themselves, but a session that achieves them moves something
+_TAKING = {Meaning.HOLDING, Meaning.MOVED}  # they pass by themselves, but a session that achieves them moves something
 
 
 def find_regressions(
@@ -60,8 +61,7 @@ def acts(guarantees: Iterable[str]) -> bool:
 
 def _marks_action(predicate: Predicate) -> bool:
     """Whether a session that achieves it acts on something rather than looks at it."""
-    formula = predicate.formula
-    return predicate.is_lasting or (isinstance(formula, Call) and formula.name in _TAKING)
+    return predicate.is_lasting or read_statement(predicate.formula).meaning in _TAKING
 
 
 def find_lost_preconditions(session: Session, now: Environment) -> tuple[Predicate, ...]:

@@ -12,8 +12,10 @@ from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline,
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.looking import LOOKS_MAX, PURPOSE
 from phyagentos.agent.repair.regressions import acts
+from phyagentos.protocol.predicates.evaluation import evaluate
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import make_call, only_looks
 from phyagentos.protocol.predicates.predicate import View, find_things, parse_predicate
-from phyagentos.protocol.predicates.syntax import iter_calls
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.strategy import Strategy
@@ -46,8 +48,7 @@ def find_unseen(case: Case, revision: Revision) -> str:
         return ""
     requires = case.session.requires if revision.requires is None else revision.requires
     for predicate in map(parse_predicate, requires):
-        is_sight = all(call.name == "visible" for call in iter_calls(predicate.formula))
-        if is_sight and (seen := predicate.evaluate(View(now=case.world))).truth is not Truth.TRUE:
+        if only_looks([predicate.text]) and (seen := predicate.evaluate(View(now=case.world))).truth is not Truth.TRUE:
             return f"{LOOKS_MAX} looks have not shown that {predicate.text}: {seen.because}"
     return ""
 
@@ -60,7 +61,7 @@ def find_change(before: Environment, now: Environment, names: Iterable[str]) -> 
         if was is None or each is None:
             if was is not each:
                 return name
-        elif was.held_by != each.held_by or parse_predicate(f"moved({name})").evaluate(view).truth is Truth.TRUE:
+        elif was.held_by != each.held_by or evaluate(make_call(Meaning.MOVED, name), view).truth is Truth.TRUE:
             return name
     return ""
 
@@ -112,6 +113,6 @@ def _plans_alike(one: Strategy, other: Strategy, bundle: Bundle | None) -> bool:
 def _find_planned_with(bundle: Bundle | None, before: Environment, now: Environment) -> set[str]:
     """What the plan that failed was made with; where the hand took the object does not matter to a place."""
     names = before.entities.keys() | now.entities.keys()
-    object = before.find_movable(bundle.session.parameters.values()) if bundle is not None else None
+    object = bundle.session.find_object(before) if bundle is not None else None
     is_taken = bundle is not None and ManipulationTimeline.of(bundle, object).stage >= Stage.GRASPED
     return names - ({object} if object and is_taken else set())

@@ -11,15 +11,18 @@ from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.diagnosis import DISTURBED_M, find_object
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, propose
-from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.case import Case, UnmetObjective
 from phyagentos.agent.repair.clearing import FULL
 from phyagentos.agent.repair.clearing import PURPOSE as PREPARES
 from phyagentos.agent.repair.looking import LEAD, LOOKS_MAX, PURPOSE
 from phyagentos.agent.repair.regressions import find_lost_preconditions
 from phyagentos.agent.repair.repetition import MOTION_CONFLICT
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import normalize_text, state
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.sessions.strategy import SiteLabel
 from phyagentos.protocol.sessions.trace import Role, find_label
 
 SLOWER = 0.5  # physics: at half speed a slippery 0.5 kg cube stays in the fingers in 59 of 60 transports
@@ -75,7 +78,7 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
     yield _begin_anew(case, retry)
 
 
-def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
+def revise(miss: UnmetObjective, of_skill: Collection[str] = ()) -> Revision:
     """The revision for a cause with the same skill; `of_skill` are preconditions from the skill."""
     parent, cause = miss.session, miss.cause
     strategy = parent.strategy
@@ -84,7 +87,7 @@ def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
         strategy = strategy.avoid(grasp=grasp)
         reasons.append(f"another grasp than {grasp}")
     if cause in _AVOID_SITE and (label := find_label(miss.trace, Role.PLAN_SITE)):
-        site = label.partition(".")[0]  # the place is at fault, whichever way the hand was turned
+        site = SiteLabel.parse(label).site  # the place is at fault, whichever way the hand was turned
         strategy = strategy.avoid(site=site)
         reasons.append(f"another site than {site}")
     if cause is Cause.ADAPTER_REFUSED:  # the world is the same, and so would be the answer to the same way
@@ -105,7 +108,7 @@ def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
     return Revision(parent=parent.id, strategy=strategy, requires=requires, reasons=(*reasons, *changes))
 
 
-def _find_grasp_in_the_way(miss: Miss) -> str:
+def _find_grasp_in_the_way(miss: UnmetObjective) -> str:
     """The grasp of a thing that could be taken and not be brought to its place; empty where no grasp would be.
 
     A site is planned for what is held: what fails then, or on the way to it, may be the hand's. What was set down
@@ -119,40 +122,41 @@ def _find_grasp_in_the_way(miss: Miss) -> str:
     return find_label(since, Role.PLAN_GRASP)
 
 
-def revise_requires(miss: Miss, of_skill: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def revise_requires(miss: UnmetObjective, of_skill: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Preconditions of the child, and why they changed.
 
     Former places of the skill are dropped, the node's own stay, and the object must be visible.
     """
     session = miss.session
     lost = find_lost_preconditions(session, miss.world) if miss.world else ()
-    dropped = tuple(predicate.text for predicate in lost if predicate.is_lasting and predicate.text in of_skill)
+    past = (predicate.text for predicate in lost if predicate.is_lasting)
+    dropped = tuple(text for text in past if normalize_text(text) in of_skill)
     reasons = [f"{text} is no longer required: it was true before the parent and is not now" for text in dropped]
     requires = [text for text in session.requires if text not in dropped]
     name = find_object(session, miss.initial)
-    if name and f"visible({name})" not in requires:
-        requires.append(f"visible({name})")
-        reasons.append(f"visible({name}) is required: the child locates it anew")
+    seen = state(Meaning.VISIBLE, name) if name else ""
+    if seen and seen not in map(normalize_text, requires):
+        requires.append(seen)
+        reasons.append(f"{seen} is required: the child locates it anew")
     return tuple(requires), tuple(reasons)
 
 
 def keep_requires(case: Case) -> tuple[str, ...]:
     """Preconditions of the node that every skill keeps."""
     of_skill = find_of_skill(case.session, case.catalogue)
-    return tuple(text for text in revise_requires(case.miss, of_skill)[0] if text not in of_skill)
+    return tuple(text for text in revise_requires(case.miss, of_skill)[0] if normalize_text(text) not in of_skill)
 
 
 def find_of_skill(session: Session, catalogue: Catalogue) -> frozenset[str]:
-    """Preconditions that stem from the skill, the target by its own name or called `target`."""
+    """Preconditions that stem from the skill, normalized, the target by its own name or called `target`."""
     values = {**session.parameters, "target": session.target}
     texts = (substitute(text, values) for text in catalogue.skills[session.skill].requires)
     bound = [parse_predicate(text, template=True) for text in texts]
-    return frozenset(
-        text for each in bound for text in (each.text, each.rename_targets({"target": session.target}).text)
-    )
+    both = (text for each in bound for text in (each.text, each.rename_targets({"target": session.target}).text))
+    return frozenset(map(normalize_text, both))
 
 
-def keep_means(own: Choice, miss: Miss, catalogue: Catalogue) -> Choice | None:
+def keep_means(own: Choice, miss: UnmetObjective, catalogue: Catalogue) -> Choice | None:
     """Skill, target and parameters of a session where its child's are not those of the node; None where they are."""
     session = miss.session
     aim = _aim(miss, catalogue.skills[session.skill])
@@ -162,7 +166,7 @@ def keep_means(own: Choice, miss: Miss, catalogue: Catalogue) -> Choice | None:
     return Choice(skill=session.skill, target=session.target, parameters={**session.parameters, **aim}, reasons=why)
 
 
-def _aim(miss: Miss, skill: SkillRuntime) -> Mapping[str, Any]:
+def _aim(miss: UnmetObjective, skill: SkillRuntime) -> Mapping[str, Any]:
     """By what a policy is shown a thing aside: by what its tool has missed it [m], where the thing stayed."""
     key = skill.policy.execution.aim if skill.policy is not None else ""
     if not key or miss.bundle is None:

@@ -5,7 +5,7 @@ each thing stand in the lexicon. Clauses are steps where the request says an ord
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from phyagentos.agent.understanding.nouns import (
@@ -18,11 +18,15 @@ from phyagentos.agent.understanding.nouns import (
     has_token,
     list_children,
 )
-from phyagentos.agent.understanding.understanding import OPPOSITES, LackKind, QuestionKind
+from phyagentos.agent.understanding.understanding import LackKind, QuestionKind, list_opposites
 from phyagentos.agent.understanding.vocabulary import REGION, ROLE, read_lexicon
-from phyagentos.protocol.predicates.predicate import find_entities
+from phyagentos.protocol.predicates.library import ArgumentKind, Meaning
+from phyagentos.protocol.predicates.meaning import list_kinds, read_statement
+from phyagentos.protocol.predicates.predicate import find_entities, find_formula
+from phyagentos.protocol.predicates.syntax import Call, Not, render
 
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
+_PUT = (Meaning.INSIDE, Meaning.ON)
 Step = Sequence[str]
 
 
@@ -52,7 +56,7 @@ class Clauses(Discourse):
     def _read_group(self, group: Node) -> list[Step]:
         """One step, or one a clause where these exclude each other."""
         clauses = [step for clause in list_children(group) for step in self._read_steps(clause)]
-        flipped = {_flip(text) for step in clauses[1:] for text in step}
+        flipped = {each for step in clauses[1:] for text in step for each in _list_flipped(text)}
         if any(text in flipped for step in clauses for text in step):
             return clauses
         return [[text for step in clauses for text in step]]
@@ -298,9 +302,9 @@ class Clauses(Discourse):
 
     def _read_until(self, _: Node, command: Node, condition: Node) -> Step:
         done, until = self._read_texts(command), self._read_texts(condition)
-        filled = {_get_subject(text) for text in until if text.startswith("contains(")}
+        filled = {_get_object(text) for text in until if _says(text, Meaning.CONTAINS)}
         return [
-            *(each for each in done if not each.startswith("contains(") or _get_subject(each) not in filled),
+            *(each for each in done if not _says(each, Meaning.CONTAINS) or _get_object(each) not in filled),
             *until,
         ]
 
@@ -337,17 +341,15 @@ class Clauses(Discourse):
 def finish(steps: Sequence[Step]) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...]]:
     """Steps before the last, and what must be true at the end: the last one, and of the others what it leaves true."""
     lasting: dict[str, None] = {}
-    put = [{_get_subject(text) for text in step if _is_place(text)} for step in steps]
+    put = [{_get_object(text) for text in step if _says(text, *_PUT)} for step in steps]
     cleaned = []
     for n, step in enumerate(steps):
         later = set().union(*put[n:])  # to pick up, or to take out, is a part of putting down
-        drops = {"holding(": later, "not inside(": put[n], "not on(": put[n]}
-        kept = dict.fromkeys(
-            text for text in step if not any(text.startswith(k) and _get_subject(text) in v for k, v in drops.items())
-        )
-        passing = ("holding(", "docked(", "in_posture(", "visible(")
-        gone = {text for text in lasting if _is_place(text) and _get_subject(text) in put[n] and text not in kept}
-        gone |= {text for text in lasting if _flip(text) in kept or text.startswith(passing)}
+        taken = {text for text in step if _says(text, Meaning.HOLDING) and _get_object(text) in later}
+        taken |= {text for text in step if _says(text, *_PUT, is_true=False) and _get_object(text) in put[n]}
+        kept = dict.fromkeys(text for text in step if text not in taken)
+        gone = {text for text in lasting if _says(text, *_PUT) and _get_object(text) in put[n] and text not in kept}
+        gone |= {text for text in lasting if _passes(text) or not kept.keys().isdisjoint(_list_flipped(text))}
         lasting = {text: None for text in lasting if text not in gone} | kept
         cleaned.append(tuple(kept))
     return tuple(step for step in cleaned[:-1] if step), tuple(lasting)
@@ -358,16 +360,28 @@ def _find_side(levels: Sequence[Node], side: str) -> set[int]:
     return {end for end in (0, -1) if levels and has_token(levels[end], side)}
 
 
-def _is_place(text: str) -> bool:
-    return text.startswith(("inside(", "on("))
+def _says(text: str, *meanings: Meaning, is_true: bool = True) -> bool:
+    """Whether a text says one of these of its object, or that it is not so."""
+    formula = find_formula(text)
+    body = formula.body if isinstance(formula, Not) else formula
+    return isinstance(formula, Not) is not is_true and read_statement(body).meaning in meanings
 
 
-def _get_subject(text: str) -> str:
-    """The thing that a predicate is about, the first that it names."""
+def _get_object(text: str) -> str:
+    """What a predicate is about, the first thing that it names."""
     return next(iter(find_entities(text)), "")
 
 
-def _flip(text: str) -> str:
-    """The state of a joint that excludes this one."""
-    name, _, rest = text.partition("(")
-    return f"{OPPOSITES[name]}({rest}" if name in OPPOSITES else ""
+def _passes(text: str) -> bool:
+    """Whether it is about the robot, or what a look shows: no step has to leave that true."""
+    formula = find_formula(text)
+    is_of_robot = isinstance(formula, Call) and list_kinds(formula)[:1] == (ArgumentKind.TARGET,)
+    return is_of_robot or _says(text, Meaning.VISIBLE)
+
+
+def _list_flipped(text: str) -> list[str]:
+    """States of the same object that exclude this one."""
+    formula = find_formula(text)
+    return (
+        [render(replace(formula, name=name)) for name in list_opposites(formula)] if isinstance(formula, Call) else []
+    )

@@ -15,20 +15,18 @@ from phyagentos.agent.goals.spec import NAME_MAX, WantedGoal
 from phyagentos.agent.understanding.vocabulary import ROLE, Vocabulary, iter_literals
 from phyagentos.errors import DefinitionError, find_nearest
 from phyagentos.protocol.predicates import syntax
-from phyagentos.protocol.predicates.library import ArgumentKind
+from phyagentos.protocol.predicates.library import ArgumentKind, Meaning, get_predicate_library
+from phyagentos.protocol.predicates.meaning import find_definition, normalize, read_statement
 from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate
 
 _Literal = tuple[bool, syntax.Call]  # whether it is to be true
-_PLACES = ("inside", "on", "at")  # a thing is at one of each kind
-OPPOSITES = {"open": "closed", "closed": "open", "upright": "fallen", "fallen": "upright"}
-_MOVERS = {*_PLACES, "near", "holding", "open", "closed", "upright"}  # what comes true by moving a thing
-_DEMANDS = {  # of each argument what is to be true of the thing
-    **dict.fromkeys(("on", "at", "near", "upright"), ("movable",)),
-    **dict.fromkeys(("open", "closed"), ("opens",)),
-    "inside": ("movable", "has_interior"),
-    "holding": ("", "movable"),
-    "contains": ("has_interior",),
+_DEMANDS = {  # what the object has to be, and then the place
+    Meaning.INSIDE: ("movable", "has_interior"),
+    Meaning.CONTAINS: ("has_interior",),
+    **dict.fromkeys((Meaning.OPEN, Meaning.CLOSED), ("opens",)),
+    **dict.fromkeys((Meaning.ON, Meaning.AT, Meaning.NEAR, Meaning.UPRIGHT, Meaning.HOLDING), ("movable",)),
 }
+_MOVERS = _DEMANDS.keys() - {Meaning.CONTAINS}  # what comes true by moving the object
 
 
 class _Kind(StrEnum):
@@ -179,26 +177,30 @@ def _find_unknown(predicate: Predicate, goal: WantedGoal, vocabulary: Vocabulary
 
 def _find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[Lack]:
     """Things of a predicate that cannot be used so, with those that can."""
-    for term, fact in zip(call.terms, _DEMANDS.get(call.name, ()), strict=False):
-        if fact and isinstance(term, syntax.Name) and not getattr(vocabulary.things[term.text], fact):
+    said = read_statement(call)
+    demands = _DEMANDS.get(said.meaning, ()) if said.meaning is not None else ()
+    for term, fact in zip((said.object, said.place), demands, strict=False):
+        if isinstance(term, syntax.Name) and not getattr(vocabulary.things[term.text], fact):
             possible = tuple(name for name, thing in vocabulary.things.items() if getattr(thing, fact))
             yield Lack(kind=LackKind.FIT, words=syntax.render(call), possible=possible)
     names = [term.text for term in call.terms if isinstance(term, syntax.Name)]
     if len(names) != len(set(names)):
         yield Lack(kind=LackKind.CONTRADICTION, words=syntax.render(call))
     most = sum(thing.contents for thing in vocabulary.things.values())
-    if call.name == "contains" and any(isinstance(term, syntax.Number) and term.value > most for term in call.terms):
+    if said.meaning is Meaning.CONTAINS and said.number is not None and said.number > most:
         yield Lack(kind=LackKind.FIT, words=syntax.render(call), possible=(str(most),))
 
 
 def _find_incapable(formula: syntax.Formula, vocabulary: Vocabulary) -> Iterator[Lack]:
     """Literals that no skill brings about. To end a place is to bring the thing to another."""
     able = vocabulary.capabilities
-    for is_true, call in iter_literals(formula):
-        name = call.name if is_true else f"not {call.name}"
-        is_ended = not is_true and call.name in _PLACES and any(each in able for each in _PLACES)
-        is_flipped = not is_true and OPPOSITES.get(call.name) in able
-        if name not in able and not is_ended and not is_flipped and name != "not moved":
+    places = {each.name for each in get_predicate_library() if _names_place(each.meaning)}
+    for is_true, call in ((is_true, normalize(call)) for is_true, call in iter_literals(formula)):
+        name, meaning = call.name if is_true else f"not {call.name}", read_statement(call).meaning
+        is_ended = not is_true and call.name in places and not places.isdisjoint(able)
+        is_flipped = not is_true and any(each in able for each in list_opposites(call))
+        stays = not is_true and meaning is Meaning.MOVED
+        if name not in able and not is_ended and not is_flipped and not stays:
             yield Lack(kind=LackKind.CAPABILITY, words=name, possible=tuple(able))
 
 
@@ -216,13 +218,25 @@ def _iter_clashes(group: Sequence[syntax.Formula], constraints: Sequence[syntax.
 
 def _excludes(one: _Literal, other: _Literal) -> bool:
     """Whether two conditions exclude each other, as far as their names alone say."""
-    (is_true, call), (is_other_true, second) = one, other
+    (is_true, call), (is_other_true, second) = ((value, normalize(call)) for value, call in (one, other))
+    said, other_said = read_statement(call), read_statement(second)
+    is_place = _names_place(said.meaning)
     if call == second:
         return is_true is not is_other_true
-    if call.name == second.name == "on" and call.terms == second.terms[::-1]:
+    if said.meaning is other_said.meaning is Meaning.ON and call.terms == second.terms[::-1]:
         return is_true and is_other_true
-    if call.terms[:1] == second.terms[:1] and is_true and is_other_true:
-        return second.name == OPPOSITES.get(call.name) or (call.name == second.name and call.name in _PLACES)
-    keeps = second.name == "moved" and not is_other_true
-    moves = call.name in _MOVERS and (is_true or call.name in _PLACES)
-    return keeps and moves and call.terms[1 if call.name == "holding" else 0] == second.terms[0]
+    if said.object == other_said.object and is_true and is_other_true and said.meaning is not Meaning.HOLDING:
+        return second.name in list_opposites(call) or (call.name == second.name and is_place)
+    keeps = other_said.meaning is Meaning.MOVED and not is_other_true
+    moves = said.meaning in _MOVERS and (is_true or is_place)
+    return keeps and moves and said.object == other_said.object
+
+
+def _names_place(meaning: Meaning | None) -> bool:
+    return meaning is not None and meaning.names_place
+
+
+def list_opposites(call: syntax.Call) -> tuple[str, ...]:
+    """Predicates that are false of its object where it is true."""
+    definition = find_definition(call)
+    return definition.excludes if definition is not None else ()

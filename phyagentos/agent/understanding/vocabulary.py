@@ -23,6 +23,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.targets import is_beside
 from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.predicates import syntax
+from phyagentos.protocol.predicates.meaning import normalize
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.descriptions import COLORS
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
@@ -183,7 +184,8 @@ def _find_capabilities(catalogue: Catalogue) -> tuple[str, ...]:
     able = (skill for skill in catalogue.skills.values() if not all(any(find_lacks(skill, each)) for each in targets))
     formulas = (parse_predicate(text, template=True).formula for skill in able for text in skill.guarantees)
     literals = (literal for formula in formulas for literal in iter_literals(formula))
-    return tuple(sorted({call.name if is_true else f"not {call.name}" for is_true, call in literals}))
+    named = ((is_true, normalize(call).name) for is_true, call in literals)
+    return tuple(sorted({name if is_true else f"not {name}" for is_true, name in named}))
 
 
 def iter_literals(formula: syntax.Formula, *, is_true: bool = True) -> Iterator[tuple[bool, syntax.Call]]:

@@ -8,13 +8,13 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.documents.enclosure import leads_out
 
-ENTRY_POINT_GROUP = "phyagentos.libraries"
+LIBRARIES = Plugins[Callable[[], str | Path]]("phyagentos.libraries")
 BEHAVIOURS = "behaviours.py"  # a skill folder's own leaves: `def register(registry)`
 
 
@@ -27,16 +27,14 @@ def find_shipped_root() -> Path:
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """An ordered list of roots, each with any of trees/, skills/, scenes/, robots/, goal_graphs/, protocol/."""
+    """Ordered roots, each with any of trees/, skills/, predicates/, scenes/, robots/, goal_graphs/, protocol/."""
 
     roots: tuple[Path, ...]
 
     @classmethod
     def open(cls, *projects: Path) -> "Library":
         """The library as seen from the given project folders."""
-        announced = [
-            Path(point.load()()) for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda p: p.name)
-        ]
+        announced = [Path(find_root()) for find_root in LIBRARIES.load_all().values()]
         roots: list[Path] = []
         for root in (*projects, *announced, find_shipped_root()):
             resolved = root.resolve()
@@ -64,6 +62,11 @@ class Library:
         """The Python of skills, by skill."""
         paths = (self.get_skill(name).with_name(BEHAVIOURS) for name in self.names_of_skills())
         return (path for path in paths if path.is_file())
+
+    def iter_predicates(self) -> Iterator[Path]:
+        """The Python of predicates, by name of the file; the first root that has one wins."""
+        found = {path.name: path for _, path in reversed(list(self._iter("predicates", "*.py")))}
+        return (found[name] for name in sorted(found))
 
     def names_of_trees(self) -> list[str]:
         """Every tree, sorted."""

@@ -3,19 +3,29 @@
 Preflight compares it with sensors, target and the server's own answer. Its commands are the skill's `action_space`.
 """
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Any, Literal
 
 import pydantic
 
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.capabilities.action_spaces import RotationForm
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.settings.operations import Operation
 from phyagentos.protocol.settings.sensors import ElementType, Length, Modality
 
 POLICY_PROTOCOL = 1  # version of the wire between a policy loop and its server
-SCHEMES = ("tcp", "http", "https", "openpi", "openpis", "onnx")  # of endpoints
 WORLD = "environment_state"  # a stream about things, not about the robot
 MODEL_SCHEME = "onnx"  # its endpoint is a file, run in this process
+POLICY_WIRES = Plugins[Callable[..., Any]](
+    "phyagentos.policy_wires",
+    {
+        **dict.fromkeys(("tcp", "http", "https"), "phyagentos.runtime.policies.client:open_own_wire"),
+        **dict.fromkeys(("openpi", "openpis"), "phyagentos.runtime.policies.openpi_client:OpenpiService"),
+        MODEL_SCHEME: "phyagentos.runtime.policies.client:open_model",
+    },
+)
+"""What opens an endpoint, by its scheme: `open(endpoint, streams) -> PolicyService`, see `phyagentos.policies`."""
 CLIENT_SIDE = frozenset({"endpoint", "execution", "heartbeat_s"})  # fields that no server states of itself
 
 

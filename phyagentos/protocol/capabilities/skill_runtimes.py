@@ -4,6 +4,7 @@ A skill declares its needs, its guarantees and what carries it out, a tree, a po
 call; it holds no code and no limits.
 """
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal, TypeGuard
 
@@ -14,6 +15,7 @@ from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.documents.document import DocumentFormat, split_front_matter
 from phyagentos.protocol.documents.schema import Authored, Located, misfit, parse_library_yaml, read_text, validate
+from phyagentos.protocol.predicates.meaning import read_statement
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.predicates.syntax import Variable, iter_calls
 from phyagentos.protocol.settings.operations import Operation
@@ -73,6 +75,15 @@ ParameterType = Literal[
 ]
 
 
+class ParameterRole(StrEnum):
+    """What an argument is to its skill, where planning, repair and judging have to know it."""
+
+    OBJECT = "object"
+    """What the skill acts on."""
+    SUPPORT = "support"
+    """What the object stands on afterwards; found from the world where no one says it."""
+
+
 class Parameter(Authored):
     """One argument of a skill.
 
@@ -82,6 +93,8 @@ class Parameter(Authored):
     Attributes:
         type: What it takes.
         description: One sentence for people.
+        role: What it is to the skill. A skill without a declared object acts on the first movable thing among its
+            arguments; without a declared support, it is the parameter that is called so.
         unit: Of a number.
         default: Value of an argument that is left out.
         optional: Whether it may be left out without a default.
@@ -94,6 +107,7 @@ class Parameter(Authored):
 
     type: ParameterType
     description: str = ""
+    role: ParameterRole | None = None
     unit: str = ""
     default: Any = None
     optional: bool = False
@@ -258,10 +272,16 @@ def find_roles(skill: SkillRuntime) -> tuple[str, str]:
     """
     named = {key for key, each in skill.parameters.items() if each.type in {"entity", "place"}}
     calls = (call for text in skill.guarantees for call in iter_calls(parse_predicate(text, template=True).formula))
-    variables = ([each.path for each in call.terms if isinstance(each, Variable)] for call in calls)
-    related = ([key for key in keys if key in named] for keys in variables)
+    parts = ((said.object, said.place) for said in map(read_statement, calls))
+    related = ([each.path for each in both if isinstance(each, Variable) and each.path in named] for both in parts)
     thing, place, *_ = [*max(related, key=len, default=[]), "", ""]
-    return thing, place
+    return find_parameter(skill, ParameterRole.OBJECT) or thing, place
+
+
+def find_parameter(skill: SkillRuntime, role: ParameterRole) -> str:
+    """The parameter with a role; empty where the skill has none, or does not declare what it acts on."""
+    declared = next((key for key, each in skill.parameters.items() if each.role is role), "")
+    return declared or (role.value if role is ParameterRole.SUPPORT and role.value in skill.parameters else "")
 
 
 def find_mismatch(parameter: Parameter, value: Any) -> str:

@@ -1,20 +1,21 @@
-"""The registry of predicates: what each is called, takes, measures, and how old its facts may be.
+"""The registry of predicates: what each is called, takes, means, measures, and how old its facts may be.
 
-Installed packages announce `PredicateDefinition`s by the entry point group `phyagentos.predicates` (an iterable).
+Whoever plans, selects, diagnoses or repairs reads what a predicate means, see `meaning`, and never what it is called.
+
+Installed packages announce a `PredicateDefinition`, or several, by the entry point group `phyagentos.predicates`.
 Importing this module registers nothing.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
-from importlib.metadata import entry_points
 
+from phyagentos.errors import DefinitionError
 from phyagentos.geometry import Vector, to_parent
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.world.entity_geometry import compute_center
 from phyagentos.protocol.world.environment import FRESH_S, Entity, Environment, Pose
-
-ENTRY_POINT_GROUP = "phyagentos.predicates"
 
 
 class FactUnknown(Exception):
@@ -42,6 +43,59 @@ class ArgumentKind(StrEnum):
     """The name of a posture of the target that is named before it."""
     NUMBER = "number"
     """A number in the unit that the argument's name carries."""
+
+
+class Meaning(StrEnum):
+    """What a predicate says of its object, for all that plans, diagnoses or repairs; the names are those that ship."""
+
+    INSIDE = "inside"
+    """The object lies in the interior of the place."""
+    ON = "on"
+    """The object stands on the place, and presses on it."""
+    AT = "at"
+    """The object is at the place, which may be a point, up to a tolerance [m]."""
+    NEAR = "near"
+    """The object is close to the place."""
+    CONTAINS = "contains"
+    """At least so many small balls lie in the object."""
+    HOLDING = "holding"
+    """The target, named first, has the object in its hand."""
+    VISIBLE = "visible"
+    """A look shows the object: looking alone brings it about."""
+    EXISTS = "exists"
+    """The object is in the world."""
+    MOVED = "moved"
+    """The object is not where it was at first: every motion of it brings that about."""
+    OPEN = "open"
+    """The joint of the object is open."""
+    CLOSED = "closed"
+    """The joint of the object is closed."""
+    UPRIGHT = "upright"
+    """The object stands."""
+    FALLEN = "fallen"
+    """The object lies on its side."""
+
+    @property
+    def names_place(self) -> bool:
+        """Whether an object has one such place at a time, and leaves it when it is taken."""
+        return self in {Meaning.INSIDE, Meaning.ON, Meaning.AT}
+
+    @property
+    def holds_anywhere(self) -> bool:
+        """Whether it stays true wherever the object is put."""
+        return self in {Meaning.VISIBLE, Meaning.EXISTS}
+
+
+class Part(StrEnum):
+    """What an argument is in the statement."""
+
+    OBJECT = "object"
+    """What the statement is about: the thing that is moved, taken, opened or looked at."""
+    PLACE = "place"
+    """Where that is."""
+
+
+THINGS = (ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,11 +149,15 @@ Resolved = Entity | Place | str | float
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """One argument: name, kind, and a default for numbers that may be left out."""
+    """One argument: name, kind, a default for numbers that may be left out, and what it is in the statement.
+
+    Where no argument of a predicate states its part, the first thing is the object, and the next one the place.
+    """
 
     name: str
     kind: ArgumentKind
     default: float | None = None
+    part: Part | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +172,8 @@ class PredicateDefinition:
         lasting: Whether it describes a lasting state (`inside`) rather than a passing fact (`holding`, `moved`).
         at_rest: Whether it is unknown while a thing that it names moves.
         by_name: True when `measure` takes the names of entities and looks itself.
-        excludes: Other predicates that are false of the same thing where this one is true.
+        excludes: Other predicates that are false of the same thing where this one is true: its opposites.
+        meaning: What it says; None for what is measured and judged, and never planned for or repaired by its meaning.
     """
 
     name: str
@@ -126,6 +185,7 @@ class PredicateDefinition:
     at_rest: bool = False
     by_name: bool = False
     excludes: tuple[str, ...] = ()
+    meaning: Meaning | None = None
     description: str = ""
 
     @property
@@ -134,22 +194,51 @@ class PredicateDefinition:
         shown = [a.name if a.default is None else f"{a.name}={a.default:g}" for a in self.arguments]
         return f"{self.name}({', '.join(shown)})"
 
+    @property
+    def parts(self) -> tuple[Part | None, ...]:
+        """What each argument is in the statement."""
+        if any(argument.part for argument in self.arguments):
+            return tuple(argument.part for argument in self.arguments)
+        left = iter(Part)
+        return tuple(next(left, None) if argument.kind in THINGS else None for argument in self.arguments)
+
+
+PREDICATES = Plugins[PredicateDefinition | Iterable[PredicateDefinition]](
+    "phyagentos.predicates", {"builtins": "phyagentos.protocol.predicates.builtins:BUILTINS"}
+)
+
 
 class PredicateLibrary:
     """Predicates by name."""
 
     def __init__(self) -> None:
         self._definitions: dict[str, PredicateDefinition] = {}
+        self._of_projects: set[str] = set()
 
     def register(self, definition: PredicateDefinition) -> None:
-        """Add one predicate; raises ValueError when the name is taken."""
-        if definition.name in self._definitions:
-            raise ValueError(f"predicate {definition.name!r} is registered already")
+        """Add one predicate; raises DefinitionError `DUPLICATE_PLUGIN` when another one has its name."""
+        if (other := self._definitions.get(definition.name)) is not None:
+            found = f"{definition.name!r} of {definition.measure.__module__} and of {other.measure.__module__}"
+            raise DefinitionError.of("DUPLICATE_PLUGIN", PREDICATES.group, found, "one module for each name")
         self._definitions[definition.name] = definition
+
+    def admit(self, definition: PredicateDefinition) -> None:
+        """Add one of a project, in the place of an earlier project's; raises as `register`."""
+        if definition.name in self._of_projects:
+            del self._definitions[definition.name]
+        self.register(definition)
+        self._of_projects.add(definition.name)
 
     def find(self, name: str) -> PredicateDefinition | None:
         """The predicate of this name, or None."""
         return self._definitions.get(name)
+
+    def get_of_meaning(self, meaning: Meaning) -> PredicateDefinition:
+        """The predicate to write for a meaning, the first that was registered; raises LookupError without any."""
+        for definition in self._definitions.values():
+            if definition.meaning is meaning:
+                return definition
+        raise LookupError(f"no predicate means {meaning!r}")
 
     def names(self) -> list[str]:
         """Every name, sorted."""
@@ -161,14 +250,10 @@ class PredicateLibrary:
 
 @cache
 def get_predicate_library() -> PredicateLibrary:
-    """The built-in predicates and those that installed packages announce."""
-    from phyagentos.protocol.predicates.builtins import BUILTINS
-
+    """The built-in predicates and those that installed packages announce; raises DefinitionError as `Plugins.load`."""
     library = PredicateLibrary()
-    for definition in BUILTINS:
-        library.register(definition)
-    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
-        for definition in point.load():
+    for found in PREDICATES.load_all().values():
+        for definition in (found,) if isinstance(found, PredicateDefinition) else found:
             library.register(definition)
     return library
 

@@ -118,7 +118,7 @@ def parse_predicate(text: str, *, address: str = "predicate", template: bool = F
     Raises:
         DefinitionError: With every problem at `address`: the column, what is possible, the nearest name.
     """
-    predicate, findings = _parse(text, template)
+    predicate, findings = read_formula(text, template)
     if predicate is None or findings:
         problems = [
             Problem(code, address, f"{found} at column {column} of {text!r}", expected, hint)
@@ -136,13 +136,13 @@ def iter_entities(predicate: Predicate) -> Iterator[str]:
 
 def find_entities(text: str) -> tuple[str, ...]:
     """Names of the things and places that a text mentions; none when it is no predicate, as from a model."""
-    predicate, findings = _parse(text, False)
+    predicate, findings = read_formula(text, False)
     return tuple(iter_entities(predicate)) if predicate is not None and not findings else ()
 
 
 def find_formula(text: str) -> syntax.Formula | None:
     """The formula of a text; None when it is no predicate, as from a model."""
-    predicate, findings = _parse(text, False)
+    predicate, findings = read_formula(text, False)
     return predicate.formula if predicate is not None and not findings else None
 
 
@@ -154,14 +154,14 @@ def find_things(text: str, world: Environment) -> tuple[str, ...]:
 
 def iter_metrics(text: str) -> Iterator[str]:
     """Names of the metrics that a predicate compares, left to right; none of text that is no predicate."""
-    predicate, _ = _parse(text, True)
+    predicate, _ = read_formula(text, True)
     names = _iter_names(predicate.formula) if predicate is not None else ()
     return (each.name for each in names if each.kind is ArgumentKind.METRIC)
 
 
 def iter_postures(text: str) -> Iterator[tuple[str, str]]:
     """Each posture that a predicate names, after its target; none of text that is no predicate."""
-    predicate, _ = _parse(text, True)
+    predicate, _ = read_formula(text, True)
     names = _iter_names(predicate.formula) if predicate is not None else ()
     return ((target.name, each.name) for target, each in pairwise(names) if each.kind is ArgumentKind.POSTURE)
 
@@ -187,7 +187,8 @@ _Finding = tuple[str, int, str, str, str]  # code, column, found, expected, hint
 
 
 @lru_cache(maxsize=4096)
-def _parse(text: str, template: bool) -> tuple[Predicate | None, tuple[_Finding, ...]]:
+def read_formula(text: str, template: bool) -> tuple[Predicate | None, tuple[_Finding, ...]]:
+    """A statement and what is wrong with it, by the predicates that are known now."""
     try:
         formula = parse(text)
     except PredicateSyntaxError as error:

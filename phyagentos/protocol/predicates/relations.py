@@ -7,9 +7,9 @@ world, away from the robot's mount: towards greater y.
 import math
 from collections.abc import Iterator
 
-from phyagentos.protocol.predicates.evaluation import Evaluation, evaluate
-from phyagentos.protocol.predicates.library import View
-from phyagentos.protocol.predicates.syntax import Call, Name
+from phyagentos.protocol.predicates.evaluation import evaluate
+from phyagentos.protocol.predicates.library import Meaning, View
+from phyagentos.protocol.predicates.meaning import find_name, make_call
 from phyagentos.protocol.world.entity_geometry import compute_center
 from phyagentos.protocol.world.environment import Entity, Environment, Relation
 from phyagentos.protocol.world.truth import Truth
@@ -31,8 +31,8 @@ def find_places(entity: Entity, environment: Environment) -> list[Relation]:
         return []
     others = [other for other in environment.entities.values() if other.name != entity.name]
     interiors = [*environment.regions, *(other.name for other in others if other.interior)]
-    for name, places in (("inside", interiors), ("on", [other.name for other in others])):
-        found = [relation for place in places if (relation := _judge(name, (entity.name, place), environment))]
+    for meaning, places in ((Meaning.INSIDE, interiors), (Meaning.ON, [other.name for other in others])):
+        found = [relation for place in places if (relation := _judge(environment, meaning, entity.name, place))]
         if found:
             return found
     return []
@@ -41,7 +41,7 @@ def find_places(entity: Entity, environment: Environment) -> list[Relation]:
 def list_inside(place: str, environment: Environment) -> list[str]:
     """Names of the things that are inside of a place."""
     loose = [each.name for each in environment.entities.values() if each.movable and each.name != place]
-    return [name for name in loose if _judge("inside", (name, place), environment)]
+    return [name for name in loose if _judge(environment, Meaning.INSIDE, name, place)]
 
 
 def _iter_places(environment: Environment) -> Iterator[Relation]:
@@ -51,15 +51,15 @@ def _iter_places(environment: Environment) -> Iterator[Relation]:
             measured: dict[str, float | str | bool] = {}
             if entity.held_by in width_m:
                 measured["gripper_width_m"] = round(width_m[entity.held_by], 5)
-            yield _relate("holding", (entity.held_by, entity.name), measured, entity)
+            yield _relate(find_name(Meaning.HOLDING), (entity.held_by, entity.name), measured, entity)
         yield from find_places(entity, environment)
 
 
 def _iter_joints(environment: Environment) -> Iterator[Relation]:
     for entity in environment.entities.values():
         if entity.joint is not None:
-            for name in ("open", "closed"):
-                if relation := _judge(name, (entity.name,), environment):
+            for meaning in (Meaning.OPEN, Meaning.CLOSED):
+                if relation := _judge(environment, meaning, entity.name):
                     yield relation
 
 
@@ -70,7 +70,7 @@ def _iter_neighbours(environment: Environment) -> Iterator[Relation]:
             here, there = compute_center(one), compute_center(other)
             if math.dist(here, there) > NEIGHBOUR_M:
                 continue
-            if relation := _judge("near", (one.name, other.name), environment):
+            if relation := _judge(environment, Meaning.NEAR, one.name, other.name):
                 yield relation
             aside_m = here[1] - there[1]
             if abs(aside_m) > ASIDE_M:
@@ -79,13 +79,14 @@ def _iter_neighbours(environment: Environment) -> Iterator[Relation]:
                 yield _relate("left_of", (pair[0].name, pair[1].name), measured, *pair)
 
 
-def _judge(name: str, arguments: tuple[str, ...], environment: Environment) -> Relation | None:
-    view = View(now=environment, initial=None, target=None)
-    evaluation: Evaluation = evaluate(Call(name, tuple(Name(argument) for argument in arguments)), view)
+def _judge(environment: Environment, meaning: Meaning, object: str, place: str = "") -> Relation | None:
+    call = make_call(meaning, object, place)
+    evaluation = evaluate(call, View(now=environment))
     if evaluation.truth is not Truth.TRUE:
         return None
+    arguments = (object, place) if place else (object,)
     entities = [environment.entities[argument] for argument in arguments if argument in environment.entities]
-    return _relate(name, arguments, dict(evaluation.measured), *entities)
+    return _relate(call.name, arguments, dict(evaluation.measured), *entities)
 
 
 def _relate(

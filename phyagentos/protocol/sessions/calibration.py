@@ -1,4 +1,4 @@
-"""How forecasts compare with what happened: Brier score, that of the base rate, and reliability.
+"""How forecasts compare with what happened: their Brier score, and that of the base rate.
 
 G. W. Brier, "Verification of Forecasts Expressed in Terms of Probability" (1950),
 doi:10.1175/1520-0493(1950)078<0001:VOFEIT>2.0.CO;2. Of the two outcomes one is scored, as is usual: 0 is perfect, and a
@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import msgspec
 
-BINS = 5  # of the reliability table, equally wide
 Z_95 = 1.959964  # two-sided 95 % of the normal distribution
 
 
@@ -46,35 +45,12 @@ class TrackRecord(msgspec.Struct, frozen=True, kw_only=True):
         return f"Brier score {self.brier:.3f}, base rate {self.base_brier:.3f}, {self.cases} cases"
 
 
-class Bin(msgspec.Struct, frozen=True):
-    """Forecasts from `low` to `high`: how many, their mean, and how many of the sessions succeeded."""
-
-    low: float
-    high: float
-    cases: int
-    foreseen: float
-    succeeded: int
-
-
 def compute_record(scored: Sequence[Scored]) -> TrackRecord:
     """The worth of some forecasts, at least one."""
     cases, succeeded = len(scored), sum(each.succeeded for each in scored)
     base = [Scored((succeeded - each.succeeded + 1) / (cases + 1), each.succeeded) for each in scored]
     brier, base_brier = (fmean((each.chance - each.succeeded) ** 2 for each in some) for some in (scored, base))
     return TrackRecord(cases=cases, brier=brier, base_brier=base_brier)
-
-
-def compute_reliability(scored: Sequence[Scored]) -> tuple[Bin, ...]:
-    """The bins that hold forecasts, from unlikely to likely; a chance of 1 is in the last one."""
-    bins: dict[int, list[Scored]] = {}
-    for each in sorted(scored):
-        bins.setdefault(min(int(each.chance * BINS), BINS - 1), []).append(each)
-    return tuple(
-        Bin(
-            at / BINS, (at + 1) / BINS, len(mine), fmean(one.chance for one in mine), sum(one.succeeded for one in mine)
-        )
-        for at, mine in bins.items()
-    )
 
 
 def compute_interval(successes: float, trials: float) -> tuple[float, float]:

@@ -8,12 +8,12 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.capabilities.forecasters import DEFAULT
 from phyagentos.protocol.sessions.calibration import TrackRecord, compute_interval
 from phyagentos.protocol.sessions.strategy import Strategy
-from phyagentos.protocol.settings.forecasting import SHIPPED
 
 LOOKAHEAD = "lookahead.json"  # LookaheadResult; absent when none was requested
-ROLLOUTS = f"{SHIPPED.name}/1"  # name and version; before there were others, results did not say it
+ROLLOUTS = f"{DEFAULT}/1"  # name and version; before there were others, results did not say it
 
 
 class LookaheadRequest(msgspec.Struct, frozen=True, kw_only=True):
@@ -30,7 +30,7 @@ class LookaheadRequest(msgspec.Struct, frozen=True, kw_only=True):
     samples: int = 16
     threshold: float = 0.7
     seed: int = 0
-    forecasters: tuple[str, ...] = (SHIPPED.name,)
+    forecasters: tuple[str, ...] = (DEFAULT,)
     distrusted: dict[str, TrackRecord] = {}
 
 

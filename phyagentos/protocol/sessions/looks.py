@@ -7,6 +7,7 @@ and `look.json`, which describes them. `looks.json` names the looks of a session
 import hashlib
 import zipfile
 from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -104,50 +105,65 @@ class StoredLook(msgspec.Struct, frozen=True, kw_only=True):
     captures: tuple[tuple[StoredRequest, StoredFrames], ...] = ()
 
 
-def format_picture(camera: str, time_s: float) -> str:
-    """`camera@time`: the first part of a pointer."""
+@dataclass(frozen=True, slots=True)
+class Pointer:
+    """Where a thing was seen: left, top, width and height in pixels of a whole picture, and the stamp of that [s]."""
+
+    camera: str
+    time_s: float
+    window: Window
+
+    def __str__(self) -> str:
+        """`camera@time:left,top,width,height`."""
+        return f"{self.picture}:{','.join(map(str, self.window))}"
+
+    @classmethod
+    def parse(cls, text: str) -> "Pointer | None":
+        """The pointer of a text; None of one that names no pixels."""
+        picture, _, pixels = text.partition(":")
+        camera, _, stamp = picture.partition("@")
+        try:
+            left, top, width, height = map(int, pixels.split(","))
+            return cls(camera, float(stamp), (left, top, width, height))
+        except ValueError:
+            return None
+
+    @classmethod
+    def parse_all(cls, texts: Iterable[str]) -> "list[Pointer]":
+        """Those of the texts that name pixels."""
+        return [pointer for text in texts if (pointer := cls.parse(text)) is not None]
+
+    @property
+    def picture(self) -> str:
+        """The picture, as `name_picture` does."""
+        return name_picture(self.camera, self.time_s)
+
+    @property
+    def area_px(self) -> int:
+        """Pixels of the window."""
+        return self.window[2] * self.window[3]
+
+
+def name_picture(camera: str, time_s: float) -> str:
+    """`camera@time` of a picture, in milliseconds."""
     return f"{camera}@{time_s:.3f}"
 
 
-def get_picture(pointer: str) -> str:
-    """The picture of a pointer, as `format_picture` names it."""
-    return pointer.partition(":")[0]
-
-
-def format_pointer(camera: str, time_s: float, box: Window) -> str:
-    """Where a thing was seen: `camera@time:left,top,width,height`, in pixels of the whole picture."""
-    return f"{format_picture(camera, time_s)}:{','.join(map(str, box))}"
-
-
-def find_window(pointer: str) -> Window | None:
-    """The pixels of a pointer; None of one that names none."""
-    try:
-        left, top, width, height = (int(part) for part in pointer.partition(":")[2].split(","))
-    except ValueError:
-        return None
-    return left, top, width, height
-
-
-def shows(captures: Iterable[tuple[Any, Any]], pointer: str) -> bool:
+def shows(captures: Iterable[tuple[Any, Any]], pointer: Pointer | None) -> bool:
     """Whether a picture holds all pixels of a pointer; a thinned one, as far as its rows and columns reach.
 
     Args:
         captures: Requests (`crops`, `every`) and answers (`frames`) of the cameras, as recorded or as they are read.
-        pointer: See `format_pointer`.
+        pointer: None shows nowhere.
     """
-    name, _, at = get_picture(pointer).partition("@")
-    try:
-        time_s = float(at)
-    except ValueError:
+    if pointer is None:
         return False
-    if (window := find_window(pointer)) is None:
-        return False
-    left, top, width, height = window
+    left, top, width, height = pointer.window
     for request, answer in captures:
         slack = request.every - 1
         for frame in answer.frames:
             x, y, columns, rows = request.crops.get(frame.camera, (0, 0, frame.width, frame.height))
-            is_same = frame.camera == name and abs(time_s - frame.time_s) < TIME_TOLERANCE_S
+            is_same = frame.camera == pointer.camera and abs(pointer.time_s - frame.time_s) < TIME_TOLERANCE_S
             is_within = x - slack <= left and left + width <= x + columns + slack
             if is_same and is_within and y - slack <= top and top + height <= y + rows + slack:
                 return True
@@ -228,5 +244,5 @@ def find_look_problems(folder: Path, worlds: Iterable[Environment], gone: Collec
         for world in worlds
         for entity in world.entities.values()
         for pointer in entity.evidence
-        if not any(shows(look.captures, pointer) for look in looks)
+        if not any(shows(look.captures, Pointer.parse(pointer)) for look in looks)
     ]

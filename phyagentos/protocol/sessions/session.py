@@ -126,6 +126,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         skill: Name in SKILLRUNTIME.md.
         target: Name in TARGETS.md.
         parameters: The skill's arguments, fully substituted.
+        acts_on: The parameter that names what it acts on; empty where its skill declares none.
         requires: Predicates that must hold before it starts.
         hold: Predicates that must hold all through.
         accept: Predicates that decide acceptance.
@@ -166,6 +167,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     priority: int = 0
     resources: tuple[str, ...] = ()
     reset_policy: ResetPolicy = ResetPolicy.ON_NEW_EPISODE
+    acts_on: str = ""
     purpose: str = ""
     advice: tuple[str, ...] = ()
     advised_by: tuple[str, ...] = ()
@@ -181,6 +183,14 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         """Longest execution in the target's own time [s]: its own limit, or what the goal's budget left."""
         own_s = self.limits.timeout_s
         return own_s if self.goal_left_s is None else min(own_s, self.goal_left_s)
+
+    def find_object(self, world: Environment) -> str | None:
+        """The movable thing that it acts on; without a declared one, the first among its arguments. None without any.
+
+        Of a list, the first.
+        """
+        declared = self.parameters.get(self.acts_on)
+        return world.find_movable(self.parameters.values() if declared is None else (declared,))
 
     def make_view(
         self, now: Environment, initial: Environment | None, metrics: Mapping[str, float] | None = None

@@ -3,7 +3,26 @@
 On disk its keys are the fields' names; what is not done differently is left out.
 """
 
+from typing import NamedTuple
+
 import msgspec
+
+
+class SiteLabel(NamedTuple):
+    """A way to put something down: the site, and how the hand comes to it."""
+
+    site: str
+    approach: str
+
+    def __str__(self) -> str:
+        """`site4.yaw+090`."""
+        return f"{self.site}.{self.approach}"
+
+    @classmethod
+    def parse(cls, label: str) -> "SiteLabel":
+        """What a label of a trace or a strategy names; one of a site alone names any approach."""
+        site, _, approach = label.partition(".")
+        return cls(site, approach)
 
 
 class Strategy(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -5,7 +5,7 @@ Diagnosis and repair rest on the roles that leaves declare; names of leaves are 
 
 from collections.abc import Iterable
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -65,6 +65,23 @@ _OF_EARLIER_BUNDLES = {
     "policy": Role.ACT,
 }
 """Leaf -> role, for bundles that were recorded before leaves declared theirs."""
+
+
+class Contact(NamedTuple):
+    """Two bodies that a planned motion would bring together; a planner counts them among its reasons."""
+
+    body: str
+    other: str
+
+    def __str__(self) -> str:
+        """`link5|wall`."""
+        return "|".join(self)
+
+    @classmethod
+    def parse(cls, reason: str) -> "Contact | None":
+        """The contact that a reason names; None of another reason."""
+        body, bar, other = reason.partition("|")
+        return cls(body, other) if bar else None
 
 
 class TraceEvent(msgspec.Struct, frozen=True, kw_only=True):

@@ -4,12 +4,12 @@ No data leaves the machine unless `vision` is configured here and named among th
 """
 
 from enum import StrEnum
-from importlib.metadata import entry_points
 from typing import Annotated, Self
 
 import pydantic
 
 from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.settings.verification_mode import VerificationMode
@@ -90,7 +90,7 @@ class Verification(Authored):
     def _check_names(cls, names: tuple[str, ...]) -> tuple[str, ...]:
         if set(names) <= set(JudgeName):
             return names
-        known = sorted({*map(str, JudgeName), *entry_points(group=JUDGE_ENTRY_POINTS).names})  # none is loaded
+        known = Plugins(JUDGE_ENTRY_POINTS, dict.fromkeys(JudgeName)).names()  # none is loaded
         for name in names:
             if name not in known:
                 raise ValueError(

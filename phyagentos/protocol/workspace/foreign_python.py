@@ -1,4 +1,4 @@
-"""The Python of skills in a workspace's own copies, where it is not what the project of the user holds.
+"""The Python of skills and predicates in a workspace's own copies, where it is not what the project of the user holds.
 
 Workers execute it. A workspace from elsewhere must not run code that its user never saw, so it is named first.
 Rejected: a mark of trust in the workspace, which could come with it.
@@ -14,14 +14,17 @@ from phyagentos.protocol.workspace.workspace import Workspace
 def find_foreign_python(workspace: Workspace, known: Library) -> list[Path]:
     """Each `behaviours.py` of the copies whose skill folder holds a file unlike that in every known library.
 
-    Libraries inside the workspace do not count as known.
+    And each file of predicates that none of these holds. Libraries inside the workspace do not count as known.
     """
     roots = [root for root in known.roots if not root.is_relative_to(workspace.root)]
-    return [
+    copies = workspace.library()
+    leaves = [
         path
-        for path in workspace.library().iter_behaviours()
+        for path in copies.iter_behaviours()
         if not any(_is_part_of(path.parent, root / "skills" / path.parent.name) for root in roots)
     ]
+    known_bytes = [path.read_bytes() for root in roots for path in Library((root,)).iter_predicates()]
+    return [*leaves, *(path for path in copies.iter_predicates() if path.read_bytes() not in known_bytes)]
 
 
 def _is_part_of(folder: Path, other: Path) -> bool:

@@ -23,7 +23,7 @@ from phyagentos.protocol.sessions.session import GoalId, SessionId
 MARKER = "workspace.yaml"
 _TARGETS = "\ntargets:\n"  # in safety.yaml, before the limits of each
 _LOCK = ".create.lock"
-_LIBRARY_FOLDERS = ("trees", "skills", "scenes", "robots")
+_LIBRARY_FOLDERS = ("trees", "skills", "predicates", "scenes", "robots")
 _COPIED_WHOLE = frozenset({"skills", "robots"})  # one folder is one thing: never a mixture of two roots
 _LITTER = ("__pycache__", ".*")
 
@@ -44,7 +44,7 @@ class Workspace:
 
     root: Path
 
-    library_root = _Place("library")  # copies of trees/, skills/, scenes/, robots/
+    library_root = _Place("library")  # copies of trees/, skills/, predicates/, scenes/, robots/
     sessions = _Place("sessions")  # the journal, one folder a partition
     goals = _Place("goals")  # goal graphs as submitted, `<goal id>.yaml`
     evidence = _Place("evidence")  # bundles, one folder a session

@@ -359,10 +359,7 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         return [*(name for name, entity in self.entities.items() if entity.movable), *self.never_seen]
 
     def find_movable(self, names: Iterable[object]) -> str | None:
-        """The first of these names that is a movable thing; None when none is.
-
-        Of a session's parameters in the skill's order, lists included, it is what the skill acts on.
-        """
+        """The first of these names, lists included, that is a movable thing; None when none is."""
         flat = (name for each in names for name in (each if isinstance(each, list | tuple) else (each,)))
         things = (name for name in flat if isinstance(name, str) and name in self.entities)
         return next((name for name in things if self.entities[name].movable), None)

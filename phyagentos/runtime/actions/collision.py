@@ -8,9 +8,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.actions.set_points import Array
-from phyagentos.runtime.motion.planning_scene import Pair, PlanningScenes, name_pair
+from phyagentos.runtime.motion.planning_scene import Pair, PlanningScenes
 from phyagentos.runtime.motion.requests import World
 from phyagentos.runtime.motion.robot_model import build_robot_model
 
@@ -50,4 +51,4 @@ class PostureCollision:
         """
         self._scene.spread_fingers(width_m, width_m)
         pairs = self._scene.find_contacts(q_rad, self._depth_max_m)
-        return next((name_pair(pair) for pair in pairs if pair not in self._touched), "")
+        return next((str(Contact(*pair)) for pair in pairs if pair not in self._touched), "")

@@ -3,7 +3,6 @@
 It carries the session's authority (session, epoch, sequence number, expiry); the guard judges every command.
 """
 
-from collections import deque
 from collections.abc import Callable, Collection
 from typing import Any, NoReturn
 
@@ -19,23 +18,16 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.collision import PostureCollision
 from phyagentos.runtime.actions.guard import Ruling, SafetyGuard
 from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.actions.target_link import TargetLink
 from phyagentos.runtime.actions.violations import Intervention, Violation
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.server import Loopback
+from phyagentos.runtime.targets.driver import VERBS
 from phyagentos.runtime.targets.wire import ReplyT
 
 EXPIRY_PERIODS = 3  # an older command was made for a state that has passed
-REPLY_TIMEOUT_S = 10.0  # a control period takes milliseconds
-LOAD_TIMEOUT_S = 120.0  # a scene with meshes compiles in seconds
 
-OPERATIONS: dict[type[wire.Request], str] = {  # of a session; other requests belong to the worker
-    wire.Command: "apply",
-    wire.Observe: "observe",
-    wire.Halt: "halt",
-    wire.Settle: "settle",
-    wire.Capture: "observe",
-}
+OPERATIONS = {kind: verb.operation for kind, verb in VERBS.items() if verb.operation}  # of a session's manifest
 
 
 class CommandRefused(ExecutionError):
@@ -63,7 +55,7 @@ class TargetSessionHandle:
         sees_truth: Whether observations come with the ground truth (`sensing: truth`).
 
     Attributes:
-        is_ending: Whether the session is to end; called while a motion waits for other targets of a shared world.
+        link: To the target; its `is_ending` says whether the session is to end.
         is_pausing: Whether the session is to rest; for skills without an end of a motion to rest at.
         token: Of the epoch that begins next.
 
@@ -80,13 +72,11 @@ class TargetSessionHandle:
         collision: PostureCollision | None = None,
         sees_truth: bool = False,
     ) -> None:
-        self.is_ending: Callable[[], bool] = lambda: False
         self.is_pausing: Callable[[], bool] = lambda: False
         self.token = b""
         self._is_stopped, self._collision, self._sees_truth = is_stopped, collision, sees_truth
         self._interventions: list[Intervention] = []
-        self._connection = connection
-        self._local = connection if isinstance(connection, Loopback) else None
+        self.link = TargetLink(connection)
         self._limits = limits
         self._description: wire.Description | None = None
         self._loaded: tuple[Scene, wire.Loaded] | None = None  # this connection's world; no other one loads scenes
@@ -96,8 +86,6 @@ class TargetSessionHandle:
         self._epoch = 0
         self._sequence = 0
         self._step: wire.Step | None = None
-        self._sent: deque[wire.Command | wire.Capture] = deque()  # whose replies were not collected
-        self._reports: deque[wire.Reply] = deque()  # of the oldest of them, where another request followed
         self._rests = True
         self._permitted: frozenset[str] = frozenset((*OPERATIONS.values(), wire.RENDER))
 
@@ -112,7 +100,8 @@ class TargetSessionHandle:
     def describe(self) -> wire.Description:
         """The target's description; requested once a scene."""
         if self._description is None:
-            self._description = self._ask(wire.Describe(), wire.Description)
+            self._description = self._ask(wire.Describe())
+            self.link.shares_time = self._description.shares_time
         return self._description
 
     def load(self, scene: Scene, snapshot: bytes = b"", *, may_reset: bool = True) -> wire.Loaded:
@@ -130,17 +119,16 @@ class TargetSessionHandle:
         request = wire.LoadScene(
             scene=scene.name, seed=scene.seed, episode=scene.episode, snapshot=snapshot, may_reset=may_reset
         )
-        loaded = self._ask(request, wire.Loaded, LOAD_TIMEOUT_S)
+        loaded = self._ask(request)
         self._loaded = None if snapshot else (scene, loaded)
         return loaded
 
     def begin(self, session: str, epoch: int) -> wire.Observation:
         """Take authority for one session, and observe once, with a snapshot."""
         description = self.describe()
-        self._ask(wire.Begin(session=session, epoch=epoch, token=self.token), wire.Ack)
+        self._ask(wire.Begin(session=session, epoch=epoch, token=self.token))
         self._session, self._epoch, self._sequence, self._rests = session, epoch, 0, True
-        self._sent.clear()
-        self._reports.clear()
+        self.link.clear()
         observation = self.observe(snapshot=True)
         if self._made is None or self._made[0] is not description:
             touch = self._collision.find_contact if self._collision is not None else None
@@ -204,7 +192,7 @@ class TargetSessionHandle:
             self.settle(0.0)
         period_s = description.physics_step_s * description.steps_per_command
         now = self.step
-        if ahead := sum(isinstance(each, wire.Command) for each in self._sent):
+        if ahead := self.link.n_commands:
             now = msgspec.structs.replace(now, time_s=now.time_s + ahead * period_s)
         command = wire.Command(
             session=self._session,
@@ -221,8 +209,7 @@ class TargetSessionHandle:
             self._refuse(ruling)
         self._sequence += 1
         self._rests = not ruling.command.qd_rad_s[-1].any()
-        self._submit(ruling.command)
-        self._sent.append(ruling.command)
+        self._send(ruling.command)
 
     def collect(self) -> wire.Step:
         """The report of the oldest command that was sent.
@@ -231,33 +218,28 @@ class TargetSessionHandle:
             CommandRefused: By the target, which refuses those behind it as well, or stopped by its own means.
         """
         try:
-            self._step = self._expect(self._sent[0], self._take_report(), wire.Step)
+            self._step = self._expect(wire.Command, self.link.collect())
             if self._step.stopped:
                 message = f"the target stopped by itself in the middle of a command: {self._step.stopped}"
                 raise CommandRefused(self._step.stopped, message, "target", reaction="stop_category_2")
         except CommandRefused:
-            while self._sent:
-                self._take_report()
+            while self.link.n_sent:
+                self.link.collect()
             raise
         return self._step
 
     def request_frames(self, capture: wire.Capture) -> None:
         """Request the frames at the end of the command that was sent last; `collect_frames` returns them."""
-        self._submit(capture)
-        self._sent.append(capture)
+        self._send(capture)
 
     def collect_frames(self) -> wire.Frames:
         """The frames that were requested behind the command whose report was collected last."""
-        return self._expect(self._sent[0], self._take_report(), wire.Frames)
-
-    def _take_report(self) -> wire.Reply:
-        request = self._sent.popleft()
-        return self._reports.popleft() if self._reports else self._receive(request)
+        return self._expect(wire.Capture, self.link.collect())
 
     @property
     def is_reporting(self) -> bool:
         """Whether something was sent whose reply was not collected."""
-        return bool(self._sent)
+        return bool(self.link.n_sent)
 
     def take_interventions(self) -> list[Intervention]:
         """Changes of the guard since the last call; for the evidence."""
@@ -275,7 +257,7 @@ class TargetSessionHandle:
 
     def observe(self, *, snapshot: bool = False) -> wire.Observation:
         """The present sensing, with the target's snapshot of the same moment on request; time does not move."""
-        return self._ask(wire.Observe(truth=self._sees_truth, snapshot=snapshot), wire.Observation)
+        return self._ask(wire.Observe(truth=self._sees_truth, snapshot=snapshot))
 
     def read_neighbours(self) -> tuple[wire.Neighbour, ...]:
         """The other robots of a shared world as they stand and move now; none where time is not shared."""
@@ -290,26 +272,26 @@ class TargetSessionHandle:
             return ""
         request = wire.Announce(session=self._session, epoch=self._epoch, q_rad=q_rad, beside=beside)
         try:
-            return self._ask(request, wire.Admission).blocked_by
+            return self._ask(request).blocked_by
         except CommandRefused:
             return ""
 
     def halt(self, category: int = 2) -> wire.Step:
         """Let the target bring itself to rest, by a stop of this category."""
-        self._step = self._ask(wire.Halt(session=self._session, epoch=self._epoch, category=category), wire.Step)
+        self._step = self._ask(wire.Halt(session=self._session, epoch=self._epoch, category=category))
         return self._step
 
     def settle(self, duration_s: float) -> wire.Step:
         """Hold still for `duration_s` [s] of the target's time."""
         request = wire.Settle(session=self._session, epoch=self._epoch, duration_s=duration_s)
-        self._step = self._ask(request, wire.Step)
+        self._step = self._ask(request)
         if self._guard is not None and not self._sequence:  # the first command begins where the arm stands now
             self._guard.begin_again(np.asarray(self._step.target.q_rad, dtype=np.float64))
         return self._step
 
     def end(self) -> wire.Ended:
         """Give authority back."""
-        ended = self._ask(wire.End(session=self._session, epoch=self._epoch), wire.Ended)
+        ended = self._ask(wire.End(session=self._session, epoch=self._epoch))
         self._guard, self._step = None, None
         return ended
 
@@ -327,48 +309,34 @@ class TargetSessionHandle:
 
     def _invoke(self, tool: str, **arguments: Any) -> wire.ToolResult:
         request = wire.InvokeTool(name=tool, arguments=arguments, session=self._session, epoch=self._epoch)
-        return self._ask(request, wire.ToolResult, LOAD_TIMEOUT_S)
+        return self._ask(request)
 
     def capture(
         self, cameras: tuple[str, ...] = (), crops: dict[str, wire.Crop] | None = None, every: int = 1
     ) -> wire.Frames:
         """The latest frames of these RGB-D cameras, all of them when none is named; time does not move."""
-        return self._ask(wire.Capture(cameras=cameras, crops=crops or {}, every=every), wire.Frames, LOAD_TIMEOUT_S)
+        return self._ask(wire.Capture(cameras=cameras, crops=crops or {}, every=every))
 
-    def _ask(self, request: wire.Request, expected: type[ReplyT], timeout_s: float = REPLY_TIMEOUT_S) -> ReplyT:
-        while len(self._reports) < len(self._sent):  # of earlier commands, which are answered first
-            self._reports.append(self._receive(self._sent[len(self._reports)]))
-        self._submit(request)
-        return self._expect(request, self._receive(request, timeout_s), expected)
+    def _ask(self, request: wire.RequestFor[ReplyT]) -> ReplyT:
+        self._check_permitted(VERBS[type(request)].operation)
+        return self._expect(type(request), self.link.ask(request))
 
-    def _submit(self, request: wire.Request) -> None:
-        if (operation := OPERATIONS.get(type(request))) is not None:
-            self._check_permitted(operation)
-        if self._local is None:
-            wire.send_request(self._connection, request)
-        elif isinstance(request, wire.Command | wire.Capture):
-            self._local.send_ahead(request)
+    def _send(self, request: wire.Command | wire.Capture) -> None:
+        self._check_permitted(VERBS[type(request)].operation)
+        self.link.send(request)
 
-    def _receive(self, request: wire.Request, timeout_s: float = REPLY_TIMEOUT_S) -> wire.Reply:
-        """The next reply, which is that of `request`."""
-        if self._local is not None:
-            return self._local.ask(request, self.is_ending)
-        if self._shares_time and isinstance(request, wire.MOTIONS):
-            return wire.await_reply(self._connection, wire.SHARED_TIMEOUT_S, self.is_ending)
-        return wire.await_reply(self._connection, timeout_s)
-
-    def _expect(self, request: wire.Request, reply: wire.Reply, expected: type[ReplyT]) -> ReplyT:
+    def _expect(self, kind: type[wire.RequestFor[ReplyT]], reply: wire.Reply) -> ReplyT:
         if isinstance(reply, wire.Refused):
-            message = f"the target refused {type(request).__name__}: {reply.message}"
+            message = f"the target refused {kind.__name__}: {reply.message}"
             raise CommandRefused(reply.code, message, "target")
-        return wire.require(request, reply, expected)
+        return wire.require(kind, reply)
 
     def _check_permitted(self, operation: str) -> None:
-        if operation not in self._permitted:
+        if operation and operation not in self._permitted:
             message = f"{operation!r} is not in the manifest of the session"
             raise CommandRefused("OPERATION_FORBIDDEN", message, "handle")
 
     @property
     def _shares_time(self) -> bool:
         """Whether other targets move in the same time; another worker may begin an episode there, too."""
-        return self._description is not None and self._description.shares_time
+        return self.link.shares_time and self._description is not None

@@ -6,8 +6,9 @@ does not show well enough for a verdict keeps the target free: the agent may hav
 
 from msgspec.structs import replace
 
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import read_meanings
 from phyagentos.protocol.predicates.predicate import find_things, parse_predicate
-from phyagentos.protocol.predicates.syntax import iter_calls
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
@@ -38,7 +39,7 @@ def is_marginal(session: Session, initial: Environment, now: Environment) -> boo
 def is_start_marginal(session: Session, initial: Environment) -> bool:
     """Whether a later `moved` could not be decided by a look that is less sharp, at what has not moved."""
     criteria = map(parse_predicate, (*session.accept, *session.hold))
-    comparing = [each for each in criteria if any(call.name == "moved" for call in iter_calls(each.formula))]
+    comparing = [each for each in criteria if Meaning.MOVED in read_meanings([each.text])]
     entities = initial.entities.items()
     blurred = {key: replace(each, turn_std_rad=BLURRED * each.turn_std_rad) for key, each in entities}
     view = session.make_view(replace(initial, entities=blurred), initial)

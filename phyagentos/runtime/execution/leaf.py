@@ -18,8 +18,12 @@ from py_trees.ports import NoDataAvailable, PortInformation
 from py_trees.ports_utils import is_instance_of_type
 
 from phyagentos.errors import PhyAgentOSError
+from phyagentos.geometry import Vector
 from phyagentos.protocol.sessions.trace import Role
+from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.execution.first_motions import Foreseen, foresee_by_role
+from phyagentos.runtime.perception.world_model import BELIEF
 
 __all__ = ["FailureCode", "Leaf", "LeafError", "PortInformation", "Role", "Status"]
 
@@ -67,7 +71,7 @@ class LeafError(PhyAgentOSError):
 
 
 class Leaf(Behaviour):
-    """One action or question of a skill; `ROLE` stands in every trace event.
+    """One action or question of a skill; `ROLE` stands in every trace event, unstated it moves nothing (`SENSE`).
 
     Attributes:
         path: Slash-separated names from the root of the tree.
@@ -76,7 +80,7 @@ class Leaf(Behaviour):
         activations: Number of starts.
     """
 
-    ROLE: ClassVar[Role]
+    ROLE: ClassVar[Role] = Role.SENSE
     INPUT_PORTS: Mapping[str, PortInformation] = {}
     OUTPUT_PORTS: Mapping[str, PortInformation] = {}
 
@@ -107,6 +111,19 @@ class Leaf(Behaviour):
         for port, declared in self.OUTPUT_PORTS.items():
             if declared.has_default:
                 self.write(port, copy.deepcopy(declared.default_value))
+
+    @property
+    def belief(self) -> Environment:
+        """The world as it is believed now: what is held has moved with the hand, nothing is looked at anew."""
+        return self.context.world.observe(BELIEF)
+
+    @classmethod
+    def foresee(cls, wired: Mapping[str, Any], path: str) -> Foreseen:
+        """What it surely does first with these inputs, for a dry run; override it where its role does not say it.
+
+        Inputs that only the running tree knows are None or absent; `path` is its own.
+        """
+        return foresee_by_role(cls.ROLE, wired, path)
 
     def on_start(self) -> Status:
         """First tick of an activation."""
@@ -179,6 +196,11 @@ class Leaf(Behaviour):
             return self.read(port)
         except NoDataAvailable:
             return None
+
+    def find_point(self, port: str) -> Vector | None:
+        """The point [m] of an optional input, or None when nothing was written to it."""
+        point = self.find(port)
+        return None if point is None else (float(point[0]), float(point[1]), float(point[2]))
 
     def write(self, port: str, value: Any) -> None:
         """Write an output; whole numbers pass as numbers."""

@@ -1,23 +1,21 @@
 """The explicit registry of leaves; importing a module registers nothing.
 
-Leaves come from this package, from installed packages (entry point group `phyagentos.leaves`: a function that takes
-the registry) and from a skill folder's own `behaviours.py`. Such a file is executed by `build_registry` alone, for
-workers; who only reads a project takes the names of its leaves from the text.
+Leaves come from this package, from installed packages (entry point group `phyagentos.leaves`: a subclass of `Leaf`, or
+a function that takes the registry) and from a skill folder's own `behaviours.py`. Such a file is executed by
+`build_registry` alone, for workers; who only reads a project takes the names of its leaves from the text.
 """
 
 import ast
-import importlib.util
 import operator
-from collections.abc import Iterable
-from importlib.metadata import entry_points
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError
+from phyagentos.plugins import Plugins, read_source, run_file
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Tree
-from phyagentos.runtime.execution.leaf import Leaf, Role
-
-ENTRY_POINT_GROUP = "phyagentos.leaves"
+from phyagentos.runtime.execution.leaf import Leaf
+from phyagentos.runtime.execution.leaves.builtin import BUILTIN
 
 
 class LeafRegistry:
@@ -32,11 +30,10 @@ class LeafRegistry:
         """Add a leaf.
 
         Raises:
-            DefinitionError: `DUPLICATE_LEAF` when another class has the name; `NOT_A_LEAF` without a declared role.
+            DefinitionError: `DUPLICATE_LEAF` when another class has the name; `NOT_A_LEAF`.
         """
-        if not all((issubclass(leaf, Leaf), isinstance(getattr(leaf, "ROLE", None), Role))):
-            expected = "a subclass of execution.leaf.Leaf that declares its ROLE"
-            raise DefinitionError.of("NOT_A_LEAF", name, repr(leaf), expected)
+        if not issubclass(leaf, Leaf):
+            raise DefinitionError.of("NOT_A_LEAF", name, repr(leaf), "a subclass of phyagentos.skills.Leaf")
         existing = self._classes.get(name)
         if existing is not None and existing is not leaf:
             found = f"{name!r}, already {existing.__module__}.{existing.__qualname__}"
@@ -78,6 +75,9 @@ class LeafRegistry:
         return leaf
 
 
+LEAVES = Plugins[type[Leaf] | Callable[[LeafRegistry], None]]("phyagentos.leaves", BUILTIN)
+
+
 def build_registry(library: Library) -> LeafRegistry:
     """Built-in leaves, then those of installed packages, then those of the library's skills, whose Python is executed.
 
@@ -104,14 +104,9 @@ def read_registry(library: Library) -> LeafRegistry:
 
 def read_leaf_names(path: Path) -> list[str]:
     """The names in calls `registry.register("name", …)` of a file; raises DefinitionError `BROKEN_BEHAVIOURS`."""
-    try:
-        tree = ast.parse(path.read_bytes())
-    except (SyntaxError, ValueError, RecursionError, MemoryError, OSError) as error:
-        address = f"{path}:{getattr(error, 'lineno', None) or 1}:{getattr(error, 'offset', None) or 1}"
-        raise DefinitionError.of("BROKEN_BEHAVIOURS", address, f"{type(error).__name__}: {error}", "Python") from error
     return [
         node.args[0].value
-        for node in ast.walk(tree)
+        for node in ast.walk(read_source(path, "BROKEN_BEHAVIOURS"))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "register"
         if node.args and isinstance(node.args[0], ast.Constant) and isinstance(node.args[0].value, str)
     ]
@@ -119,12 +114,12 @@ def read_leaf_names(path: Path) -> list[str]:
 
 def _build_installed() -> LeafRegistry:
     """Leaves of this package and of installed ones."""
-    from phyagentos.runtime.execution.leaves.builtin import register_builtin
-
     registry = LeafRegistry()
-    register_builtin(registry)
-    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
-        point.load()(registry)
+    for name, found in LEAVES.load_all().items():
+        if isinstance(found, type):
+            registry.register(name, found)
+        else:
+            found(registry)
     return registry
 
 
@@ -134,17 +129,7 @@ def register_file(registry: LeafRegistry, path: Path) -> None:
     Raises:
         DefinitionError: `BROKEN_BEHAVIOURS` when the file cannot be loaded or has no `register`.
     """
-    spec = importlib.util.spec_from_file_location(f"phyagentos_skill_{path.parent.name}", path)
-    if spec is None or spec.loader is None:
-        raise DefinitionError.of("BROKEN_BEHAVIOURS", str(path), "not a Python file")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        exec(compile(path.read_bytes(), path, "exec"), module.__dict__)  # the text, never a cached .pyc beside it
-        register = module.register
-    except DefinitionError:
-        raise
-    except Exception as error:
-        raise DefinitionError.of(
-            "BROKEN_BEHAVIOURS", str(path), f"{type(error).__name__}: {error}", "a function register(registry)"
-        ) from error
+    register = run_file(path, "BROKEN_BEHAVIOURS").get("register")
+    if not callable(register):
+        raise DefinitionError.of("BROKEN_BEHAVIOURS", str(path), "no such function", "a function register(registry)")
     register(registry)

@@ -16,7 +16,7 @@ from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import FailureCode, LeafError
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillRuntime, SkillStatus, TickResult
-from phyagentos.runtime.perception.world_model import WORLD, Glance
+from phyagentos.runtime.perception.world_model import WORLD, ConfirmationCapture
 from phyagentos.runtime.targets.wire import Step
 
 TIME_TOLERANCE_S = 1e-6  # sums of control periods are not exact
@@ -53,7 +53,7 @@ class _Unreported:
     points: SetPoints
     leaf: str
     number: int
-    glance: Glance | None
+    confirmation: ConfirmationCapture | None
     is_recorded: bool
 
 
@@ -82,7 +82,7 @@ class SessionLoop:
     cameras: CameraRecorder | None = None
     ticks: int = field(default=0, init=False)
     _unreported: deque[_Unreported] = field(default_factory=deque, init=False)
-    _owes_sample: bool = field(default=False, init=False)  # a glance left doubt: the world is to stand
+    _owes_sample: bool = field(default=False, init=False)  # a confirmation left doubt: the world is to stand
     ms: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("tree", "think", "apply", "record"), 0.0))
 
     def run(self) -> Outcome:
@@ -140,13 +140,13 @@ class SessionLoop:
         self.ticks += 1
         is_sampled = self.ticks % self.holds.every == 0
         may_run_ahead = self._may_run_ahead(result, deadline_s)
-        glance = self._request_glance() if may_run_ahead and is_sampled else None
+        confirmation = self._request_confirmation() if may_run_ahead and is_sampled else None
         recorder = self.cameras if self.cameras is not None and self.cameras.is_due(self.ticks) else None
         if recorder is not None:
             self.handle.request_frames(recorder.request)
-        self._unreported.append(_Unreported(points, result.active, self.ticks, glance, recorder is not None))
+        self._unreported.append(_Unreported(points, result.active, self.ticks, confirmation, recorder is not None))
         self.ms["apply"] += 1e3 * (now_s() - began_s)
-        ahead = PERIODS_AHEAD if may_run_ahead and (glance is not None or not is_sampled) else 0
+        ahead = PERIODS_AHEAD if may_run_ahead and (confirmation is not None or not is_sampled) else 0
         while len(self._unreported) > (0 if self._owes_sample else ahead):
             if violation := self._account():
                 return violation
@@ -157,24 +157,27 @@ class SessionLoop:
         is_last = self.context.time_s + (PERIODS_AHEAD + 1) * self.context.profile.control_period_s >= deadline_s
         return result.goes_on and self.handle.can_run_ahead and not is_last
 
-    def _request_glance(self) -> Glance | None:
+    def _request_confirmation(self) -> ConfirmationCapture | None:
         """Frames for the sample at the end of this period; None where the world has to stand for it."""
         period_s, things = self.context.profile.control_period_s, frozenset[str]()
         if self.holds.is_due(self.ticks):
             if self.holds.need.everything:
                 return None
             things = self.holds.need.things
-        glance = self.context.world.plan_glance(things, self.context.time_s + period_s * (len(self._unreported) + 1))
-        for capture in glance.captures if glance is not None else ():
+        at_s = self.context.time_s + period_s * (len(self._unreported) + 1)
+        confirmation = self.context.world.plan_confirmation(things, at_s)
+        for capture in confirmation.captures if confirmation is not None else ():
             self.handle.request_frames(capture)
-        return glance
+        return confirmation
 
     def _account(self) -> Outcome | None:
         """Read the report of the oldest period; an outcome when a hold condition is violated by it."""
         context, now_s = self.context, self.clock.now_s
         began_s = now_s()
         step, sent = self.handle.collect(), self._unreported.popleft()
-        frames = [self.handle.collect_frames() for _ in sent.glance.captures] if sent.glance is not None else []
+        frames = (
+            [self.handle.collect_frames() for _ in sent.confirmation.captures] if sent.confirmation is not None else []
+        )
         if sent.is_recorded and self.cameras is not None:
             self.cameras.keep(step.time_s, self.handle.collect_frames())
         applied_s = now_s()
@@ -182,7 +185,7 @@ class SessionLoop:
         context.world.advance(step, stands=not self._unreported)
         self.on_step(sent.points, step)
         violated = self.holds.feel(step, context.world.observe)
-        seen = context.world.read_glance(sent.glance, frames) if sent.glance is not None else None
+        seen = context.world.read_confirmation(sent.confirmation, frames) if sent.confirmation is not None else None
         if violated is None and (self._owes_sample or self.holds.is_due(sent.number)):
             if seen is None and not self._unreported:
                 seen = context.world.observe(self.holds.need)

@@ -8,7 +8,7 @@ from msgspec import to_builtins
 from phyagentos.errors import format_names
 from phyagentos.geometry import to_child
 from phyagentos.protocol.world.environment import Entity, Pose
-from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Status
+from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.execution.loads import measure_payload
 from phyagentos.runtime.execution.trajectory_player import Progress, TrajectoryPlayer
 from phyagentos.runtime.motion.requests import (
@@ -23,13 +23,15 @@ from phyagentos.runtime.motion.requests import (
     NoPlan,
     Payload,
     PlanMove,
+    Situation,
     World,
 )
-from phyagentos.runtime.perception.world_model import BELIEF, HAND
+from phyagentos.runtime.perception.world_model import HAND
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.wire import Step
 
 AnswerT = TypeVar("AnswerT", Approaches, Motion)
+RequestT = TypeVar("RequestT", bound=Situation)
 PRESSED_MORE = 1.2  # of the force of a contact that is about to be left
 BESIDE = PortInformation(data_type=str, required=False, description="Robot to which the hand comes near on purpose.")
 WAIT_S = 0.2  # for another robot that is in the way, until it is tried again
@@ -47,6 +49,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     rests, so that it begins where the arm really is. Requests of parallel leaves follow one another in tree order.
     """
 
+    ROLE = Role.PLAN
     EXPECTED: ClassVar[type[MotionAnswer]] = Approaches  # the kind of answer that `on_answer` takes
 
     _is_asked = False
@@ -101,15 +104,20 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
 
     def world(self) -> World:
         """The believed world for the planner; contents of a moved vessel move with it and are no obstacles."""
-        environment = self.context.world.observe(BELIEF)
+        environment = self.belief
         entities = environment.entities.values()
-        moved = environment.find_movable(self.context.session.parameters.values())
+        moved = self.context.session.find_object(environment)
         vessels = [each for each in entities if each.interior is not None and (each.held_by or each.name == moved)]
         return World(
             entities=tuple(entity for entity in entities if not any(_is_in(entity, vessel) for vessel in vessels)),
             regions=tuple(environment.regions.values()),
             neighbours=tuple(self._describe(each) for each in self.context.cell.read_neighbours()),
         )
+
+    def request(self, kind: type[RequestT], **fields: Any) -> RequestT:
+        """A request from the believed world and the set-point as it stands, with a new seed; `fields` replace these."""
+        posture = fields.pop("q_rad", self.context.commands.q_rad)
+        return kind(world=self.world(), q_rad=posture, seed=self.context.draw_seed(self.path), **fields)
 
     def _describe(self, neighbour: wire.Neighbour) -> Neighbour:
         postures = np.vstack((neighbour.target.q_rad, neighbour.announced_rad))
@@ -119,7 +127,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     def find_held(self) -> Payload | None:
         """What the fingers hold as believed, so that a motion that was not composed for it carries it along."""
         holding = self.context.world.observe(HAND).targets[self.context.session.target].holding
-        entities = self.context.world.observe(BELIEF).entities
+        entities = self.belief.entities
         held = next((entities[name] for name in holding if name in entities), None)
         return None if held is None else measure_payload(held, self.context.step.target, self.context.profile)
 
@@ -179,13 +187,11 @@ class LinePlanningLeaf(PlanningLeaf[Approaches]):
     def request_line(self, waypoints: tuple[Pose, ...]) -> FindLine:
         """A line from the present posture through tool poses, with the ports `payload` and `ignore`."""
         name = self.find("ignore")
-        entity = self.context.world.observe(BELIEF).entities.get(name) if name is not None else None
+        entity = self.belief.entities.get(name) if name is not None else None
         ignored = (name, *([entity.part_of] if entity is not None and entity.part_of else []))
-        return FindLine(
-            world=self.world(),
-            q_rad=self.context.commands.q_rad,
+        return self.request(
+            FindLine,
             waypoints=waypoints,
-            seed=self.context.draw_seed(self.path),
             payload=self.find("payload"),
             ignore=() if name is None else ignored,  # what a handle belongs to moves with it
             width_m=self.context.step.target.gripper_width_m,
@@ -239,6 +245,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
     target feels more; where the motion begins with more, that may last until it lets go, but not grow.
     """
 
+    ROLE = Role.MOVE
     EXPECTED = Motion
 
     _player: TrajectoryPlayer | None = None
@@ -264,11 +271,9 @@ class MovingLeaf(PlanningLeaf[Motion]):
     @final
     def request_move(self, goals_rad: Array, payload: Payload | None, speed: float) -> PlanMove:
         """A motion through free space, from the present posture to one of `goals_rad` (k, n_joints)."""
-        return PlanMove(
-            world=self.world(),
-            q_rad=self.context.commands.q_rad,
+        return self.request(
+            PlanMove,
             goals_rad=goals_rad,
-            seed=self.context.draw_seed(self.path),
             payload=payload,
             speed=speed,
             width_m=self.context.step.target.gripper_width_m,

@@ -19,39 +19,10 @@ from phyagentos.protocol.capabilities.trees import (
     read_tree,
 )
 from phyagentos.protocol.predicates.predicate import parse_predicate
-from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.execution.leaf import Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
-from phyagentos.runtime.motion.requests import Approach, Approaches, Payload
+from phyagentos.runtime.execution.port_types import ELEMENTS, PORT_TYPES
 
-
-class Names(tuple[str, ...]):
-    """Value of a port of type `entities`."""
-
-
-class Points(tuple[tuple[float, ...], ...]):
-    """Value of a port of type `points`."""
-
-
-PORT_TYPES: dict[str, type] = {  # type names of trees and skills
-    "entity": str,
-    "entities": Names,
-    "place": str,
-    "point": tuple,
-    "points": Points,
-    "posture": str,
-    "number": float,
-    "integer": int,
-    "string": str,
-    "boolean": bool,
-    "pose": Pose,
-    "approach": Approach,
-    "approaches": Approaches,
-    "payload": Payload,
-}
-
-ELEMENTS: dict[type, type] = {Names: str, Points: tuple}  # what a list gives to `for_each`
-EXPORTED_TYPES = frozenset(PORT_TYPES) - {"approach", "approaches", "payload"}  # what a contract can carry
 REACTIVE = (NodeKind.REACTIVE_SEQUENCE, NodeKind.REACTIVE_FALLBACK)
 _CONTROL_WORDS = tuple(kind.value for kind in NodeKind if kind is not NodeKind.LEAF)
 

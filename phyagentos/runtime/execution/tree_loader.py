@@ -21,14 +21,8 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
-from phyagentos.runtime.execution.tree_check import (
-    EXPORTED_TYPES,
-    PORT_TYPES,
-    REACTIVE,
-    convert_literal,
-    find_list_type,
-    read_sound_trees,
-)
+from phyagentos.runtime.execution.port_types import EXPORTED_TYPES, PORT_TYPES
+from phyagentos.runtime.execution.tree_check import REACTIVE, convert_literal, find_list_type, read_sound_trees
 from phyagentos.runtime.perception.world_model import BELIEF
 
 

@@ -13,7 +13,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.errors import DefinitionError, format_hint, format_install, format_names
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
 from phyagentos.protocol.documents.enclosure import leads_out
 
@@ -50,8 +50,7 @@ def require_models(profile: TargetProfile, folder: Path) -> None:
 def require_reader(path: Path) -> None:
     """Raise `MODEL_UNREADABLE` for a xacro file where what expands it is not installed."""
     if path.suffix == ".xacro" and importlib.util.find_spec("xacrodoc") is None:
-        hint = "Install what expands it: pip install 'phyagentos[xacro]'"
-        raise DefinitionError.of("MODEL_UNREADABLE", str(path), "a xacro file", "a URDF file", hint)
+        raise DefinitionError.of("MODEL_UNREADABLE", str(path), "a xacro file", "a URDF file", format_install("xacro"))
 
 
 def _locate_in_models(path: str, environ: Mapping[str, str]) -> tuple[Path | None, str]:

@@ -13,9 +13,10 @@ import numpy as np
 
 from phyagentos.geometry import compute_pose
 from phyagentos.protocol.capabilities.targets import BASE_JOINTS
+from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
-from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
+from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene
 from phyagentos.runtime.motion.poses import move_pose, point_tool_down
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindTouch, GoalPosture, NoPlan
 from phyagentos.runtime.motion.robot_model import measure_tips
@@ -162,11 +163,13 @@ def _is_closed(way: Way, screen: Screen, scene: PlanningScene, job: Job) -> bool
     end = None if walls else screen.find_any(way.end)
     pairs = [] if end is None else way.find_blocked(end, 0.0, scene)
     closed = [(tool, walls)] if walls else [pair for pair in pairs if scene.is_of_tool_pose(pair)]
-    job.rejected.update(map(name_pair, closed[:1]))
+    job.rejected.update(Contact(*pair) for pair in closed[:1])
     return bool(closed)
 
 
-def _find_obstruction(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningScene) -> tuple[str, bool]:
+def _find_obstruction(
+    way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningScene
+) -> tuple[str | Contact, bool]:
     """Why a posture above a way is not free, or its end is not; and whether that is so for every posture."""
     blocked = scene.sweep(q_rad, way.openings_m[0], scene.robot.profile.gripper.max_width_m)
     if not blocked:
@@ -174,7 +177,7 @@ def _find_obstruction(way: Way, q_rad: Array, kinematics: Kinematics, scene: Pla
         if end is None:
             return "line", False
         blocked = way.find_blocked(end, 0.0, scene)
-    return name_pair(blocked[0]) if blocked else "", any(map(scene.is_of_tool_pose, blocked))
+    return Contact(*blocked[0]) if blocked else "", any(map(scene.is_of_tool_pose, blocked))
 
 
 def _find_line(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Approach | None:
@@ -191,7 +194,7 @@ def _find_line(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningSc
         for q, distance_m in zip(line, left_m, strict=True):
             blocked = way.find_blocked(q, distance_m, scene)
             if blocked:
-                job.rejected[name_pair(blocked[0])] += 1
+                job.rejected[Contact(*blocked[0])] += 1
                 return None
     job.goals.append(GoalPosture(way.label, found.solved, start.solved))
     return Approach(

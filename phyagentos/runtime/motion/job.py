@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from phyagentos.clock import Clock
+from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.runtime.motion.requests import GoalPosture, NoPlan, Screening, Stages, Timing
 
 
@@ -13,14 +14,16 @@ class Cancelled(Exception):
 
 
 class Job:
-    """One running request; `rejected` counts candidates by reason, `goals` tell how each approach was solved.
+    """One running request; `goals` tell how each approach was solved.
+
+    `rejected` counts candidates by reason: a contact, or a word.
 
     `screened` start postures of compiled inverse kinematics were tried, `reached` of them reached their tool pose;
     `crowded_by` are other robots that were too near in a posture.
     """
 
     def __init__(self, *, clock: Clock, should_cancel: Callable[[], bool]) -> None:
-        self.rejected: Counter[str] = Counter()
+        self.rejected: Counter[str | Contact] = Counter()
         self.screened = self.reached = 0
         self.goals: list[GoalPosture] = []
         self.crowded_by: set[str] = set()
@@ -58,4 +61,5 @@ class Job:
         if self.rejected:
             reasons = ", ".join(f"{reason} {count}" for reason, count in self.rejected.most_common(4))
             message = f"{message} Rejected: {reasons}."
-        return NoPlan(code=code, message=message, timing=self.timing, rejected=dict(self.rejected), stages=self.stages)
+        rejected = {str(reason): count for reason, count in self.rejected.items()}
+        return NoPlan(code=code, message=message, timing=self.timing, rejected=rejected, stages=self.stages)

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from phyagentos.geometry import compute_matrix
+from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics, combine
@@ -27,7 +28,7 @@ from phyagentos.runtime.motion.path import (
     find_path,
     round_corners,
 )
-from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
+from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene
 from phyagentos.runtime.motion.requests import (
     Approach,
     Approaches,
@@ -118,14 +119,14 @@ def _prepare(request: PlanMove, scene: PlanningScene, spheres: SphereModel, job:
     if touched:
         stuck, free_start = start, find_escape(start, touched, scene, request.seed)
         if free_start is None:
-            job.rejected[name_pair(touched[0])] += 1
-            return job.fail("IN_COLLISION", f"The arm touches something and finds no way out: {name_pair(touched[0])}.")
+            job.rejected[Contact(*touched[0])] += 1
+            return job.fail("IN_COLLISION", f"The arm touches something and finds no way out: {Contact(*touched[0])}.")
         start = free_start
     free: list[int] = []
     for index, goal in enumerate(goals):
         contacts = scene.find_contacts(goal)
         if contacts:
-            job.rejected[name_pair(contacts[0])] += 1
+            job.rejected[Contact(*contacts[0])] += 1
         elif np.any(goal < q_min) or np.any(goal > q_max):
             job.rejected["joint limit"] += 1
         else:
@@ -185,7 +186,7 @@ def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows
             blocked = scene.find_first_blocked(thin_out(timed.trajectory.q_rad))
         if blocked is None:
             return timed
-        job.rejected[name_pair(blocked[1][0])] += 1
+        job.rejected[Contact(*blocked[1][0])] += 1
     return None
 
 
@@ -264,8 +265,8 @@ def follow_waypoints(
         for q in rows[1:]:
             contacts = set(scene.find_contacts(q))
             if blocked := sorted(contacts - tolerated):
-                job.rejected[name_pair(blocked[0])] += 1
-                return job.fail("IN_COLLISION", f"The straight line runs into {name_pair(blocked[0])}.")
+                job.rejected[Contact(*blocked[0])] += 1
+                return job.fail("IN_COLLISION", f"The straight line runs into {Contact(*blocked[0])}.")
             tolerated &= contacts
     line = np.array(rows)
     return Approaches(

@@ -19,6 +19,8 @@ import msgspec
 import numpy as np
 
 from phyagentos.geometry import compute_matrix, turn
+from phyagentos.protocol.sessions.strategy import SiteLabel
+from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.entity_geometry import compute_extent
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.motion.approaches import Screen, Way, find_approaches
@@ -155,7 +157,8 @@ class _Search:
                 found += search(batch, count=request.count - len(found))
                 if len(found) >= request.count:
                     break
-            if found or not any("|" in reason for reason in job.rejected):  # nothing in the way: it is out of reach
+            is_hemmed_in = any(isinstance(reason, Contact) for reason in job.rejected)  # else it is out of reach
+            if found or not is_hemmed_in:
                 break
         return found
 
@@ -207,10 +210,11 @@ def _ways_to(
 ) -> Iterator[Way]:
     request, above_m = placing.request, site.point_m + np.array((0.0, 0.0, DROP_M + fall_m))
     tolerate = frozenset((PAYLOAD, name) for name in placing.space.supports) if not fall_m else frozenset()
+    fall = f".fall+{round(1e3 * fall_m):03d}" if fall_m else ""
     for degrees in turned if site.yaws is None else site.yaws:
         entity, tool, back = turned[degrees]()
         yield Way(
-            label=f"{site.name}.yaw+{degrees:03d}" + (f".fall+{round(1e3 * fall_m):03d}" if fall_m else ""),
+            label=str(SiteLabel(site.name, f"yaw+{degrees:03d}{fall}")),
             end=move_pose(tool, above_m),
             hover_m=request.hover_m,
             openings_m=(min(request.payload.width_m, release_m), release_m),

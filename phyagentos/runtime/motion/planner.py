@@ -15,6 +15,7 @@ from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import format_hint, format_names
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
+from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.approaches import find_touch
 from phyagentos.runtime.motion.chain import build_chain
@@ -25,7 +26,7 @@ from phyagentos.runtime.motion.moves import TimeRows, find_escape, follow_waypoi
 from phyagentos.runtime.motion.neighbours import NeighbourModel
 from phyagentos.runtime.motion.path import load_kernels
 from phyagentos.runtime.motion.placements import find_placements
-from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes, name_pair
+from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes
 from phyagentos.runtime.motion.pushes import find_push
 from phyagentos.runtime.motion.requests import (
     Approach,
@@ -209,7 +210,7 @@ class MotionPlanner:
             q_rad = np.asarray(request.q_rad, dtype=float)
             pairs = scene.find_contacts(q_rad)
             escapes = not pairs or find_escape(q_rad, pairs, scene, request.seed) is not None
-        return Stance(contacts=tuple(map(name_pair, pairs)), escapes=escapes, timing=job.timing)
+        return Stance(contacts=tuple(str(Contact(*pair)) for pair in pairs), escapes=escapes, timing=job.timing)
 
     def _get_scene(self, request: _Placed, job: Job) -> PlanningScene:
         payload = None if isinstance(request, FindGrasps | FindPush | FindTouch | CheckPosture) else request.payload

@@ -211,11 +211,6 @@ def _list_openings(low_m: float, high_m: float, count: int) -> list[float]:
     return np.linspace(high_m, low_m, count).tolist()  # type: ignore[no-any-return]
 
 
-def name_pair(pair: Pair) -> str:
-    """`link5|wall`: a colliding pair as a reason."""
-    return f"{pair[0]}|{pair[1]}"
-
-
 def _compile(robot: RobotModel, around: Sequence[Kinds], held: Kinds) -> mujoco.MjModel:
     spec = robot.spec.copy()
     for geom in spec.geoms:

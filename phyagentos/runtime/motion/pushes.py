@@ -13,13 +13,14 @@ import numpy as np
 from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix, compute_pose, to_parent
+from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.entity_geometry import compute_center, compute_centroid, compute_reach, find_surface
 from phyagentos.protocol.world.environment import Entity, Pose
 from phyagentos.runtime.motion.approaches import SAME_POSTURE_RAD, Screen
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.moves import follow_waypoints
-from phyagentos.runtime.motion.planning_scene import PlanningScene, name_pair
+from phyagentos.runtime.motion.planning_scene import PlanningScene
 from phyagentos.runtime.motion.poses import interpolate_poses, point_tool_down, raise_pose, tilt_tool
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPush, NoPlan
 from phyagentos.runtime.motion.robot_model import measure_fingers
@@ -266,7 +267,7 @@ def _find_ways(
             start = kinematics.solve(above, screened, kinematics.polished)
         blocked = [] if start is None else scene.find_contacts(start.q_rad)
         if start is None or blocked:
-            job.rejected[name_pair(blocked[0]) if blocked else "ik"] += 1
+            job.rejected[Contact(*blocked[0]) if blocked else "ik"] += 1
             continue
         answer = follow_waypoints(start.q_rad, poses[1:], label, kinematics, scene, job)
         if isinstance(answer, Approaches):

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.world.environment import Entity, Pose, Region
 
 Array = NDArray[np.float64]
@@ -92,7 +93,7 @@ class Destination(msgspec.Struct, frozen=True):
     """Where a thing is put after it was grasped, and which side up; as in `FindPlacements`."""
 
     name: str
-    relation: str = "inside"
+    relation: Meaning = Meaning.INSIDE
     near: tuple[float, float, float] | None = None
     up: tuple[float, float, float] | None = None
 
@@ -132,7 +133,7 @@ class FindPlacements(Situation, frozen=True, tag=True):
     """Placements of the payload in or on an entity or region, as `FindGrasps`. Answer: `Approaches`.
 
     Attributes:
-        destination: An entity with an interior, an entity to stand on (`relation` "on", not "inside"), or a region.
+        destination: An entity with an interior, an entity to stand on (`relation` ON, not INSIDE), or a region.
         near: (3,) point; sites are at most `near_radius_m` from it.
         up: (3,) direction in the entity's frame that shall point up; as it is held if unset.
         may_fall: Whether it may be let go above the floor of a container whose walls keep it.
@@ -142,7 +143,7 @@ class FindPlacements(Situation, frozen=True, tag=True):
 
     payload: Payload
     destination: str
-    relation: str = "inside"
+    relation: Meaning = Meaning.INSIDE
     near: tuple[float, float, float] | None = None
     near_radius_m: float = 0.12
     up: tuple[float, float, float] | None = None

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from phyagentos.geometry import compute_matrix, turn
+from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.world.entity_geometry import compute_centroid, compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.motion.job import Job
@@ -123,7 +124,7 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
     region = next((r for r in request.world.regions if r.name == request.destination), None)
     entity = next((e for e in request.world.entities if e.name == request.destination), None)
     others = [e for e in request.world.entities if e.shapes and e.name != held.name]
-    if entity is not None and request.relation == "on":
+    if entity is not None and request.relation == Meaning.ON:
         box = _choose_top(entity)
         space = _level_space(box, box.top_m, [entity], walled=False)
         return replace(space, depth_m=_measure_hollow(space, entity))

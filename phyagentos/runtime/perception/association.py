@@ -108,7 +108,7 @@ def associate(
     return {name: replace(matches[name], fit=found) for name, found in possible.items()}
 
 
-def exchange_doubts(entities: Mapping[str, Entity], seen: Collection[str]) -> dict[str, Entity]:
+def exchange_uncertainties(entities: Mapping[str, Entity], seen: Collection[str]) -> dict[str, Entity]:
     """The entities, each of two that may be exchanged listing the other: as the `seen` ones say."""
     after = dict(entities)
     for name, entity in entities.items():

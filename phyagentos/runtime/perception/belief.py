@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 
 from phyagentos.geometry import as_pose, compute_rotation, compute_rotation_vector, turn
-from phyagentos.protocol.sessions.looks import format_pointer
+from phyagentos.protocol.sessions.looks import Pointer
 from phyagentos.protocol.world.environment import LIFTED_M, Change, Entity, Pose, Region, Shape, Status, TargetState
 from phyagentos.runtime.perception.articulated import place_articulated
-from phyagentos.runtime.perception.association import Match, associate, exchange_doubts
+from phyagentos.runtime.perception.association import Match, associate, exchange_uncertainties
 from phyagentos.runtime.perception.contents import count_balls, find_bearing
 from phyagentos.runtime.perception.fitting import SURE_POINTS, Fit, choose_symmetric, is_upright, stand_up
 from phyagentos.runtime.perception.fixed_things import find_part, measure_fixed
@@ -22,8 +22,8 @@ from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.grip import Hand, carry, check_hand, find_held, let_go
 from phyagentos.runtime.perception.inventory import ALIKE, Inventory, ObjectModel
 from phyagentos.runtime.perception.segmentation import is_among
-from phyagentos.runtime.perception.solids import Solids
-from phyagentos.runtime.perception.views import CameraView, Cloud, Views, compute_sight
+from phyagentos.runtime.perception.solids import Array, Solids
+from phyagentos.runtime.perception.views import CameraView, Cloud, Views, compute_visibility
 
 SOURCE, FILLING = "rgbd", "rgbd filling"
 RIM_M = 0.008  # of a vessel: how far its filling may stand out, and how far its pose may be off
@@ -60,21 +60,14 @@ def update_belief(
     entities = check_hand(inventory, follow_hand(inventory, before, state, hand, time_s), cloud, state, hand)
     entities.update(inventory.known)
     wanted = {name: thing for name, thing in inventory.things.items() if not focus or name in focus}
-    for thing in wanted.values():
-        if not thing.template.movable and not focus:
-            found = _look_at_fixed(thing, entities, views, cloud, time_s)
-            if found is not None:
-                entities[thing.name] = found
+    if not focus:
+        _look_at_fixed(inventory, entities, views, cloud, time_s)
     held = [name for name, entity in entities.items() if entity.status is Status.HELD]
     rest = _leave_out(cloud, inventory, entities, held)
     loose = {name: thing for name, thing in wanted.items() if thing.template.movable and name not in held}
     parts = [name for name, thing in inventory.things.items() if thing.path is not None and thing.look]
     for name in [name for name in parts if name in loose]:
-        thing, entity = loose.pop(name), entities.get(name)
-        if (part := find_part(thing, rest, views)) is not None:
-            entities[name] = _see(thing, entity, part, rest, views, time_s)
-        elif entity is not None:
-            entities[name] = _miss(thing, entity, views)
+        _look_at_part(loose.pop(name), entities, rest, views, time_s)
     shown = [Solids.place(entities[name], inventory.things[name].solids) for name in parts if name in entities]
     for solids in shown:
         rest = rest.take(solids.measure(rest.points_m) > PART_M)
@@ -89,22 +82,14 @@ def update_belief(
             entities[name] = found if before else msgspec.structs.replace(found, still_since_s=None)
         elif entity is not None:
             entities[name] = _miss(thing, entity, views)
-    entities = exchange_doubts(entities, matches.keys() & loose.keys())
-    if not held and not focus:  # a worker that was lost may have gripped it unseen
-        seen = {name: entity for name, entity in entities.items() if entity.observed_at_s == time_s}
-        taken = find_held(seen, state, inventory, hand)
-        if taken is not None:
-            was = before.get(taken.name, taken).pose.position_m
-            is_lifted = taken.pose.position_m[2] - was[2] > LIFTED_M  # and this look shows it in the hand
-            taken = msgspec.structs.replace(taken, taken_at_m=was, looks=int(is_lifted))
-            entities[taken.name] = carry(taken, state, hand)
-    outside, filled = _take_filling(filling, entities, rest)
-    spilt = associate(filling, entities, outside, views, inventory.map)
-    for name, thing in filling.items():
-        if name in spilt:
-            entities[name] = _see(thing, entities.get(name), spilt[name], outside, views, time_s)
-        else:
-            _fill(thing, entities, filled, time_s)
+    entities = exchange_uncertainties(entities, matches.keys() & loose.keys())
+    seen = {name: entity for name, entity in entities.items() if entity.observed_at_s == time_s}
+    if not held and not focus and (taken := find_held(seen, state, inventory, hand)) is not None:
+        was = before.get(taken.name, taken).pose.position_m  # a worker that was lost may have gripped it unseen
+        is_lifted = taken.pose.position_m[2] - was[2] > LIFTED_M  # and this look shows it in the hand
+        taken = msgspec.structs.replace(taken, taken_at_m=was, looks=int(is_lifted))
+        entities[taken.name] = carry(taken, state, hand)
+    _look_at_filling(inventory, filling, entities, rest, views, time_s)
     for name, contents in count_balls(inventory, entities, cloud, views, time_s).items() if inventory.balls else ():
         if not focus or name in focus:
             entities[name] = msgspec.structs.replace(entities[name], contents=contents)
@@ -154,13 +139,25 @@ def read_regions(inventory: Inventory, entities: Mapping[str, Entity]) -> dict[s
 
 
 def _look_at_fixed(
-    thing: ObjectModel, entities: Mapping[str, Entity], views: Views, cloud: Cloud, time_s: float
-) -> Entity | None:
+    inventory: Inventory, entities: dict[str, Entity], views: Views, cloud: Cloud, time_s: float
+) -> None:
+    """Measure what does not move, until it is known."""
+    for thing in inventory.things.values():
+        entity = entities.get(thing.name)
+        if thing.template.movable or (entity is not None and entity.looks >= FIXED_LOOKS):
+            continue
+        found = measure_fixed(thing, entities, views, cloud)
+        if found is not None:
+            entities[thing.name] = _fuse(thing, entity, found, time_s, ())
+
+
+def _look_at_part(thing: ObjectModel, entities: dict[str, Entity], rest: Cloud, views: Views, time_s: float) -> None:
+    """Measure a part of a mechanism."""
     entity = entities.get(thing.name)
-    if entity is not None and entity.looks >= FIXED_LOOKS:
-        return None
-    found = measure_fixed(thing, entities, views, cloud)
-    return None if found is None else _fuse(thing, entity, found, time_s, ())
+    if (part := find_part(thing, rest, views)) is not None:
+        entities[thing.name] = _see(thing, entity, part, rest, views, time_s)
+    elif entity is not None:
+        entities[thing.name] = _miss(thing, entity, views)
 
 
 def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, evidence: tuple[str, ...]) -> Entity:
@@ -169,8 +166,7 @@ def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, 
     What is averaged is what the pixels give: whether that is upright is concluded from the average, each time anew.
     """
     looks, freely, position, other_rad = 1, found.freely, found.position_m, found.other_tilt_rad
-    doubt = found.doubt.of_measured(thing.template.size_std_m)
-    stds = doubt.total
+    stds = (uncertainty := found.uncertainty.of_measured(thing.template.size_std_m)).total
     speed, since_s = 0.0, time_s
     if entity is None:
         freely = freely @ thing.symmetries[int((freely @ thing.symmetries)[:, 2, 2].argmax())]
@@ -179,34 +175,32 @@ def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, 
         freely = choose_symmetric(thing, freely, was)
         moved = position - np.array(entity.pose.position_m)
         shown = was @ thing.turns  # what a form does not show has not turned
-        moved_m, turned = float(np.linalg.norm(moved)), shown @ shown.T @ compute_rotation_vector(freely @ was.T)
+        turned = shown @ shown.T @ compute_rotation_vector(freely @ was.T)
         before = np.array([entity.position_std_m, entity.turn_std_rad])
-        place_m, turn_rad = STILL_STDS * np.hypot(stds, before)
-        is_still = moved_m < max(STILL_M, place_m) and float(np.linalg.norm(turned)) < max(STILL_RAD, turn_rad)
+        is_still = _is_still(moved, turned, np.hypot(stds, before))
         if is_still:
             since_s = entity.observed_at_s if entity.still_since_s is None else entity.still_since_s
         if entity.looks and is_still:
             looks = min(entity.looks + 1, FUSE_MAX)
-            gain = doubt.compute_gain(before)
+            gain = uncertainty.compute_gain(before)
             position = np.array(entity.pose.position_m) + gain[0] * moved
             freely = turn(gain[1] * turned) @ was
-            stds, kept_rad = doubt.fuse(before), _find_other_tilt(entity)
+            stds, kept_rad = uncertainty.fuse(before), _find_other_tilt(entity)
             other_rad = other_rad if _shows_more(evidence, entity.evidence) else max(other_rad, kept_rad)
         elif entity.looks and SPEED_S[0] <= time_s - entity.observed_at_s <= SPEED_S[1]:
-            speed = moved_m / (time_s - entity.observed_at_s)
+            speed = float(np.linalg.norm(moved)) / (time_s - entity.observed_at_s)
     place_m, turn_rad = stds.tolist()
     rotation = stand_up(freely) if thing.form is not Form.BALL and is_upright(freely, turn_rad) else freely
     lean = compute_rotation_vector(freely @ rotation.T)
-    base = thing.template
     return msgspec.structs.replace(
-        base,
+        thing.template,
         pose=as_pose(rotation, position),
-        shapes=_stretch(base.shapes, found.stretch),
+        shapes=_stretch(thing.template.shapes, found.stretch),
         observed_at_s=time_s,
         visible=True,
         status=Status.SEEN,
         speed_m_s=speed,
-        still_since_s=since_s if base.movable else None,
+        still_since_s=since_s if thing.template.movable else None,
         confidence=_rate(found, entity.confidence if entity is not None else 0.0),
         source=SOURCE,
         looks=looks,
@@ -218,17 +212,41 @@ def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, 
     )
 
 
+def _look_at_filling(
+    inventory: Inventory,
+    filling: Mapping[str, ObjectModel],
+    entities: dict[str, Entity],
+    rest: Cloud,
+    views: Views,
+    time_s: float,
+) -> None:
+    """Measure what fills vessels, in them or spilt beside them."""
+    outside, filled = _take_filling(filling, entities, rest)
+    spilt = associate(filling, entities, outside, views, inventory.map)
+    for name, thing in filling.items():
+        if name in spilt:
+            entities[name] = _see(thing, entities.get(name), spilt[name], outside, views, time_s)
+        else:
+            _fill(thing, entities, filled, time_s)
+
+
+def _is_still(moved: Array, turned: Array, stds: Array) -> bool:
+    """Whether a displacement [m] and a turn [rad] are none, given the deviations of both (2,)."""
+    place_m, turn_rad = STILL_STDS * stds
+    moved_m, turned_rad = float(np.linalg.norm(moved)), float(np.linalg.norm(turned))
+    return bool(moved_m < max(STILL_M, place_m) and turned_rad < max(STILL_RAD, turn_rad))
+
+
 def _find_other_tilt(entity: Entity) -> float:
-    """The part of a stated doubt of the tilt that comes from another pose that fits as well [rad]."""
+    """The part of a stated uncertainty of the tilt that comes from another pose that fits as well [rad]."""
     square = entity.tilt_std_rad**2 - entity.turn_std_rad**2 - sum(each * each for each in entity.lean_rad)
     return 2.0 * math.sqrt(max(square, 0.0))
 
 
 def _shows_more(evidence: Collection[str], before: Collection[str]) -> bool:
     """Whether a look shows a thing to all the cameras that saw it and another one, and in half as many pixels again."""
-    now, then = ({each.partition("@")[0]: each.rsplit(",", 2)[1:] for each in part} for part in (evidence, before))
-    areas = [sum(int(width) * int(height) for width, height in part.values()) for part in (now, then)]
-    return now.keys() > then.keys() and areas[0] > SHOWS_MORE * areas[1]
+    now, then = ({each.camera: each.area_px for each in Pointer.parse_all(part)} for part in (evidence, before))
+    return now.keys() > then.keys() and sum(now.values()) > SHOWS_MORE * sum(then.values())
 
 
 def _see(thing: ObjectModel, entity: Entity | None, match: Match, cloud: Cloud, views: Views, time_s: float) -> Entity:
@@ -252,14 +270,14 @@ def _point_at(view: CameraView, seen: Cloud, index: int) -> str:
     pixels = seen.pixels[seen.view_index == index]
     (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
     box = (view.origin_px[0] + left, view.origin_px[1] + top, right - left + 1, bottom - top + 1)
-    return format_pointer(view.camera, view.time_s, box)
+    return str(Pointer(view.camera, view.time_s, box))
 
 
 def _miss(thing: ObjectModel, entity: Entity, views: Views) -> Entity:
     rotation = compute_rotation(entity.pose.quaternion_wxyz)
-    sight = compute_sight(thing, rotation, np.array(entity.pose.position_m), views)
-    shown = sight.confirmed + sight.contradicted
-    if shown > SEEN_FRACTION * (shown + sight.hidden) and sight.contradicted_fraction > GONE_FRACTION:
+    visibility = compute_visibility(thing, rotation, np.array(entity.pose.position_m), views)
+    shown = visibility.confirmed + visibility.contradicted
+    if shown > SEEN_FRACTION * (shown + visibility.hidden) and visibility.contradicted_fraction > GONE_FRACTION:
         return msgspec.structs.replace(entity, status=Status.GONE, visible=False, confidence=0.1, looks=0)
     return msgspec.structs.replace(entity, status=Status.HIDDEN, confidence=round(KEPT_SHARE * entity.confidence, 3))
 
@@ -373,7 +391,7 @@ def _rate(found: Fit, before: float) -> float:
     """
     if found.is_kept:
         return before
-    shown = 1.0 - found.sight.contradicted_fraction
+    shown = 1.0 - found.visibility.contradicted_fraction
     fitting = float(np.exp(-((found.rms_m / 0.006) ** 2)))
     enough = min(1.0, found.count / SURE_POINTS)
     possible = float(np.exp(-((found.sunk_m / SUNK_DOUBT_M) ** 2)))

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation, compute_rotation_vector
-from phyagentos.protocol.sessions.looks import format_pointer
+from phyagentos.protocol.sessions.looks import Pointer
 from phyagentos.protocol.world.environment import Entity, SensorHealth, Status
-from phyagentos.runtime.perception.doubt import FREE
 from phyagentos.runtime.perception.fitting import Patch, refine
 from phyagentos.runtime.perception.inventory import Inventory, ObjectModel
+from phyagentos.runtime.perception.pose_uncertainty import FREE
 from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solid_distance import project
 from phyagentos.runtime.perception.solids import Array
@@ -98,7 +98,7 @@ def _point_at(
     left, top = round(cx - frame.cx * every), round(cy - frame.cy * every)
     u, v = int(columns.min()), int(rows.min())
     width, height = every * (int(columns.max()) - u + 1), every * (int(rows.max()) - v + 1)
-    return format_pointer(frame.camera, frame.time_s, (left + every * u, top + every * v, width, height))
+    return str(Pointer(frame.camera, frame.time_s, (left + every * u, top + every * v, width, height)))
 
 
 def find_regions_of_interest(
@@ -125,11 +125,7 @@ def find_regions_of_interest(
 def _rank(entity: Entity, cameras: Mapping[str, SensorHealth]) -> list[str]:
     """Cameras by the thing's area in their latest pictures, largest first."""
     areas = dict.fromkeys(cameras, 0)
-    for pointer in entity.evidence:
-        camera, _, rest = pointer.partition("@")
-        if camera in areas:
-            _, _, width, height = (int(part) for part in rest.partition(":")[2].split(","))
-            areas[camera] = width * height
+    areas |= {each.camera: each.area_px for each in Pointer.parse_all(entity.evidence) if each.camera in areas}
     return sorted(areas, key=lambda camera: (-areas[camera], camera))
 
 

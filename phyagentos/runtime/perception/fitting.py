@@ -15,12 +15,12 @@ import numpy as np
 from phyagentos.geometry import turn
 from phyagentos.protocol.world.mechanisms import compute_twist
 from phyagentos.runtime.perception.articulated import Path
-from phyagentos.runtime.perception.doubt import FREE, UPRIGHT_STDS, Doubt, compute_doubt
 from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.inventory import ObjectModel
+from phyagentos.runtime.perception.pose_uncertainty import FREE, UPRIGHT_STDS, PoseUncertainty, compute_uncertainty
 from phyagentos.runtime.perception.solid_distance import linearise
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
-from phyagentos.runtime.perception.views import Cloud, Sight, Views, compute_sight
+from phyagentos.runtime.perception.views import Cloud, Views, Visibility, compute_visibility
 
 HUBER_M = 0.004  # residuals beyond this count linearly: mixed pixels at edges
 DAMPING = 2.0  # of the normal equations, in points: what the points do not determine stays as it was
@@ -44,7 +44,7 @@ SUNK_COST, SUNK_FREE_M = 0.5, 0.003  # per metre of depth within another solid, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """A pose, `world_T_thing`, and its quality: how far it may be off is its doubt.
+    """A pose, `world_T_thing`, and its quality: how far it may be off is its uncertainty.
 
     Attributes:
         cost_m: Mean robust distance of the points, and the price of contradictions; `rms_m` is root mean square.
@@ -60,9 +60,9 @@ class Fit:
     position_m: Array
     cost_m: float
     rms_m: float
-    sight: Sight
+    visibility: Visibility
     count: int
-    doubt: Doubt
+    uncertainty: PoseUncertainty
     freely: Array
     other_tilt_rad: float = 0.0
     stretch: float = 1.0
@@ -183,7 +183,8 @@ def fit(
     own, limit_m = _tilt(thing, best.rotation), ranked[0][0] + _compute_alike(best.rms_m, len(few.points_m))
     alike_m, other_tilt_rad, least = best.cost_m + _compute_alike(best.rms_m, best.count), 0.0, best
     for cost_m, turned, moved in ranked if thing.path is None else ():
-        if cost_m < limit_m and abs(_tilt(thing, turned) - own) > best.doubt.total[1]:  # by few points: ask all of them
+        is_other = abs(_tilt(thing, turned) - own) > best.uncertainty.total[1]
+        if cost_m < limit_m and is_other:  # by few points: all of them decide
             other = _finish(thing, patch, views, turned, moved, obstacle)
             if other.cost_m < alike_m:
                 other_tilt_rad = max(other_tilt_rad, abs(_tilt(thing, other.rotation) - own))
@@ -201,8 +202,8 @@ def track(
         return None
     found = _finish(thing, patch, views, *prior, obstacle if thing.lookalikes else None)
     if found.count < SURE_POINTS:  # they fit many poses: what is seen where it was, and nowhere else, has not moved
-        stays = stay(thing, patch, views, prior)
-        if stays.cost_m < FEW_M and stays.sight.contradicted_fraction < CONTRADICTED:
+        stays = evaluate_prior_pose(thing, patch, views, prior)
+        if stays.cost_m < FEW_M and stays.visibility.contradicted_fraction < CONTRADICTED:
             return stays
     if found.rotation[2, 2] < -0.5:  # on its head, which few things are: what was once taken for that would stay so
         again = fit(thing, seen, views)
@@ -211,19 +212,19 @@ def track(
     return compare_lookalikes(thing, patch, views, found, obstacle, keep=True) if is_good else None
 
 
-def stay(
+def evaluate_prior_pose(
     thing: ObjectModel, patch: Patch, views: Views, prior: tuple[Array, Array], obstacle: Solids | None = None
 ) -> Fit:
     """The believed pose itself, and how well the points confirm it."""
-    cost_m, rms_m, sight, sunk_m = _weigh(thing, patch, views, *prior, obstacle)
+    cost_m, rms_m, visibility, sunk_m = _weigh(thing, patch, views, *prior, obstacle)
     return Fit(
         rotation=prior[0],
         position_m=prior[1],
         cost_m=cost_m,
         rms_m=rms_m,
-        sight=sight,
+        visibility=visibility,
         count=len(patch.points_m),
-        doubt=measure_doubt(thing, thing.solids, patch, *prior),
+        uncertainty=measure_uncertainty(thing, thing.solids, patch, *prior),
         freely=prior[0],
         sunk_m=sunk_m,
         is_kept=True,
@@ -273,42 +274,42 @@ def _finish(
     free = thing.path or (UPRIGHT if standing else FREE)
     rotation, position_m = refine(thing.solids, patch, rotation, position_m, free, 8)
     freely, moved = refine(thing.solids, patch, rotation, position_m, FREE, 8) if standing else (rotation, position_m)
-    doubt = measure_doubt(thing, thing.solids, patch, freely, moved)
-    if standing and not is_upright(freely, float(doubt.total[1])):
+    uncertainty = measure_uncertainty(thing, thing.solids, patch, freely, moved)
+    if standing and not is_upright(freely, float(uncertainty.total[1])):
         rotation, position_m = freely, moved
-    cost_m, rms_m, sight, sunk_m = _weigh(thing, patch, views, rotation, position_m, obstacle)
+    cost_m, rms_m, visibility, sunk_m = _weigh(thing, patch, views, rotation, position_m, obstacle)
     return Fit(
         rotation=rotation,
         position_m=position_m,
         cost_m=cost_m,
         rms_m=rms_m,
-        sight=sight,
+        visibility=visibility,
         count=len(patch.points_m),
-        doubt=doubt,
+        uncertainty=uncertainty,
         freely=freely,
         sunk_m=sunk_m,
     )
 
 
-def measure_doubt(
+def measure_uncertainty(
     thing: ObjectModel, solids: Solids, patch: Patch, rotation: Array, position_m: Array, free: Array = FREE
-) -> Doubt:
+) -> PoseUncertainty:
     """How far a pose may be off, by the points that it was fitted to."""
     seen, arm = patch.measure(solids, rotation, position_m), patch.points_m - position_m
     path = None if thing.path is None else compute_twist(thing.path.mechanism, position_m)
-    return compute_doubt(*seen, arm, rotation, thing.turns, thing.width_m, free, HUBER_M, path, patch.cameras)
+    return compute_uncertainty(*seen, arm, rotation, thing.turns, thing.width_m, free, HUBER_M, path, patch.cameras)
 
 
 def _weigh(
     thing: ObjectModel, patch: Patch, views: Views, rotation: Array, position_m: Array, obstacle: Solids | None = None
-) -> tuple[float, float, Sight, float]:
+) -> tuple[float, float, Visibility, float]:
     """Cost, root mean square distance, visibility, and depth within the obstacle."""
     cost, rms = compute_cost(thing.solids, patch, rotation, position_m)
-    sight = compute_sight(thing, rotation, position_m, views)
-    cost += CONTRADICTION_M * sight.contradicted_fraction
+    visibility = compute_visibility(thing, rotation, position_m, views)
+    cost += CONTRADICTION_M * visibility.contradicted_fraction
     cost += DOWN_M if thing.form is Form.ROUND and rotation[2, 2] < -0.5 else 0.0
     sunk_m = 0.0 if obstacle is None else measure_sunk(thing, rotation, position_m, obstacle)
-    return cost + SUNK_COST * max(0.0, sunk_m - SUNK_FREE_M), rms, sight, sunk_m
+    return cost + SUNK_COST * max(0.0, sunk_m - SUNK_FREE_M), rms, visibility, sunk_m
 
 
 def is_upright(rotation: Array, turn_std_rad: float) -> bool:

@@ -16,7 +16,7 @@ from phyagentos.runtime.perception.association import Match
 from phyagentos.runtime.perception.clusters import find_clusters
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solids import Array, Solids
-from phyagentos.runtime.perception.views import Cloud, Views, compute_sight
+from phyagentos.runtime.perception.views import Cloud, Views, compute_visibility
 
 POINTS_MIN = 12  # fewer do not fix a place
 NEAR_M, STRETCH_M = 0.03, 0.05  # of the nominal surface, beside its reach: points may be of the body
@@ -54,8 +54,8 @@ def find_part(thing: ObjectModel, cloud: Cloud, views: Views) -> Match | None:
     path, best = thing.path, None
     assert path is not None
     starts = [path.open(float(amount)) for amount in np.linspace(0.0, path.mechanism.travel, OPENINGS)]
-    sights = [compute_sight(thing, *start, views) for start in starts]
-    for index in np.argsort([each.contradicted - each.confirmed for each in sights], kind="stable")[:CLUSTERS]:
+    visibilities = [compute_visibility(thing, *start, views) for start in starts]
+    for index in np.argsort([each.contradicted - each.confirmed for each in visibilities], kind="stable")[:CLUSTERS]:
         rotation, position_m = starts[index]
         near = np.flatnonzero(np.abs(thing.solids.measure((cloud.points_m - position_m) @ rotation)) < OWN_M)
         found = fitting.fit(thing, cloud.take(near), views, starts[index]) if len(near) >= POINTS_MIN else None
@@ -111,7 +111,7 @@ def _iter_starts(thing: ObjectModel, nominal: Start, points: Array) -> Iterator[
 
 
 def _fit(thing: ObjectModel, patch: fitting.Patch, views: Views, start: Start, nominal: Start) -> fitting.Fit | None:
-    """The pose near a start, within the span of its place; its doubt is that of the free directions."""
+    """The pose near a start, within the span of its place; its uncertainty is that of the free directions."""
     if len(patch.points_m) < POINTS_MIN or thing.reach_m is None:
         return None
     free = np.array([*(float(reach > 0) for reach in thing.reach_m), 0.0, 0.0, float(thing.yaw_span_rad > 0)])
@@ -127,15 +127,15 @@ def _fit(thing: ObjectModel, patch: fitting.Patch, views: Views, start: Start, n
         axes, reach = _get_axes(thing, nominal), np.array(thing.reach_m)
         position_m = nominal[1] + axes @ np.clip((position_m - nominal[1]) @ axes, -reach, reach)
     cost, rms = fitting.compute_cost(solids, patch, rotation, position_m)
-    sight = compute_sight(thing, rotation, position_m, views)
+    visibility = compute_visibility(thing, rotation, position_m, views)
     return fitting.Fit(
         rotation=rotation,
         position_m=position_m,
-        cost_m=cost + fitting.CONTRADICTION_M * sight.contradicted_fraction,
+        cost_m=cost + fitting.CONTRADICTION_M * visibility.contradicted_fraction,
         rms_m=rms,
-        sight=sight,
+        visibility=visibility,
         count=len(patch.points_m),
-        doubt=fitting.measure_doubt(thing, solids, patch, rotation, position_m, free),
+        uncertainty=fitting.measure_uncertainty(thing, solids, patch, rotation, position_m, free),
         freely=rotation,
         stretch=stretch,
     )

@@ -152,18 +152,7 @@ class Inventory:
 def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[str, Entity] = _NOTHING) -> Inventory:
     """As much of a scene file as is known before the first look, and the things that are `given` by description."""
     spec = add_described(spec, given)
-    colors: dict[tuple[float, float, float], int] = {}
-
-    def register(solid: Solid, body: Body) -> int:
-        if prior is Prior.SHAPES or any(each.look for each in spec.bodies.values()):
-            return colors.setdefault(WHITE[:3], 0)
-        material = spec.materials.get(solid.material or body.material or "")
-        red, green, blue, _ = material.rgba if material is not None else WHITE
-        if material is not None and material.texture is not None:
-            means = [(a + b) / 2 for a, b in zip(material.texture.rgb1, material.texture.rgb2, strict=True)]
-            red, green, blue = (c * m for c, m in zip((red, green, blue), means, strict=True))
-        return colors.setdefault((round(red, 4), round(green, 4), round(blue, 4)), len(colors))
-
+    surfaces = _Surfaces(spec, prior)
     things: dict[str, ObjectModel] = {}
     articulated: dict[str, Articulated] = {}
     known: dict[str, Entity] = {}
@@ -171,7 +160,7 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
     map_colors: set[int] = set()
     listed = {name: body for name, body in spec.bodies.items() if body.listed and prior is not Prior.NONE}
     for name, body in (listed | {name: spec.bodies[name] for name in given}).items():
-        indices = [register(solid, body) for solid in body.shapes]
+        indices = [surfaces.register(solid, body) for solid in body.shapes]
         if _is_known(body):
             known[name] = _make_template(name, body, source="map")
             parts[name] = MapPart(Solids.of([_make_shape(solid) for solid in body.shapes]), tuple(indices))
@@ -187,10 +176,10 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
             things[name] = replace(thing, path=path, template=template, look=thing.look if prior is Prior.FULL else ())
     balls: dict[int, tuple[float, int]] = {}
     for ball in spec.list_balls().values() if prior is Prior.FULL else ():
-        radius_m, count = balls.get(color := register(ball.shapes[0], ball), (0.0, 0))
+        radius_m, count = balls.get(color := surfaces.register(ball.shapes[0], ball), (0.0, 0))
         balls[color] = max(radius_m, ball.shapes[0].size_m[0]), count + 1  # of larger ones fewer are seen
     of_things = {color for thing in things.values() for color in thing.colors}
-    palette = np.array(list(colors), dtype=np.float64).reshape(-1, 3)
+    palette = np.array(list(surfaces.colors), dtype=np.float64).reshape(-1, 3)
     return Inventory(
         scene=spec.scene,
         prior=prior,
@@ -204,17 +193,37 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         palette=palette,
         is_of_thing=np.isin(np.arange(256), [*of_things, *balls]),
         balls={} if balls.keys() & (of_things | map_colors) else balls,
-        regions=tuple(
-            RegionPrior(
-                name=name,
-                center_m=region.center_m,
-                half_m=region.half_m,
-                body=region.body,
-                turned=find_turned(spec, name),
-            )
-            for name, region in spec.regions.items()
-            if region.body is None or prior is not Prior.NONE
-        ),
+        regions=_list_regions(spec, prior),
+    )
+
+
+class _Surfaces:
+    """The colours of a scene's surfaces, 0..1, with their indices; one white where colours tell nothing apart."""
+
+    def __init__(self, spec: SceneSpec, prior: Prior) -> None:
+        self._spec = spec
+        self._is_plain = prior is Prior.SHAPES or any(each.look for each in spec.bodies.values())
+        self.colors: dict[tuple[float, float, float], int] = {}
+
+    def register(self, solid: Solid, body: Body) -> int:
+        """The index of a solid's colour."""
+        if self._is_plain:
+            return self.colors.setdefault(WHITE[:3], 0)
+        material = self._spec.materials.get(solid.material or body.material or "")
+        red, green, blue, _ = material.rgba if material is not None else WHITE
+        if material is not None and material.texture is not None:
+            means = [(a + b) / 2 for a, b in zip(material.texture.rgb1, material.texture.rgb2, strict=True)]
+            red, green, blue = (c * m for c, m in zip((red, green, blue), means, strict=True))
+        return self.colors.setdefault((round(red, 4), round(green, 4), round(blue, 4)), len(self.colors))
+
+
+def _list_regions(spec: SceneSpec, prior: Prior) -> tuple[RegionPrior, ...]:
+    return tuple(
+        RegionPrior(
+            name=name, center_m=region.center_m, half_m=region.half_m, body=region.body, turned=find_turned(spec, name)
+        )
+        for name, region in spec.regions.items()
+        if region.body is None or prior is not Prior.NONE
     )
 
 

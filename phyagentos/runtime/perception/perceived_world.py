@@ -26,7 +26,7 @@ from phyagentos.runtime.perception.pipeline import MAX_AGE_S, Pipeline
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.segmentation import DetectorSegmenter
 from phyagentos.runtime.perception.sensor_health import AHEAD_S, DISPLACED, check_probes, find_probe_regions
-from phyagentos.runtime.perception.world_model import Glance, Need, WorldModel
+from phyagentos.runtime.perception.world_model import ConfirmationCapture, Need, WorldModel
 from phyagentos.runtime.targets.wire import Capture, Crop, Frames, Step
 
 SAME_S = 1e-9
@@ -123,7 +123,7 @@ class PerceivedWorld(WorldModel):
         return self._believe(found, need)
 
     @override
-    def plan_glance(self, things: frozenset[str], time_s: float) -> Glance | None:
+    def plan_confirmation(self, things: frozenset[str], time_s: float) -> ConfirmationCapture | None:
         belief = self._take()
         if belief is None:
             return None
@@ -134,28 +134,28 @@ class PerceivedWorld(WorldModel):
             window = self._plan_window(carried, *self._find_regions(carried, things))
             if window is None:
                 return None
-        return Glance(things, window, self._plan_probe(time_s, PROBE_PERIOD_S))
+        return ConfirmationCapture(things, window, self._plan_probe(time_s, PROBE_PERIOD_S))
 
     @override
-    def read_glance(self, glance: Glance, frames: Sequence[Frames]) -> Environment | None:
+    def read_confirmation(self, confirmation: ConfirmationCapture, frames: Sequence[Frames]) -> Environment | None:
         now, pipeline = (self.step.time_s, self.step.target), self._get_pipeline()
-        if glance.probe is not None:
+        if confirmation.probe is not None:
             self._note_probe(frames[0], now[0])
         before = self._belief
-        if glance.window is None or before is None:
+        if confirmation.window is None or before is None:
             return None
         shown = frames[-1]
         carried = pipeline.recall(before, now[1], now[0])
-        loose, regions = self._find_regions(carried, glance.things)
+        loose, regions = self._find_regions(carried, confirmation.things)
         is_early = any(frame.time_s > now[0] + AHEAD_S for frame in shown.frames)
-        if is_early or self._plan_window(carried, loose, regions) != glance.window:
+        if is_early or self._plan_window(carried, loose, regions) != confirmation.window:
             return None
-        look = self._begin_look(now, before, Need(things=glance.things))
-        look.captures.append((glance.window, shown))
+        look = self._begin_look(now, before, Need(things=confirmation.things))
+        look.captures.append((confirmation.window, shown))
         if (confirmed := pipeline.confirm(shown, now[1], now[0], carried, loose)) is None:
             return None
         self._keep(look, confirmed)
-        return self._believe(confirmed, Need(things=glance.things))
+        return self._believe(confirmed, Need(things=confirmation.things))
 
     def _begin_look(self, now: Moment, before: Environment | None, need: Need) -> Look:
         """A record of the coming look; the first one covers everything."""

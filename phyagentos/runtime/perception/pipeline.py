@@ -4,7 +4,7 @@ No learned weights: colour, form, geometry. Paper section 4.1.
 """
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
@@ -29,8 +29,8 @@ from phyagentos.runtime.perception.sensor_health import (
     has_moved_in_view,
     note_displaced,
 )
-from phyagentos.runtime.perception.strangers import find_strangers, is_stranger
 from phyagentos.runtime.perception.supports import measure_supports, replace_surface
+from phyagentos.runtime.perception.unknown_objects import find_unknown_objects, is_unknown_object
 from phyagentos.runtime.perception.views import CameraView, drop_stray, find_cloud, make_view
 from phyagentos.runtime.targets.wire import Frame, Frames
 
@@ -85,41 +85,8 @@ class Pipeline:
         believed = tuple(map(drop_stray, believed))
         if not focus:
             believed, health = find_displaced(believed, earlier, health, self.inventory.place_map(entities).map, time_s)
-        while True:
-            robots = tuple(self._robot.pose(find_state(each.time_s)) for each in believed)
-            views = tuple(make_view(frame) for frame in believed)
-            labels: tuple[NDArray[np.uint8], ...] = ()
-            try:
-                labels = tuple(self._segmenter.label(frame.rgb) for frame in believed)
-            except ExecutionError as error:  # of a detector: what is not segmented is not seen
-                blind = {"status": "unread", "detail": str(error)}
-                health = {name: msgspec.structs.replace(each, **blind) for name, each in health.items()}
-                believed = ()
-            if not believed:
-                felt = follow_hand(self.inventory, entities, state, self._hand, time_s)
-                after = self.inventory.place_map(felt).known | lose_sight(felt, focus)
-                break
-            newest_s = max(frame.time_s for frame in believed)
-            inventory = self.inventory
-            if inventory.prior is Prior.NONE:
-                inventory = replace_surface(inventory, entities, believed, views)
-            supports = {} if focus else measure_supports(believed, views, labels, inventory, entities)
-            inventory = inventory.place_map(entities | supports)
-            cloud = find_cloud(believed, views, labels, inventory, robots)
-            views = tuple(_place_crop(view, known) for view in views) if focus else views
-            after = update_belief(
-                inventory, entities, views, cloud, state, hand=self._hand, time_s=newest_s, focus=focus
-            )
-            if focus:
-                break
-            if camera := find_disagreeing(self.inventory.things, after, views, cloud):
-                believed = tuple(frame for frame in believed if frame.camera != camera)
-                health = note_displaced(health, camera, "its depth disagrees with the other cameras", time_s)
-                continue  # what is believed without it
-            named = {name: entity for name, entity in after.items() if not is_stranger(name)}
-            after = named | find_strangers(believed, views, robots, inventory.map, after)
-            after = name_described(after, scene.described)
-            break
+        look = _Look(scene, state, time_s, entities, known, focus, find_state)
+        after, health = self._update(look, believed, health)
         sensors = health if not focus else (known.sensors if known is not None else {})
         looked_at_s = time_s if not focus else (known.looked_at_s if known is not None else 0.0)
         return Environment(
@@ -137,6 +104,43 @@ class Pipeline:
             never_seen=tuple(sorted({*self.inventory.find_unseen(after), *(scene.described.keys() - after.keys())})),
             prior=self.inventory.summarise(),
         )
+
+    def _update(
+        self, look: "_Look", believed: tuple[Frame, ...], health: dict[str, SensorHealth]
+    ) -> tuple[dict[str, Entity], dict[str, SensorHealth]]:
+        """The entities after a look, without the cameras that others contradict, and the health of every camera."""
+        robots = tuple(self._robot.pose(look.find_state(each.time_s)) for each in believed)
+        views = tuple(make_view(frame) for frame in believed)
+        labels: tuple[NDArray[np.uint8], ...] = ()
+        try:
+            labels = tuple(self._segmenter.label(frame.rgb) for frame in believed)
+        except ExecutionError as error:  # of a detector: what is not segmented is not seen
+            blind = {"status": "unread", "detail": str(error)}
+            health = {name: msgspec.structs.replace(each, **blind) for name, each in health.items()}
+            believed = ()
+        if not believed:
+            felt = follow_hand(self.inventory, look.entities, look.state, self._hand, look.time_s)
+            return self.inventory.place_map(felt).known | lose_sight(felt, look.focus), health
+        inventory = self.inventory
+        if inventory.prior is Prior.NONE:
+            inventory = replace_surface(inventory, look.entities, believed, views)
+        supports = {} if look.focus else measure_supports(believed, views, labels, inventory, look.entities)
+        inventory = inventory.place_map(look.entities | supports)
+        cloud = find_cloud(believed, views, labels, inventory, robots)
+        views = tuple(_place_crop(view, look.known) for view in views) if look.focus else views
+        newest_s = max(frame.time_s for frame in believed)
+        after = update_belief(
+            inventory, look.entities, views, cloud, look.state, hand=self._hand, time_s=newest_s, focus=look.focus
+        )
+        if look.focus:
+            return after, health
+        if camera := find_disagreeing(self.inventory.things, after, views, cloud):
+            others = tuple(frame for frame in believed if frame.camera != camera)
+            displaced = note_displaced(health, camera, "its depth disagrees with the other cameras", look.time_s)
+            return self._update(look, others, displaced)
+        named = {name: entity for name, entity in after.items() if not is_unknown_object(name)}
+        after = named | find_unknown_objects(believed, views, robots, inventory.map, after)
+        return name_described(after, look.scene.described), health
 
     def assess(
         self,
@@ -195,6 +199,19 @@ class Pipeline:
         """The target's state with the perceived held things: touch does not identify them."""
         held = tuple(sorted(name for name, entity in entities.items() if entity.status is Status.HELD))
         return msgspec.structs.replace(state, holding=held)
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """What a call of `sense` starts from; `known` is the belief before, of the same episode."""
+
+    scene: Scene
+    state: TargetState
+    time_s: float
+    entities: dict[str, Entity]
+    known: Environment | None
+    focus: Collection[str]
+    find_state: Callable[[float], TargetState]
 
 
 def _place_crop(view: CameraView, before: Environment | None) -> CameraView:

@@ -10,8 +10,10 @@ on it, and they differ from the other cameras' in the things then.
 """
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -90,6 +92,23 @@ def find_probe_regions(health: Mapping[str, SensorHealth]) -> dict[str, Crop]:
     }
 
 
+class Probe(NamedTuple):
+    """A small window of a camera's frame: the hash of its pixels, and the stamp of the frame [s]."""
+
+    digest: str
+    time_s: float
+
+    def __str__(self) -> str:
+        """`hash@time`."""
+        return f"{self.digest}@{self.time_s:.6f}"
+
+    @classmethod
+    def parse(cls, text: str) -> "Probe":
+        """The probe of a text; of an empty one, none that was ever taken."""
+        digest, _, stamp = text.partition("@")
+        return cls(digest, float(stamp) if stamp else -math.inf)
+
+
 def check_probes(frames: Frames, before: Mapping[str, SensorHealth], now_s: float) -> dict[str, SensorHealth]:
     """Health of the cameras by these windows: one that repeats with a new stamp is of a frozen camera."""
     health = {camera: msgspec.structs.replace(each, probed_s=now_s) for camera, each in before.items()}
@@ -100,15 +119,15 @@ def check_probes(frames: Frames, before: Mapping[str, SensorHealth], now_s: floa
         if not np.isfinite(frame.depth_m).any():
             health[frame.camera] = msgspec.structs.replace(was, liveness_probe="")  # darkness repeats
             continue
-        digest, _, stamp = was.liveness_probe.partition("@")
-        if stamp and frame.time_s <= float(stamp) + SAME_S:
+        before_it = Probe.parse(was.liveness_probe)
+        if frame.time_s <= before_it.time_s + SAME_S:
             continue  # the same frame once more: the next ones were lost
-        now = compute_digest(frame)
-        if now == digest:
+        probe = Probe(compute_digest(frame), frame.time_s)
+        if probe.digest == before_it.digest:
             was = _turn(was, "frozen", now_s, REPEATED)
         elif was.status == "frozen":
             was = _turn(was, "live", now_s, "")
-        health[frame.camera] = msgspec.structs.replace(was, liveness_probe=f"{now}@{frame.time_s:.6f}")
+        health[frame.camera] = msgspec.structs.replace(was, liveness_probe=str(probe))
     return health
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from phyagentos.runtime.perception.fitting import Fit, Patch, fit, measure_sunk, stay
+from phyagentos.runtime.perception.fitting import Fit, Patch, evaluate_prior_pose, fit, measure_sunk
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import Cloud, Views
@@ -49,7 +49,7 @@ def separate_overlaps(
             again = fit(thing, seen[name], views, (own.rotation, own.position_m), obstacle)
             apart[name] = again or replace(own, sunk_m=sunk_m)
             if name in priors and apart[name].sunk_m >= SUNK_M:
-                stays = stay(thing, Patch.of(seen[name], views), views, priors[name], obstacle)
+                stays = evaluate_prior_pose(thing, Patch.of(seen[name], views), views, priors[name], obstacle)
                 apart[name] = min(apart[name], stays, key=lambda each: each.cost_m)
         if others.kinds and _is_within(thing, apart[name], others):
             del apart[name]

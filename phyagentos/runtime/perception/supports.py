@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import as_pose, compute_matrix, compute_rotation, turn
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
-from phyagentos.runtime.perception.doubt import CORRELATED, MAP_STDS
 from phyagentos.runtime.perception.inventory import Inventory, MapPart, join_map
+from phyagentos.runtime.perception.pose_uncertainty import CORRELATED, MAP_STDS
 from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import CameraView, measure_points

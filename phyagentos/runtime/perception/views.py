@@ -160,7 +160,7 @@ def _find_map(points: Array, colors: NDArray[np.uint8], inventory: Inventory) ->
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class Visibility:
     """Points of a thing's surface over all cameras, measured at the expected depth, nearer, or farther."""
 
     confirmed: int
@@ -173,12 +173,14 @@ class Sight:
         return self.contradicted / max(self.confirmed + self.contradicted, 1)
 
 
-def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, views: Views) -> Sight:
+def compute_visibility(thing: ObjectModel, rotation: Array, position_m: Array, views: Views) -> Visibility:
     """Visibility of a thing in a pose."""
-    return measure_sight(thing.samples_m, thing.normals, rotation, position_m, views)
+    return measure_visibility(thing.samples_m, thing.normals, rotation, position_m, views)
 
 
-def measure_sight(samples_m: Array, normals: Array, rotation: Array, position_m: Array, views: Views) -> Sight:
+def measure_visibility(
+    samples_m: Array, normals: Array, rotation: Array, position_m: Array, views: Views
+) -> Visibility:
     """Visibility of a posed surface, of which points (n, 3) and normals are in its own frame."""
     pose = np.ascontiguousarray(rotation), position_m
     confirmed = hidden = contradicted = 0
@@ -193,4 +195,4 @@ def measure_sight(samples_m: Array, normals: Array, rotation: Array, position_m:
         contradicted += int(through.sum())
         hidden += int(before.sum())
         confirmed += int((measured & ~through & ~before).sum())
-    return Sight(confirmed, hidden, contradicted)
+    return Visibility(confirmed, hidden, contradicted)

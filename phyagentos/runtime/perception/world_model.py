@@ -13,7 +13,7 @@ from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.sessions.looks import format_picture, get_picture, shows
+from phyagentos.protocol.sessions.looks import Pointer, name_picture, shows
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.descriptions import name_described
 from phyagentos.protocol.world.environment import Environment
@@ -36,7 +36,7 @@ class Need:
 
 
 @dataclass(frozen=True, slots=True)
-class Glance:
+class ConfirmationCapture:
     """Frames that are taken at the end of a period, while the next one is on its way.
 
     `window` shows the things that are to be confirmed where they are believed to be, None without any; `probe` shows
@@ -88,15 +88,15 @@ class WorldModel(ABC):
             ExecutionError: `NO_SCENE` before `enter`; `TARGET_LOST`.
         """
 
-    def plan_glance(self, things: frozenset[str], time_s: float) -> Glance | None:
+    def plan_confirmation(self, things: frozenset[str], time_s: float) -> ConfirmationCapture | None:
         """The frames that may confirm these things at `time_s`, the end of the period that was sent last.
 
         None where the world has to stand for a look.
         """
-        return None if things else Glance(things, window=None, probe=None)
+        return None if things else ConfirmationCapture(things, window=None, probe=None)
 
-    def read_glance(self, glance: Glance, frames: Sequence[Frames]) -> Environment | None:
-        """The world at the latest step, confirmed by the frames of a glance, in the order of its captures.
+    def read_confirmation(self, confirmation: ConfirmationCapture, frames: Sequence[Frames]) -> Environment | None:
+        """The world at the latest step, confirmed by the frames of a confirmation, in the order of its captures.
 
         None in doubt: the things are to be observed while the world stands.
         """
@@ -124,8 +124,8 @@ class WorldModel(ABC):
         """The known looks that show the pixels of this world's pointers."""
         pointers = {pointer for entity in world.entities.values() for pointer in entity.evidence}
         found: dict[int, Look] = {}
-        for pointer in sorted(pointers):
-            looks = reversed(self._pictures.get(get_picture(pointer), []))
+        for pointer in Pointer.parse_all(sorted(pointers)):
+            looks = reversed(self._pictures.get(pointer.picture, []))
             if look := next((look for look in looks if shows(look.captures, pointer)), None):
                 found[id(look)] = look
         return list(found.values())
@@ -134,10 +134,11 @@ class WorldModel(ABC):
         """Remember a look; of earlier pictures, those that the belief still points at."""
         self.latest_look = look
         for frame in (frame for _, frames in look.captures for frame in frames.frames):
-            self._pictures.setdefault(format_picture(frame.camera, frame.time_s), []).append(look)
+            self._pictures.setdefault(name_picture(frame.camera, frame.time_s), []).append(look)
         if not look.things:
             self.looks.append(look)
-            pointed = {get_picture(each) for entity in belief.entities.values() for each in entity.evidence}
+            entities = belief.entities.values()
+            pointed = {each.picture for entity in entities for each in Pointer.parse_all(entity.evidence)}
             self._pictures = {name: looks for name, looks in self._pictures.items() if name in pointed}
 
     @property
@@ -160,7 +161,7 @@ class WorldModel(ABC):
         return world
 
 
-class TrueWorld(WorldModel):
+class GroundTruthWorldModel(WorldModel):
     """Reports what the handle's observations hold: the simulator's ground truth, or a robot that has no camera."""
 
     def __init__(

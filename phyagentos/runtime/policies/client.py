@@ -1,6 +1,6 @@
 """Requests of one session to its policy, in a thread, since the session's loop must never block.
 
-The scheme of an endpoint says the way: the project's own wire, openpi's, or a model in this process.
+The scheme of an endpoint names its wire: the project's own, openpi's, a model in this process, or that of a package.
 """
 
 import threading
@@ -15,9 +15,9 @@ import msgspec
 import pydantic
 from typing_extensions import override
 
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.network.deadline import Deadline
-from phyagentos.protocol.capabilities.policy_descriptors import MODEL_SCHEME, PolicyDescriptor, Stream
+from phyagentos.protocol.capabilities.policy_descriptors import MODEL_SCHEME, POLICY_WIRES, PolicyDescriptor, Stream
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.model_inputs import arrange
 from phyagentos.runtime.policies.server import Policy, answer
@@ -166,16 +166,24 @@ def _exchange(
 
 def open_service(endpoint: str, streams: Mapping[str, Stream]) -> PolicyService:
     """Connect to a policy that takes these streams; raises ExecutionError `POLICY_UNREACHABLE`."""
-    scheme = endpoint.partition(":")[0]
-    if scheme in {"openpi", "openpis"}:
-        from phyagentos.runtime.policies.openpi_client import OpenpiService  # a worker without such a policy needs none
+    try:
+        open_wire = POLICY_WIRES.load(endpoint.partition(":")[0], endpoint)
+    except DefinitionError as error:
+        raise ExecutionError("POLICY_UNREACHABLE", str(error)) from error
+    service: PolicyService = open_wire(endpoint, streams)
+    return service
 
-        return OpenpiService(endpoint, streams)
-    if scheme == MODEL_SCHEME:
-        from phyagentos.runtime.policies.onnx_policy import OnnxPolicy
 
-        return LocalService(OnnxPolicy(Path(endpoint.removeprefix(f"{MODEL_SCHEME}:"))), streams)
+def open_own_wire(endpoint: str, _streams: Mapping[str, Stream]) -> PolicyService:
+    """A server of the project's own wire; raises ExecutionError `POLICY_UNREACHABLE`."""
     return OwnWire(open_transport(endpoint))
+
+
+def open_model(endpoint: str, streams: Mapping[str, Stream]) -> PolicyService:
+    """A model in this process: `onnx:FILE`."""
+    from phyagentos.runtime.policies.onnx_policy import OnnxPolicy
+
+    return LocalService(OnnxPolicy(Path(endpoint.removeprefix(f"{MODEL_SCHEME}:"))), streams)
 
 
 class OwnWire(PolicyService):
@@ -188,7 +196,7 @@ class OwnWire(PolicyService):
     def exchange(self, request: wire.Request, timeout_s: float, silence_s: float) -> wire.Reply:
         deadline = Deadline(timeout_s)
         data = self._transport.exchange(wire.encode(request), min(timeout_s, silence_s))
-        while isinstance(reply := wire.decode_reply(data), wire.Beat):
+        while isinstance(reply := wire.decode_reply(data), wire.KeepAlive):
             try:
                 left_s = deadline.compute_left_s()
             except TimeoutError:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from phyagentos.errors import ExecutionError, format_names
+from phyagentos.errors import ExecutionError, format_install, format_names
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.openpi_codec import ACTIONS, PROMPT
 
@@ -28,7 +28,7 @@ class OnnxPolicy:
         try:
             import onnxruntime
         except ImportError as error:
-            message = f"{path}: no onnxruntime here; `pip install phyagentos[onnx]` brings it"
+            message = f"{path}: no onnxruntime here. {format_install('onnx')}"
             raise ExecutionError("POLICY_UNREACHABLE", message) from error
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1

@@ -75,4 +75,4 @@ def _await(reply: "Future[wire.Reply]", connection: Connection, beat_s: float | 
         try:
             return reply.result(beat_s)
         except TimeoutError:
-            connection.send_bytes(wire.encode(wire.Beat()))
+            connection.send_bytes(wire.encode(wire.KeepAlive()))

@@ -12,7 +12,6 @@ from urllib.parse import urlsplit
 
 from phyagentos.errors import ExecutionError
 from phyagentos.network.deadline import Deadline, connect
-from phyagentos.protocol.capabilities.policy_descriptors import SCHEMES
 from phyagentos.runtime.policies import wire
 
 CONNECT_S = 2.0  # a server that is there accepts at once
@@ -44,7 +43,7 @@ def open_transport(endpoint: str) -> Transport:
         raise ExecutionError("POLICY_UNREACHABLE", f"{endpoint}: {error}") from error
     if parts.scheme in {"http", "https"}:
         return _Http(endpoint)
-    raise ExecutionError("POLICY_UNREACHABLE", f"{endpoint}: no such way; possible are {', '.join(SCHEMES)}")
+    raise ExecutionError("POLICY_UNREACHABLE", f"{endpoint}: not tcp://HOST:PORT, http://… or https://…")
 
 
 class _Tcp:

@@ -27,7 +27,7 @@ class Introduce(msgspec.Struct, frozen=True, tag=True):
 class Start(msgspec.Struct, frozen=True, tag=True):
     """A session begins: forget the last one. Reply: `Started`.
 
-    `instruction` is its objective in words, `seed` the root of its random choices; the client wants a `Beat` every
+    `instruction` is its objective in words, `seed` the root of its random choices; the client wants a `KeepAlive` every
     `beat_s` [s] while it waits for a reply, 0 for never.
     """
 
@@ -73,7 +73,7 @@ class Chunk(msgspec.Struct, frozen=True, tag=True):
     done: bool = False
 
 
-class Beat(msgspec.Struct, frozen=True, tag=True):
+class KeepAlive(msgspec.Struct, frozen=True, tag="Beat"):
     """The server is at work; the reply follows. Only where the session's `Start` asks for it, over tcp."""
 
 
@@ -84,7 +84,7 @@ class Fault(msgspec.Struct, frozen=True, tag=True):
 
 
 Request = Introduce | Start | Infer
-Reply = Introduction | Started | Chunk | Beat | Fault
+Reply = Introduction | Started | Chunk | KeepAlive | Fault
 
 REQUESTS = Codec[Request](Request, "request")
 _REPLIES = Codec[Reply](Reply, "reply")

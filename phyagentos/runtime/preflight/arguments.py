@@ -12,6 +12,8 @@ from phyagentos.geometry import compute_rotation, to_parent
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_mismatch
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.predicates.exchanges import exchange, find_groups
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import Statement, only_looks, read_statement, state
 from phyagentos.protocol.predicates.predicate import (
     Predicate,
     View,
@@ -20,7 +22,7 @@ from phyagentos.protocol.predicates.predicate import (
     iter_postures,
     parse_predicate,
 )
-from phyagentos.protocol.predicates.syntax import And, Call, Name, iter_calls
+from phyagentos.protocol.predicates.syntax import And, Name
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.descriptions import find_candidates
@@ -78,9 +80,8 @@ def iter_name_problems(
 
     A skill that only looks may look for what the inventory names and no look has shown; so may an agent.
     """
-    calls = _find_calls(skill.guarantees) if skill is not None else []
-    only_looks = bool(calls) and all(call == "visible" for call in calls)
-    unseen = now.never_seen if only_looks or (skill is not None and skill.loop is not None) else ()
+    may_be_unseen = skill is not None and (only_looks(skill.guarantees) or skill.loop is not None)
+    unseen = now.never_seen if may_be_unseen else ()
     things = now.entities.keys() | set(unseen)
     places = things | now.regions.keys()
     known = {"entity": things, "entities": things, "place": places}
@@ -163,9 +164,8 @@ def iter_ambiguity_problems(session: Session, skill: SkillRuntime | None, now: E
     What the session acts on meets its acceptance afterwards; the others that it may be have to meet it already. Where
     it only looks, its acceptance has to be decided now.
     """
-    calls = _find_calls(skill.guarantees) if skill is not None else []
-    moves = any(call != "visible" for call in calls) or not calls
-    acted = now.find_movable(session.parameters.values())
+    moves = skill is None or not only_looks(skill.guarantees)
+    acted = session.find_object(now)
     entity = now.entities.get(acted or "")
     agreed = {name for names in session.interchangeable if acted in names for name in names}
     others = [name for name in entity.alternatives if name not in agreed] if entity is not None else []
@@ -201,19 +201,14 @@ def _look_at(session: Session, now: Environment) -> View:
     return session.make_view(now, now)
 
 
-def _find_calls(texts: Iterable[str]) -> list[str]:
-    """Names of the predicates that some texts use; of templates too."""
-    return [call.name for text in texts for call in iter_calls(parse_predicate(text, template=True).formula)]
-
-
 def iter_contradictions(session: Session, now: Environment) -> Iterator[Problem]:
     """Things that the acceptance wants inside of two places at once that do not overlap."""
     wanted: dict[str, list[str]] = {}
     for text in session.accept:
         formula = find_formula(text)
         for part in formula.parts if isinstance(formula, And) else (formula,):
-            match part:
-                case Call("inside", (Name(thing), Name(place))):
+            match read_statement(part):
+                case Statement(Meaning.INSIDE, Name(thing), Name(place)):
                     wanted.setdefault(thing, []).append(place)
     for thing, places in wanted.items():
         for one, other in combinations(dict.fromkeys(places), 2):
@@ -222,7 +217,8 @@ def iter_contradictions(session: Session, now: Environment) -> Iterator[Problem]
                 continue
             gap_m = float(np.maximum(room[0] - further[1], further[0] - room[1]).max())
             if gap_m > 0.0:
-                found = f"inside({thing}, {one}) and inside({thing}, {other}), which are {gap_m:.3f} m apart"
+                both = " and ".join(state(Meaning.INSIDE, thing, place) for place in (one, other))
+                found = f"{both}, which are {gap_m:.3f} m apart"
                 fix = "Ask for one of them, or for two nodes one after the other."
                 yield make_problem("CRITERIA_CONTRADICT", "accept", found, "places that overlap", "accept", fix)
 

@@ -9,20 +9,23 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import to_parent
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.capabilities.skill_runtimes import Parameter, find_mismatch
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, read_tree
+from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.meaning import Statement, read_statement
 from phyagentos.protocol.predicates.predicate import find_formula
-from phyagentos.protocol.predicates.syntax import Call, Name, Point
+from phyagentos.protocol.predicates.syntax import Name, Point
 from phyagentos.protocol.sessions.session import Session
-from phyagentos.protocol.sessions.trace import STILL, Role
+from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.entity_geometry import find_tops_below
 from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.runtime.execution.context import compute_leaf_seed
+from phyagentos.runtime.execution.first_motions import FirstMotion, Foreseen, Grasp, Home, Onward
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.leaves.plan_room import list_removable
 from phyagentos.runtime.motion.grasps import foresee_payload
@@ -63,9 +66,6 @@ PROOFS = {  # codes of the planner that prove a motion impossible -> code of the
 }
 REACH_REASONS = {"ik"}  # every candidate was rejected for reach alone, none for a contact
 ON_AXIS_M = 1e-6
-_PASSED_OVER = STILL | {Role.MOVE}  # between grasp and place they move nothing but what is held
-_GRASPING = {Role.PLAN_GRASP, Role.PLAN_ROOM}
-_POINT = Parameter(type="point")
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,29 +98,25 @@ def compute_reach(kinematics: Kinematics | None) -> Reach | None:
     return Reach((x, y, z), float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()))
 
 
-@dataclass(frozen=True, slots=True)
-class Home:
-    """The tree goes to the home posture, or to a named one, before anything has been grasped."""
-
-    posture: str = "home"
+Motions = Generator[FirstMotion, None, bool]
 
 
-@dataclass(frozen=True, slots=True)
-class Grasp:
-    """The tree grasps an object, before anything has moved; `then` is where it says that it puts it.
+@dataclass(slots=True, kw_only=True)
+class _Course:
+    """A dry run so far: where the arm would stand, in which world, with what in its hand.
 
-    If it moves out of there what is in the way, that may be anything `removable`; None where it moves nothing out.
-    `leaf` is the path of the leaf that asks for the grasp: the planner keeps its answer for it.
+    Attributes:
+        known: Where that can surely be put down.
     """
 
-    object: str
-    leaf: str
-    then: Destination | None = None
-    removable: tuple[str, ...] | None = None
-
-
-Motions = Generator[Home | Grasp | Destination, None, bool]
-"""A destination is where the tree puts down what it grasped."""
+    session: Session
+    now: Environment
+    world: World
+    q_rad: NDArray[np.float64]
+    thorough: bool
+    grasped: Payload | None = None
+    known: Destination | None = None
+    trials: list[Trial] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,72 +145,96 @@ class DryRun:
 
         A `thorough` run also searches a collision-free path to the grasp; it costs more and never rejects.
         """
-        trials: list[Trial] = []
         state = now.targets.get(session.target)
-        q_rad = np.asarray(state.q_rad if state is not None else self.home_rad, dtype=np.float64)
-        world = World(tuple(now.entities.values()), tuple(now.regions.values()))
-        grasped: Payload | None = None
-        known: Destination | None = None  # where it can surely be put down; what it stands on has to have a face
+        course = _Course(
+            session=session,
+            now=now,
+            world=World(tuple(now.entities.values()), tuple(now.regions.values())),
+            q_rad=np.asarray(state.q_rad if state is not None else self.home_rad, dtype=np.float64),
+            thorough=thorough,
+        )
         if thorough:
-            nudge_rad = np.stack((q_rad, q_rad + NUDGE_RAD))
-            self._ask(TimeLine(waypoints_rad=nudge_rad))  # it is ready: the costs are its own
-        start = self._try_posture(session, "start", world, q_rad)
+            self._ask(TimeLine(waypoints_rad=np.stack((course.q_rad, course.q_rad + NUDGE_RAD))))
+        start = self._try_posture(course, "start", course.q_rad)  # the planner is ready: the costs are its own
         if start.outcome != "possible" or thorough:
-            trials.append(start)
-        trials += self._iter_beyond(session)
-        for motion in find_motions(tree, session.parameters, self.library, self.registry):
-            if isinstance(motion, Home):
-                asked_rad = self.postures.get(motion.posture, self.home_rad)
-                goal_rad = np.append(q_rad[: len(q_rad) - len(asked_rad)], asked_rad)  # a base stays where it is
-                if float(np.abs(goal_rad - q_rad).max()) > NUDGE_RAD:
-                    trials.append(self._try_posture(session, motion.posture, world, goal_rad))
-                    q_rad = goal_rad
-            elif isinstance(motion, Grasp):
-                entity = now.entities.get(motion.object)
-                if entity is None or entity.held_by:
-                    break  # reported with the names; where it lies once it is let go is not known
-                if motion.removable is not None and motion.then is not None:
-                    removable = list_removable(session, now, motion.object, motion.then.name)
-                    motion = replace(motion, removable=removable)
-                    room = self._try_grasp(session, motion, entity, world, q_rad)[1] if removable else None
-                    gone = room.gone if isinstance(room, Approaches) else ()  # where nothing is, what follows says so
-                    world = World(tuple(each for each in world.entities if each.name not in gone), world.regions)
-                    continue
-                trial, answer = self._try_grasp(session, motion, entity, world, q_rad)
-                trials.append(trial)
-                if not isinstance(answer, Approaches):
-                    break
-                is_known = answer.leads_on and motion.then is not None and motion.then.relation == "inside"
-                way, known = answer.approaches[0], motion.then if is_known else None
-                if thorough:
-                    answer, ms = self._ask(PlanMove(world, q_rad, session.seed, way.line_rad[:1], speed=PATH_SPEED))
-                    trials.append(_judge(f"path to {motion.object}", answer, ms, proves=False))
-                grasped = foresee_payload(entity, way)
-                q_rad = way.line_rad[-1]
-            elif grasped is not None and (motion != known or session.strategy.avoid_sites):
-                trials.append(self._try_place(session, motion, grasped, now, world, q_rad))
-            elif grasped is not None:
-                trials.append(Trial(motion=_name_place(grasped, motion), outcome="possible"))
-        return tuple(trials)
+            course.trials.append(start)
+        course.trials += self._iter_beyond(session)
+        motions = find_motions(tree, session.parameters, self.library, self.registry)
+        all(self._try(course, motion) for motion in motions)
+        return tuple(course.trials)
+
+    def _try(self, course: _Course, motion: FirstMotion) -> bool:
+        """Whether what follows can be tried, too."""
+        match motion:
+            case Home():
+                self._go_home(course, motion)
+            case Grasp():
+                return self._take(course, motion)
+            case _ if course.grasped is not None:
+                self._put_down(course, motion, course.grasped)
+        return True
+
+    def _go_home(self, course: _Course, motion: Home) -> None:
+        asked_rad = self.postures.get(motion.posture, self.home_rad)
+        goal_rad = np.append(course.q_rad[: len(course.q_rad) - len(asked_rad)], asked_rad)  # a base stays
+        if float(np.abs(goal_rad - course.q_rad).max()) > NUDGE_RAD:
+            course.trials.append(self._try_posture(course, motion.posture, goal_rad))
+            course.q_rad = goal_rad
+
+    def _take(self, course: _Course, motion: Grasp) -> bool:
+        entity = course.now.entities.get(motion.object)
+        if entity is None or entity.held_by:
+            return False  # reported with the names; where it lies once it is let go is not known
+        if motion.removable is not None:
+            self._make_room(course, motion, entity)
+            return True
+        trial, answer = self._try_grasp(course, motion, entity)
+        course.trials.append(trial)
+        if not isinstance(answer, Approaches):
+            return False
+        way, then = answer.approaches[0], motion.then
+        is_known = answer.leads_on and then is not None and then.relation == Meaning.INSIDE
+        course.known = then if is_known else None  # what it stands on has to have a face
+        if course.thorough:
+            request = PlanMove(course.world, course.q_rad, course.session.seed, way.line_rad[:1], speed=PATH_SPEED)
+            course.trials.append(_judge(f"path to {motion.object}", *self._ask(request), proves=False))
+        course.grasped, course.q_rad = foresee_payload(entity, way), way.line_rad[-1]
+        return True
+
+    def _make_room(self, course: _Course, motion: Grasp, entity: Entity) -> None:
+        """The world without what the tree moves out; where nothing gives room, what follows says so."""
+        to = motion.then.name if motion.then is not None else ""
+        if removable := list_removable(course.session, course.now, motion.object, to):
+            _, room = self._try_grasp(course, replace(motion, removable=removable), entity)
+            gone = room.gone if isinstance(room, Approaches) else ()
+            left = tuple(each for each in course.world.entities if each.name not in gone)
+            course.world = World(left, course.world.regions)
+
+    def _put_down(self, course: _Course, to: Destination, payload: Payload) -> None:
+        name = f"place {payload.entity} {to.relation} {to.name}"
+        if to == course.known and not course.session.strategy.avoid_sites:
+            course.trials.append(Trial(motion=name, outcome="possible"))
+        else:
+            course.trials.append(self._try_place(course, to, payload, name))
 
     def _iter_beyond(self, session: Session) -> Iterator[Trial]:
         """Points where the acceptance wants a thing, and where no tool brings anything; heights do not matter."""
         for text in session.accept:
-            match find_formula(text), self.reach:
-                case Call("at", (Name(thing), Point((x_m, y_m, _)), *_)), Reach() as reach:
+            match read_statement(find_formula(text)), self.reach:
+                case Statement(Meaning.AT, Name(thing), Point((x_m, y_m, _))), Reach() as reach:
                     excess_m = reach.compute_excess((x_m, y_m, reach.center_m[2])) - AROUND_M
                     name = f"{thing} to ({x_m:g}, {y_m:g})"
                     message = f"the point lies {excess_m:.3f} m beyond the longest reach of {session.target}"
                     if excess_m > 0.0:
                         yield Trial(motion=name, outcome="impossible", code="OUT_OF_REACH", message=message)
 
-    def _try_posture(self, session: Session, name: str, world: World, q_rad: "np.ndarray") -> Trial:
+    def _try_posture(self, course: _Course, name: str, q_rad: NDArray[np.float64]) -> Trial:
         """Contacts of the arm with itself and with fixed entities, where it stands or where the tree sends it.
 
         A contact at the start is left if there is a short way out; the tree never leads into one.
         """
-        movable = tuple(each.name for each in world.entities if each.movable)
-        answer, ms = self._ask(CheckPosture(world=world, q_rad=q_rad, seed=session.seed, ignore=movable))
+        movable = tuple(each.name for each in course.world.entities if each.movable)
+        answer, ms = self._ask(CheckPosture(course.world, q_rad, course.session.seed, ignore=movable))
         if not isinstance(answer, Stance):
             return _judge(f"{name} posture", answer, ms, proves=False)
         if not answer.contacts:
@@ -224,18 +244,16 @@ class DryRun:
         outcome: Literal["impossible", "undecided"] = "impossible" if is_proved else "undecided"
         return Trial(motion=f"{name} posture", outcome=outcome, code="IN_COLLISION", message=message, ms=ms)
 
-    def _try_grasp(
-        self, session: Session, motion: Grasp, entity: Entity, world: World, q_rad: "np.ndarray"
-    ) -> tuple[Trial, MotionAnswer | None]:
-        name = f"grasp {motion.object}"
+    def _try_grasp(self, course: _Course, motion: Grasp, entity: Entity) -> tuple[Trial, MotionAnswer | None]:
+        name, session = f"grasp {motion.object}", course.session
         excess_m = self._compute_excess(entity)
         if excess_m > 0.0:
             message = f"{motion.object} lies {excess_m:.3f} m beyond the longest reach of {session.target}"
             return Trial(motion=name, outcome="impossible", code="OUT_OF_REACH", message=message), None
         request = FindGrasps(
-            world=world,
+            world=course.world,
             object=motion.object,
-            q_rad=q_rad,
+            q_rad=course.q_rad,
             seed=compute_leaf_seed(session, motion.leaf),
             avoid=session.strategy.avoid_grasps,
             count=CANDIDATES if motion.removable else GRASPS,
@@ -245,25 +263,22 @@ class DryRun:
         answer, ms = self._ask(request)
         return _judge(name, answer, ms), answer
 
-    def _try_place(
-        self, session: Session, to: Destination, payload: Payload, now: Environment, world: World, q_rad: "np.ndarray"
-    ) -> Trial:
-        name = _name_place(payload, to)
-        place = now.entities.get(to.name) or now.regions.get(to.name)
+    def _try_place(self, course: _Course, to: Destination, payload: Payload, name: str) -> Trial:
+        place = course.now.entities.get(to.name) or course.now.regions.get(to.name)
         if place is None:
             return Trial(motion=name, outcome="undecided", message="the destination is not in the world as observed")
-        if to.relation == "on" and isinstance(place, Entity) and not _has_face(place):
+        if to.relation == Meaning.ON and isinstance(place, Entity) and not _has_face(place):
             message = f"{to.name} has no level face on which anything could stand"
             return Trial(motion=name, outcome="impossible", code="NO_SPACE", message=message)
         request = FindPlacements(
-            world=world,
+            world=course.world,
             payload=payload,
             destination=to.name,
-            q_rad=q_rad,
-            seed=session.seed,
+            q_rad=course.q_rad,
+            seed=course.session.seed,
             relation=to.relation,
             near=to.near,
-            avoid=session.strategy.avoid_sites,
+            avoid=course.session.strategy.avoid_sites,
             count=CANDIDATES,
         )
         answer, ms = self._ask(request)
@@ -288,10 +303,6 @@ class DryRun:
         norm = np.linalg.norm  # of balls about the entity's origin that hold its shapes
         own_m = max((float(norm(each.pose.position_m) + norm(each.size_m)) for each in entity.shapes), default=0.0)
         return self.reach.compute_excess(entity.pose.position_m) - own_m - HAND_M
-
-
-def _name_place(payload: Payload, to: Destination) -> str:
-    return f"place {payload.entity} {to.relation} {to.name}"
 
 
 def _has_face(entity: Entity) -> bool:
@@ -341,31 +352,12 @@ def _find_in(
                 return False
             continue
         leaf = registry.find(child.type) if child.kind is NodeKind.LEAF else None
-        role = leaf.ROLE if leaf is not None else None
-        if role is Role.HOME:
-            yield Home(wired.get("posture") or "home")
-        elif role in _GRASPING and isinstance(object := wired.get("object"), str):
-            then, makes_room = _make_destination(wired), role is Role.PLAN_ROOM
-            if then is not None or not makes_room:
-                yield Grasp(object, where, then, () if makes_room else None)
-            if makes_room:
-                return True  # the rest of its tree moves what is found to be in the way, and nothing else
-        elif role is Role.PLAN_SITE and (place := _make_destination(wired)) is not None:
-            yield place
-            return False
-        elif role not in _PASSED_OVER:
-            return False
+        foreseen = leaf.foresee(wired, where) if leaf is not None else Foreseen(onward=Onward.OPEN)
+        if foreseen.motion is not None:
+            yield foreseen.motion
+        if foreseen.onward is not Onward.SURE:
+            return foreseen.onward is Onward.OUTSIDE
     return True
-
-
-def _make_destination(wired: Mapping[str, Any]) -> Destination | None:
-    destination, near = wired.get("destination"), wired.get("near")
-    if not isinstance(destination, str):
-        return None
-    if near is not None and find_mismatch(_POINT, near):
-        return None  # reported with the arguments
-    point = None if near is None else (float(near[0]), float(near[1]), float(near[2]))
-    return Destination(destination, str(wired.get("relation") or "inside"), point)
 
 
 def make_trial_problem(trial: Trial, session: Session) -> Problem:
@@ -382,7 +374,7 @@ def _judge(name: str, answer: MotionAnswer | None, ms: float, *, proves: bool = 
     if not isinstance(answer, NoPlan):
         return Trial(motion=name, outcome="possible", ms=ms)
     code = PROOFS.get(answer.code, "")
-    walls = {reason for reason in answer.rejected if is_wall(reason.partition("|")[2])}
+    walls = {each for each in answer.rejected if (met := Contact.parse(each)) and is_wall(met.other)}
     if answer.code == "NO_IK" and answer.rejected and set(answer.rejected) <= REACH_REASONS:
         code = "OUT_OF_REACH"
     elif answer.code == "NO_IK" and walls and set(answer.rejected) <= walls | {"ik", "occupied", "far"}:

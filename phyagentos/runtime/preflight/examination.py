@@ -20,6 +20,7 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.execution.criteria import weigh_before
+from phyagentos.runtime.execution.first_motions import Grasp
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import check_tree
 from phyagentos.runtime.models.scene_start import explain_unseen, find_start_problems
@@ -33,7 +34,6 @@ from phyagentos.runtime.preflight.dry_run import (
     ANSWER_S,
     SHARE,
     DryRun,
-    Grasp,
     compute_reach,
     find_motions,
     make_trial_problem,

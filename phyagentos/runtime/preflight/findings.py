@@ -1,7 +1,6 @@
 """Findings of preflight, and their form as data. The six fields of the paper's rejection."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import msgspec
 
@@ -20,15 +19,3 @@ def make_problem(
 def locate(session: Session, problems: Iterable[Problem]) -> list[Problem]:
     """The same problems, each with this session's address."""
     return [msgspec.structs.replace(problem, address=f"{session.id}: {problem.address}") for problem in problems]
-
-
-def describe_problem(problem: Problem) -> Mapping[str, Any]:
-    """{code, address, found, expected, triggered_by, fix}."""
-    return {
-        "code": problem.code,
-        "address": problem.address,
-        "found": problem.found,
-        "expected": problem.expected,
-        "triggered_by": problem.triggered_by,
-        "fix": problem.hint,
-    }

@@ -11,7 +11,7 @@ from phyagentos.protocol.capabilities.policy_descriptors import (
     CLIENT_SIDE,
     MODEL_SCHEME,
     POLICY_PROTOCOL,
-    SCHEMES,
+    POLICY_WIRES,
     WORLD,
     PolicyDescriptor,
     Stream,
@@ -41,7 +41,7 @@ def iter_policy_problems(
         return
     by = f"policy {policy.policy}"
     if not _is_endpoint(policy.endpoint):
-        expected = f"SCHEME://HOST:PORT with one of {format_names(SCHEMES)}"
+        expected = f"SCHEME://HOST:PORT with one of {format_names(POLICY_WIRES.names())}"
         yield make_problem("ENDPOINT_INVALID", "skill.policy.endpoint", repr(policy.endpoint), expected, by)
     if policy.protocol != POLICY_PROTOCOL:
         found = f"version {policy.protocol}"
@@ -84,15 +84,18 @@ def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Proble
 
 
 def _is_endpoint(text: str) -> bool:
-    if text.startswith(f"{MODEL_SCHEME}:"):
-        return len(text) > len(MODEL_SCHEME) + 1
+    scheme, _, rest = text.partition(":")
+    if scheme not in POLICY_WIRES.names():
+        return False
+    if scheme == MODEL_SCHEME or scheme not in POLICY_WIRES.shipped:
+        return bool(rest)
     try:
         parts = urlsplit(text)
         host, has_port = parts.hostname or "", parts.port is not None or parts.scheme in {"http", "https"}
         host.encode("idna")
     except ValueError:  # half a bracket, a port that is no number, a part of a host's name that is empty or too long
         return False
-    return parts.scheme in SCHEMES and bool(host) and has_port
+    return bool(host) and has_port
 
 
 def _iter_stream_problems(

@@ -22,7 +22,7 @@ START_S = 180.0  # until a worker is ready; a first one compiles its kinematics
 OBSERVE_S = 60.0  # to observe what a lost session left
 
 
-class Sign(StrEnum):
+class FaultKind(StrEnum):
     """What is wrong with a worker; the value is the code under which its session ends."""
 
     SILENT = "HEARTBEAT_LOST"
@@ -34,10 +34,10 @@ class Sign(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Trouble:
+class LivenessFault:
     """Why a worker has to be stopped."""
 
-    sign: Sign
+    kind: FaultKind
     message: str
 
 
@@ -59,7 +59,7 @@ class HeartbeatMonitor:
         self._stale, self._has_begun = None, False
         self._acting_s = self._thinking_s = 0.0
 
-    def find_trouble(self, limits: Limits, pid: int) -> Trouble | None:
+    def find_fault(self, limits: Limits, pid: int) -> LivenessFault | None:
         """What is wrong with a worker by now, if anything; reads the file at most five times a second."""
         now_s = self._clock.now_s()
         if now_s - self._looked_at_s >= LOOK_PERIOD_S:
@@ -67,15 +67,15 @@ class HeartbeatMonitor:
             beat = find_heartbeat(self._folder, self._target)
             message = self._take(beat, pid, min(elapsed_s, LOOK_MAX_S), now_s) if beat is not None else ""
             if message:
-                return Trouble(Sign.INCONSISTENT, message)
+                return LivenessFault(FaultKind.INCONSISTENT, message)
         if now_s - self._heard_at_s > limits.heartbeat_s:
-            return Trouble(Sign.SILENT, f"no heartbeat for {limits.heartbeat_s} s")
+            return LivenessFault(FaultKind.SILENT, f"no heartbeat for {limits.heartbeat_s} s")
         for spent_s, limit_s, doing in (
             (self._acting_s, limits.stall_s, "acts"),
             (self._thinking_s, limits.think_s, "waits for a planner"),
         ):
             if spent_s > limit_s:
-                return Trouble(Sign.STALLED, f"it {doing}, and no control period has passed for {limit_s} s")
+                return LivenessFault(FaultKind.STALLED, f"it {doing}, and no control period has passed for {limit_s} s")
         return None
 
     def _take(self, beat: Heartbeat, pid: int, elapsed_s: float, now_s: float) -> str:
@@ -131,7 +131,7 @@ class Due:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Standing:
+class SupervisionSnapshot:
     """State of a target now: `age_s` in its phase [s].
 
     `rest_s` is the pause before the next attempt to start its worker [s], `stop_left_s` the time left to a worker that
@@ -145,41 +145,41 @@ class Standing:
     session: Session | None
     state: SessionState | None
     stop_left_s: float | None
-    find_trouble: Callable[[Limits], Trouble | None]
+    find_fault: Callable[[Limits], LivenessFault | None]
 
 
-def find_due(standing: Standing) -> Due | None:
+def find_due(snapshot: SupervisionSnapshot) -> Due | None:
     """The measure that is due now, if any."""
-    phase, age_s = standing.phase, standing.age_s
-    if phase in {Phase.STARTING, Phase.IDLE} and standing.has_lost_world:
+    phase, age_s = snapshot.phase, snapshot.age_s
+    if phase in {Phase.STARTING, Phase.IDLE} and snapshot.has_lost_world:
         return Due(Measure.LOSE, "the world process ended")
     if phase is Phase.RESTING:
-        return Due(Measure.REPLACE) if age_s > standing.rest_s else None
+        return Due(Measure.REPLACE) if age_s > snapshot.rest_s else None
     for bounded, limit_s in ((Phase.STARTING, START_S), (Phase.RECONCILING, OBSERVE_S)):
         if phase is bounded and age_s > limit_s:
             return Due(Measure.LOSE, f"the worker was {phase} for more than {limit_s:.0f} s")
-    if standing.session is None or phase not in {Phase.CHECKING, Phase.RUNNING}:
+    if snapshot.session is None or phase not in {Phase.CHECKING, Phase.RUNNING}:
         return None
-    return _find_due_of_session(standing, standing.session)
+    return _find_due_of_session(snapshot, snapshot.session)
 
 
-def _find_due_of_session(standing: Standing, session: Session) -> Due | None:
+def _find_due_of_session(snapshot: SupervisionSnapshot, session: Session) -> Due | None:
     limits = session.limits
-    if standing.stop_left_s is not None:
-        return Due(Measure.LOSE, "the worker did not stop when asked to") if standing.stop_left_s < 0.0 else None
-    if standing.state is SessionState.CANCELLING:
+    if snapshot.stop_left_s is not None:
+        return Due(Measure.LOSE, "the worker did not stop when asked to") if snapshot.stop_left_s < 0.0 else None
+    if snapshot.state is SessionState.CANCELLING:
         return Due(Measure.STOP, ended=Ended.CANCELLED)
-    if standing.phase is Phase.CHECKING:
-        if standing.age_s <= limits.preflight_s:
+    if snapshot.phase is Phase.CHECKING:
+        if snapshot.age_s <= limits.preflight_s:
             return None
         why = f"it was checked for longer than {limits.preflight_s} s"
         return Due(Measure.REFUSE, why, code="PREFLIGHT_TIMED_OUT")
-    if standing.age_s > limits.wall_timeout_s:
+    if snapshot.age_s > limits.wall_timeout_s:
         why = f"the contract allows {limits.wall_timeout_s} s by the wall clock"
         return Due(Measure.STOP, why, ended=Ended.TIMED_OUT)
-    trouble = standing.find_trouble(limits)
-    if trouble is None:
+    fault = snapshot.find_fault(limits)
+    if fault is None:
         return None
-    if trouble.sign is Sign.STALLED:
-        return Due(Measure.STOP, trouble.message, ended=Ended.STALLED)
-    return Due(Measure.LOSE, trouble.message, code=trouble.sign)
+    if fault.kind is FaultKind.STALLED:
+        return Due(Measure.STOP, fault.message, ended=Ended.STALLED)
+    return Due(Measure.LOSE, fault.message, code=fault.kind)

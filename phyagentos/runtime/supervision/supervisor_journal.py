@@ -64,7 +64,7 @@ class SupervisorJournal:
         except IllegalTransition:
             self.follow()
 
-    def insist(self, act: Callable[Given, None], *given: Given.args, **named: Given.kwargs) -> None:
+    def retry_on_conflict(self, act: Callable[Given, None], *given: Given.args, **named: Given.kwargs) -> None:
         """Act again, as long as another writer changes the session between reading and recording.
 
         Raises:

@@ -28,7 +28,7 @@ from phyagentos.protocol.sessions.session import (
     SessionId,
     SessionStatus,
 )
-from phyagentos.runtime.supervision.limits import Due, HeartbeatMonitor, Measure, Standing, find_due
+from phyagentos.runtime.supervision.limits import Due, HeartbeatMonitor, Measure, SupervisionSnapshot, find_due
 from phyagentos.runtime.supervision.queues import Queues
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry, make_rejection
 from phyagentos.runtime.supervision.target_phase import Phase, PhaseLog, fire_phase
@@ -159,29 +159,29 @@ class TargetSupervisor:
         """Why the target was given up, and the remedy."""
         return explain_failure(self._shared.logs, self.target, self.failures)
 
-    def hear(self, answer: FromWorker | None) -> None:
+    def on_message(self, answer: FromWorker | None) -> None:
         """React to an answer of the worker; None when the worker ended."""
-        session, insist = self.session, self._journal.insist
+        session, retry_on_conflict = self.session, self._journal.retry_on_conflict
         if answer is None:
-            insist(self._lose, "the worker process ended")
+            retry_on_conflict(self._lose, "the worker process ended")
         elif isinstance(answer, Ready):
-            insist(self._on_ready)
+            retry_on_conflict(self._on_ready)
         elif session is None or answer.session != session.id:
             return
         elif isinstance(answer, Finished):
-            insist(self._on_finished, session, answer)
+            retry_on_conflict(self._on_finished, session, answer)
         elif self.phase is Phase.CHECKING:
-            insist(self._on_checked, session, answer)
+            retry_on_conflict(self._on_checked, session, answer)
 
-    def attend(self) -> None:
+    def tick(self) -> None:
         """Take the measure that a limit of time requires; else renew the lease of the running session."""
         session, age_s = self.session, self._clock.now_s() - self._since_s
         state = self._journal.get_state(session.id) if session is not None else None
         if session is not None and state is SessionState.PENDING and age_s > CHECK_SHOWS_S:
-            self._journal.insist(self._show_check, session)
+            self._journal.retry_on_conflict(self._show_check, session)
         due = find_due(self._describe(state, age_s))
         if due is not None:
-            self._journal.insist(self._take_measure, due)
+            self._journal.retry_on_conflict(self._take_measure, due)
         elif self.phase is Phase.RUNNING and self._clock.now_s() >= self._renew_at_s:
             self.worker.send(Renew(until_s=self._grant_lease()))
 
@@ -306,8 +306,8 @@ class TargetSupervisor:
             self._queues.forsake(self.target)
             self.lost = None
 
-    def _describe(self, state: SessionState | None, age_s: float) -> Standing:
-        return Standing(
+    def _describe(self, state: SessionState | None, age_s: float) -> SupervisionSnapshot:
+        return SupervisionSnapshot(
             phase=self.phase,
             age_s=age_s,
             rest_s=float(self._shared.rest_s * 2 ** max(0, self.failures - 1)),
@@ -315,7 +315,7 @@ class TargetSupervisor:
             session=self.session,
             state=state,
             stop_left_s=None if self._stop_by_s is None else self._stop_by_s - self._clock.now_s(),
-            find_trouble=lambda limits: self.monitor.find_trouble(limits, self.worker.pid),
+            find_fault=lambda limits: self.monitor.find_fault(limits, self.worker.pid),
         )
 
     def _take_measure(self, due: Due) -> None:

@@ -140,7 +140,7 @@ class Watchdog:
         pause_s = min(POLL_S, pause_s, max(0.0, self._signals_at_s - now_s))
         for news in poller.wait(self._supervisors.values(), pause_s):
             if isinstance(news, TargetSupervisor):
-                news.hear(news.worker.receive())
+                news.on_message(news.worker.receive())
             elif news is signals:
                 self._signals_at_s = now_s
             self._is_stale = True
@@ -213,4 +213,4 @@ class Watchdog:
             late = Problem(QUEUE_TIMED_OUT, f"{overdue.id}: limits.queue_s", expected=limit)
             self._journal.try_commit(make_rejection(overdue.id, late))
         for supervisor in self._supervisors.values():
-            supervisor.attend()
+            supervisor.tick()

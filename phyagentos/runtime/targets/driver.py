@@ -1,23 +1,33 @@
 """The port of a target: what a simulation or a device can do; `served_target` adds authority, receive log and stops.
 
+`VERBS` says for each request which method of a driver answers it, and what the request needs: a served target, a target
+of the same process and one that is relayed elsewhere all dispatch by this table.
+
 Alternatives rejected: one class per simulator inside the worker (a crash of the physics would take the evidence with
 it); gym's `step` (no authority, no expiry, no halt).
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Flag, StrEnum, auto
 from typing import Any
+
+import msgspec
+from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.targets import wire
 
+SETTLE_MAX_S = 60.0
 
-class TargetDriver(ABC):
-    """One body. Calls come one at a time; time moves only in `apply`, `hold`, `halt`, `begin` and `end`.
 
-    A method refuses by an ExecutionError with a code; nothing has moved then. Units are SI, joints are in the order of
-    the profile, poses are in the world frame.
+class TargetPort(ABC):
+    """One body, at the end of any number of relays. Calls come one at a time; `TargetDriver` is what a driver derives.
+
+    Time moves only in requests that move the target, and in `hold`, `halt` and `end`. A method refuses by an
+    ExecutionError with a code; nothing has moved then.
 
     A motion that waits for other targets calls `is_ending`, whether the session is to end, and no other one may: a
     command may wait behind it. It refuses with `ABORTED` then.
@@ -42,6 +52,50 @@ class TargetDriver(ABC):
         """Whether the latest command left the body in motion, so that another one must follow."""
 
     @abstractmethod
+    def carry_out(self, request: wire.RequestFor[wire.ReplyT]) -> wire.ReplyT:
+        """The reply to one request, which was permitted; never a refusal.
+
+        Raises:
+            ExecutionError: The code of a refusal; nothing moved.
+        """
+
+    def send_ahead(self, request: wire.Request) -> bool:
+        """Take a request before its turn, in order; whether it was taken. What is lost then, its own call meets."""
+        return False
+
+    @abstractmethod
+    def hold(self, duration_s: float) -> None:
+        """Come to rest, then hold still for `duration_s` [s]."""
+
+    @abstractmethod
+    def halt(self, category: int = 2) -> None:
+        """Come to rest within the limits, by its own means, and hold; stop category of IEC 60204-1, 9.2.2."""
+
+    def emergency_stop(self) -> None:
+        """The emergency stop is latched, and a session has authority: as `halt`; a device also stops by its own."""
+        if self.is_moving:
+            self.halt()
+
+    @abstractmethod
+    def end(self) -> tuple[wire.RecordedFault, ...]:
+        """The session's authority ends: come to rest; returns its faults, for the evidence."""
+
+    def close(self) -> None:  # noqa: B027 - not every driver needs it
+        """Close files, devices and connections."""
+
+
+class TargetDriver(TargetPort):
+    """A driver of one body: a method for each request, by `VERBS`.
+
+    Units are SI, joints are in the order of the profile, poses are in the world frame. Time moves only in `apply`,
+    `hold`, `halt`, `begin` and `end`.
+    """
+
+    @override
+    def carry_out(self, request: wire.RequestFor[wire.ReplyT]) -> wire.ReplyT:
+        return wire.require(type(request), VERBS[type(request)].method(self, request))
+
+    @abstractmethod
     def describe(self) -> wire.Description:
         """What the body is, from the live model; `driver`, `tools` and `ground_truth` included."""
 
@@ -53,7 +107,7 @@ class TargetDriver(ABC):
             ExecutionError: `MALFORMED` or `TARGET_LIMIT` for an unusable snapshot; the previous episode stays.
         """
 
-    def begin(self, session: str, epoch: int) -> None:  # noqa: B027 - most drivers need nothing here
+    def begin(self, session: str, epoch: int) -> None:
         """A session takes authority; its motion begins at rest."""
 
     @abstractmethod
@@ -97,32 +151,90 @@ class TargetDriver(ABC):
             ExecutionError: `MALFORMED`, `TARGET_LIMIT`: nothing moved.
         """
 
-    def send_ahead(self, request: wire.Request) -> bool:
-        """Take a request before its turn, in order; whether it was taken. What is lost then, its own call meets."""
-        return False
-
-    @abstractmethod
-    def hold(self, duration_s: float) -> None:
-        """Come to rest, then hold still for `duration_s` [s]."""
-
-    @abstractmethod
-    def halt(self, category: int = 2) -> None:
-        """Come to rest within the limits, by its own means, and hold; stop category of IEC 60204-1, 9.2.2."""
-
-    def emergency_stop(self) -> None:
-        """The emergency stop is latched, and a session has authority: as `halt`; a device also stops by its own."""
-        if self.is_moving:
-            self.halt()
-
     def invoke_tool(self, name: str, arguments: Mapping[str, Any]) -> wire.ToolResult:
         """Use one of the described tools; raises ExecutionError `MALFORMED` for wrong arguments."""
         raise ExecutionError("UNKNOWN_TOOL", f"the target has no tool {name!r}")
 
+    @override
     def end(self) -> tuple[wire.RecordedFault, ...]:
-        """The session's authority ends: come to rest; returns its faults, for the evidence."""
         if self.is_moving:
             self.halt()
         return ()
 
-    def close(self) -> None:  # noqa: B027 - not every driver needs it
-        """Close files, devices and connections."""
+
+class Need(StrEnum):
+    """The authority that a request needs."""
+
+    NOTHING = "nothing"
+    SESSION = "session"  # its own, also after a stop
+    COMMANDING = "commanding"  # its own, and no stop has ended its commands
+
+
+class Trait(Flag):
+    """What is special about a request."""
+
+    PLAIN = 0
+    MOVES = auto()  # it waits for other targets of a shared world, so that it may take long
+    SLOW = auto()  # a scene compiles, a picture is rendered
+    UNLOGGED = auto()  # changes nothing, and is too frequent for the receive log
+
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """How one kind of request is answered; `operation` is the one of a session's manifest that permits it, if any."""
+
+    method: Callable[[TargetDriver, Any], wire.Reply]
+    needs: Need = Need.NOTHING
+    traits: Trait = Trait.PLAIN
+    operation: str = ""
+
+
+def _begin(driver: TargetDriver, request: wire.Begin) -> wire.Ack:
+    driver.begin(request.session, request.epoch)
+    return wire.Ack()
+
+
+def _command(driver: TargetDriver, request: wire.Command) -> wire.Step:
+    stopped = driver.apply(request)
+    step = driver.report()
+    return msgspec.structs.replace(step, stopped=stopped) if stopped else step
+
+
+def _halt(driver: TargetDriver, request: wire.Halt) -> wire.Step:
+    driver.halt(request.category)
+    return driver.report()
+
+
+def _settle(driver: TargetDriver, request: wire.Settle) -> wire.Step:
+    driver.hold(request.duration_s)
+    return driver.report()
+
+
+def _end(driver: TargetDriver, _: wire.End) -> wire.Ended:
+    faults = driver.end()
+    return wire.Ended(driver.time_s, faults)
+
+
+def _observe(driver: TargetDriver, request: wire.Observe) -> wire.Observation:
+    observation = driver.observe(truth=request.truth)
+    return msgspec.structs.replace(observation, snapshot=driver.snapshot()) if request.snapshot else observation
+
+
+VERBS: Mapping[type[wire.Request], Verb] = {
+    wire.Describe: Verb(lambda driver, _: driver.describe(), traits=Trait.UNLOGGED),
+    wire.LoadScene: Verb(lambda driver, request: driver.load(request), traits=Trait.SLOW),
+    wire.Begin: Verb(_begin, traits=Trait.MOVES),
+    wire.Announce: Verb(lambda driver, request: wire.Admission(driver.announce(request)), Need.COMMANDING, Trait.MOVES),
+    wire.Command: Verb(_command, Need.COMMANDING, Trait.MOVES, "apply"),
+    wire.Halt: Verb(_halt, Need.SESSION, Trait.MOVES, "halt"),
+    wire.Settle: Verb(_settle, Need.SESSION, Trait.MOVES, "settle"),
+    wire.End: Verb(_end, Need.SESSION, Trait.MOVES),
+    wire.Observe: Verb(_observe, traits=Trait.UNLOGGED, operation="observe"),
+    wire.Capture: Verb(
+        lambda driver, request: driver.capture(request), traits=Trait.SLOW | Trait.UNLOGGED, operation="observe"
+    ),
+    wire.InvokeTool: Verb(
+        lambda driver, request: driver.invoke_tool(request.name, request.arguments), traits=Trait.SLOW
+    ),
+    wire.Shutdown: Verb(lambda _driver, _request: wire.Ack(), traits=Trait.UNLOGGED),
+}

@@ -15,13 +15,11 @@ from phyagentos.errors import DefinitionError, ExecutionError, format_names
 from phyagentos.runtime.channel import PeerChannel
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.authority import Authority
-from phyagentos.runtime.targets.driver import TargetDriver
+from phyagentos.runtime.targets.driver import SETTLE_MAX_S, VERBS, Need, TargetPort, Trait
 from phyagentos.runtime.targets.handshake import Tokens
 from phyagentos.runtime.targets.receive_log import LOG_BEHIND, STATE_WRITE, ReceiveLog, Reception
 
-SETTLE_MAX_S = 60.0
-_BEAT = wire.REPLIES.encode(wire.Beat())
-_UNLOGGED = (wire.Observe, wire.Describe, wire.Capture, wire.Shutdown)
+_KEEP_ALIVE = wire.REPLIES.encode(wire.KeepAlive())
 
 
 class ServedTarget:
@@ -36,7 +34,7 @@ class ServedTarget:
 
     def __init__(
         self,
-        driver: TargetDriver,
+        driver: TargetPort,
         log: ReceiveLog,
         *,
         is_estopped: Callable[[], bool] = lambda: False,
@@ -82,7 +80,7 @@ class ServedTarget:
             self._authority.end()
             with contextlib.suppress(ExecutionError):  # a driver that lost its own device has nothing to halt
                 self.driver.end()
-            self._note_event("Withdraw")
+            self.note_event("Withdraw")
 
     def coast(self) -> None:
         """One control period without a command: an unfinished motion is stopped, then held."""
@@ -94,19 +92,24 @@ class ServedTarget:
 
     def note_deadman(self) -> None:
         """Revoke the session's authority: no command came in time, in the middle of a motion."""
-        if self._authority.session:
-            self._authority.stop("DEADMAN")
-            self._note_event("Deadman")
+        if self.revoke("DEADMAN"):
+            self.note_event("Deadman")
+
+    def revoke(self, code: str) -> bool:
+        """End the commands of the present session by a stop; False without one, or where this stop did before."""
+        if not self._authority.session or self._authority.stopped == code:
+            return False
+        self._authority.stop(code)
+        return True
 
     def look_for_stops(self) -> bool:
         """Halt when the emergency stop is latched; whether it is."""
         if not self._is_estopped():
             return False
-        if self._authority.session and self._authority.stopped != "ESTOPPED":
-            self._authority.stop("ESTOPPED")
+        if self.revoke("ESTOPPED"):
             with contextlib.suppress(ExecutionError):  # a driver that lost its own device has nothing to stop
                 self.driver.emergency_stop()
-            self._note_event("EStop")
+            self.note_event("EStop")
         self._keep_stop()
         return True
 
@@ -123,37 +126,11 @@ class ServedTarget:
         """Carry out one request, or refuse it."""
         self._log.stamp()
         is_taken = bool(self._ahead) and self._ahead[0][0] is request and self._ahead.popleft()[1]
-        reply: wire.Reply
         try:
-            match request:
-                case wire.Command():
-                    if not is_taken:
-                        self._refuse_unlogged()
-                        self.look_for_stops()
-                    refused = None if is_taken else self._authority.check_command(request, self.time_s)
-                    reply = refused or self._report(self.driver.apply(request))
-                case wire.Announce():
-                    refused = self._authority.check_commanding(request.session, request.epoch)
-                    reply = refused or wire.Admission(self.driver.announce(request))
-                case wire.Observe():
-                    reply = self._observe(request)
-                case wire.Capture():
-                    reply = self.driver.capture(request)
-                case wire.Describe():
-                    reply = self._describe()
-                case wire.LoadScene():
-                    reply = self._load(request)
-                case wire.Begin():
-                    reply = self._begin(request)
-                case wire.InvokeTool():
-                    reply = self._invoke_tool(request)
-                case wire.Shutdown():
-                    reply = wire.Ack()
-                case _:
-                    reply = self._authority.check(request.session, request.epoch) or self._bring_to_rest(request)
+            reply = self._refuse(request, is_taken=is_taken) or self._carry_out(request)
         except ExecutionError as error:
             code = "ESTOPPED" if error.code == "ABORTED" and self.look_for_stops() else error.code
-            reply = wire.Refused(code, str(error).removeprefix(f"{error.code}: "))
+            reply = wire.Refused(code, error.message)
         except DefinitionError as error:
             reply = wire.Refused(error.problems[0].code, str(error))
         except (OSError, ValueError, TypeError, msgspec.ValidationError) as error:
@@ -163,67 +140,59 @@ class ServedTarget:
         return reply
 
     def _is_logged(self, request: wire.Request) -> bool:
-        """Whether a request stands in the receive log; those that change nothing are too frequent."""
+        """Whether a request stands in the receive log."""
         if isinstance(request, wire.InvokeTool):
             tools = self._description.tools if self._description is not None else ()
             return any(tool.moves and tool.name == request.name for tool in tools)
-        return not isinstance(request, _UNLOGGED)
+        return Trait.UNLOGGED not in VERBS[type(request)].traits
 
-    def _report(self, stopped: str) -> wire.Step:
-        """The end of a command, with the code of the body's own stop."""
-        self._authority.count()
-        step = self.driver.report()
-        if stopped:
-            self._authority.stop(stopped)
-            step = msgspec.structs.replace(step, stopped=stopped)
-        return step
-
-    def _bring_to_rest(self, request: wire.Halt | wire.Settle | wire.End) -> wire.Step | wire.Ended:
-        """Requests that only the session in authority may send, even after a stop."""
+    def _refuse(self, request: wire.Request, *, is_taken: bool) -> wire.Refused | None:
+        """Why a request is not carried out now; one that the driver has taken ahead was judged then."""
         match request:
-            case wire.Halt():
-                self.driver.halt(request.category)
-                if request.category == 1 and not self._authority.stopped:
-                    self._authority.stop("DRIVES_OFF")
-            case wire.Settle():
-                if not 0.0 <= request.duration_s <= SETTLE_MAX_S:  # also when it is NaN
-                    message = f"a settling time of {request.duration_s} s; 0 to {SETTLE_MAX_S} s are possible"
-                    raise ExecutionError("MALFORMED", message)
-                self.driver.hold(request.duration_s)
-            case wire.End():
-                faults = self.driver.end()
-                self._authority.end()
-                return wire.Ended(self.time_s, faults)
-        return self.driver.report()
+            case wire.Command():
+                return None if is_taken else self._refuse_command(request)
+            case wire.LoadScene():
+                return self._refuse_scene(request)
+            case wire.Begin():
+                return self._refuse_session(request)
+            case wire.InvokeTool():
+                return self._refuse_tool(request)
+            case wire.Observe(truth=True) if not self._describe().ground_truth:
+                message = "the ground truth is not offered here; perception.yaml needs `sensing: truth` in a simulation"
+                return wire.Refused("NO_GROUND_TRUTH", message)
+            case wire.OfSession(session, epoch) if VERBS[type(request)].needs is Need.COMMANDING:
+                return self._authority.check_commanding(session, epoch)
+            case wire.OfSession(session, epoch):
+                return self._authority.check(session, epoch)
+        return None
 
-    def _describe(self) -> wire.Description:
-        if self._description is None:
-            described = self.driver.describe()
-            offers = described.ground_truth and self._truth
-            self._description = msgspec.structs.replace(described, ground_truth=offers)
-        return self._description
+    def _refuse_command(self, request: wire.Command) -> wire.Refused | None:
+        self._refuse_unlogged()
+        self.look_for_stops()
+        return self._authority.check_command(request, self.time_s)
 
-    def _load(self, request: wire.LoadScene) -> wire.Reply:
+    def _refuse_scene(self, request: wire.LoadScene) -> wire.Refused | None:
         if self._authority.session:
             message = f"{self._authority.session} has authority; scenes are loaded between sessions"
             return wire.Refused("NO_AUTHORITY", message)
         standing = self._scene
-        if standing is not None and self._loaded is not None:
-            if request.episode == standing.episode and not request.snapshot:
-                if (request.scene, request.seed) != (standing.scene, standing.seed):
-                    known = (standing.scene, standing.seed)
-                    asked = (request.scene, request.seed)
-                    return wire.Refused("EPISODE_CONFLICT", f"episode {request.episode} is {known}, not {asked}")
-                return self._loaded
-            if not request.may_reset:
-                message = f"episode {request.episode} would end episode {standing.episode}; no reset is permitted"
-                return wire.Refused("RESET_FORBIDDEN", message)
-        self._loaded = self.driver.load(request)
-        self._scene, self._description = request, None  # cameras belong to the scene
-        self._note(STATE_WRITE)
-        return self._loaded
+        if standing is None:
+            return None
+        if self._is_present(request):
+            if (request.scene, request.seed) != (standing.scene, standing.seed):
+                known = (standing.scene, standing.seed)
+                wanted = (request.scene, request.seed)
+                return wire.Refused("EPISODE_CONFLICT", f"episode {request.episode} is {known}, not {wanted}")
+        elif not request.may_reset:
+            message = f"episode {request.episode} would end episode {standing.episode}; no reset is permitted"
+            return wire.Refused("RESET_FORBIDDEN", message)
+        return None
 
-    def _begin(self, request: wire.Begin) -> wire.Reply:
+    def _is_present(self, request: wire.LoadScene) -> bool:
+        """Whether the episode is loaded, and need not begin anew at a snapshot."""
+        return self._scene is not None and request.episode == self._scene.episode and not request.snapshot
+
+    def _refuse_session(self, request: wire.Begin) -> wire.Refused | None:
         self._refuse_unlogged()
         if not self._permits(request.session, request.epoch, request.token):
             message = f"the token is not that of epoch {request.epoch} of {request.session}"
@@ -232,42 +201,68 @@ class ServedTarget:
             return wire.Refused("NO_SCENE", "no scene is loaded; send LoadScene first")
         if self.look_for_stops():
             return wire.Refused("ESTOPPED", "the emergency stop is latched; `paos estop --reset` ends it")
-        refused = self._authority.begin(request.session, request.epoch)
-        if refused is not None:
-            return refused
-        try:
-            self.driver.begin(request.session, request.epoch)
-        except ExecutionError:
-            self._authority.end()
-            raise
-        return wire.Ack()
+        return self._authority.begin(request.session, request.epoch)
 
-    def _observe(self, request: wire.Observe) -> wire.Observation:
-        if request.truth and not self._describe().ground_truth:
-            message = "the ground truth is not offered here; perception.yaml needs `sensing: truth` for a simulation"
-            raise ExecutionError("NO_GROUND_TRUTH", message)
-        observation = self.driver.observe(truth=request.truth)
-        if not request.snapshot:
-            return observation
-        return msgspec.structs.replace(observation, snapshot=self.driver.snapshot())
-
-    def _invoke_tool(self, request: wire.InvokeTool) -> wire.Reply:
+    def _refuse_tool(self, request: wire.InvokeTool) -> wire.Refused | None:
         tools = {tool.name: tool for tool in self._describe().tools}
         if request.name not in tools:
             return wire.Refused("UNKNOWN_TOOL", f"no tool {request.name!r}; there are {format_names(tools)}")
-        if tools[request.name].moves:
-            self._refuse_unlogged()
-            self.look_for_stops()
-            refused = self._authority.check_commanding(request.session, request.epoch)
-            if refused is not None:
-                return refused
-        return self.driver.invoke_tool(request.name, request.arguments)
+        if not tools[request.name].moves:
+            return None
+        self._refuse_unlogged()
+        self.look_for_stops()
+        return self._authority.check_commanding(request.session, request.epoch)
+
+    def _carry_out(self, request: wire.Request) -> wire.Reply:
+        """Let the driver answer, and note what has changed."""
+        match request:
+            case wire.Describe():
+                return self._describe()
+            case wire.LoadScene():
+                return self._load(request)
+            case wire.Settle() if not 0.0 <= request.duration_s <= SETTLE_MAX_S:  # also when it is NaN
+                message = f"a settling time of {request.duration_s} s; 0 to {SETTLE_MAX_S} s are possible"
+                raise ExecutionError("MALFORMED", message)
+        try:
+            reply: wire.Reply = self.driver.carry_out(request)
+        except ExecutionError:
+            if isinstance(request, wire.Begin):
+                self._authority.end()
+            raise
+        if isinstance(reply, wire.Step):
+            self._note_step(request, reply)
+        elif isinstance(reply, wire.Ended):
+            self._authority.end()
+        return reply
+
+    def _note_step(self, request: wire.Request, step: wire.Step) -> None:
+        if isinstance(request, wire.Command):
+            self._authority.count()
+            if step.stopped:
+                self._authority.stop(step.stopped)
+        elif isinstance(request, wire.Halt) and request.category == 1 and not self._authority.stopped:
+            self._authority.stop("DRIVES_OFF")
+
+    def _describe(self) -> wire.Description:
+        if self._description is None:
+            described = self.driver.carry_out(wire.Describe())
+            offers = described.ground_truth and self._truth
+            self._description = msgspec.structs.replace(described, ground_truth=offers)
+        return self._description
+
+    def _load(self, request: wire.LoadScene) -> wire.Loaded:
+        if self._loaded is not None and self._is_present(request):
+            return self._loaded
+        self._loaded = self.driver.carry_out(request)
+        self._scene, self._description = request, None  # cameras belong to the scene
+        self._note(STATE_WRITE)
+        return self._loaded
 
     def _refuse_unlogged(self) -> None:
         if self._log.is_behind:
             raise ExecutionError("LOG_UNWRITABLE", LOG_BEHIND)
 
-    def _note_event(self, kind: str) -> None:
+    def note_event(self, kind: str) -> None:
         """An event without a request."""
         self._log.stamp()
         self._note(kind)
@@ -290,7 +285,7 @@ class ServedTarget:
 def beat(client: PeerChannel) -> bool:
     """Let the client know that its request is worked on; whether it waits for that alone."""
     try:
-        client.send_bytes(_BEAT)
+        client.send_bytes(_KEEP_ALIVE)
         return not client.poll()
     except OSError:
         return False

@@ -6,11 +6,12 @@ Arrays travel in C order with their shape: float64, pictures as uint8, depth as 
 
 import math
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar, get_args
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import get_original_bases
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.world.environment import Entity, Pose, Region, TargetState
@@ -37,125 +38,6 @@ class Artefact(msgspec.Struct, frozen=True):
 
     media_type: str
     data: bytes
-
-
-class Describe(msgspec.Struct, frozen=True, tag=True):
-    """Ask what the target is. Reply: `Description`."""
-
-
-class LoadScene(msgspec.Struct, frozen=True, tag=True):
-    """Begin an episode: build the scene, place the target at home, let things settle. Reply: `Loaded`.
-
-    Only this request writes simulator state. It is refused when the episode is loaded with another scene or seed, or
-    would replace another one without `may_reset`, and changes nothing when it is loaded with the same ones. A rerun
-    of a recorded session starts at the driver's own snapshot.
-    """
-
-    scene: str
-    seed: int
-    episode: str
-    snapshot: bytes = b""
-    may_reset: bool = True
-
-
-class Begin(msgspec.Struct, frozen=True, tag=True):
-    """Give one session authority over the target. Reply: `Ack`. The epoch is a fencing token: it never decreases.
-
-    `token` is of this epoch of the session, minted by the supervisor (see `handshake`); empty within one process.
-    """
-
-    session: str
-    epoch: int
-    token: bytes = b""
-
-
-class Command(msgspec.Struct, frozen=True, tag=True):
-    """One control period of set-points, one row per physics step; commands of a session count from 1. Reply: `Step`.
-
-    The arrays are (n_steps, n_joints), (n_steps, n_joints) and (n_steps,); after `expires_at_s`, in simulated time, the
-    command must not be carried out.
-    """
-
-    session: str
-    epoch: int
-    sequence: int
-    expires_at_s: float
-    q_rad: Array
-    qd_rad_s: Array
-    gripper_width_m: Array
-
-
-class Announce(msgspec.Struct, frozen=True, tag=True):
-    """Announce a motion (n, n_joints), one row per physics step, before its first command, in a shared world.
-
-    Reply: `Admission`. It may come near to the robot `beside` on purpose, as to take a thing out of its hand.
-    """
-
-    session: str
-    epoch: int
-    q_rad: Array
-    beside: str = ""
-
-
-class Halt(msgspec.Struct, frozen=True, tag=True):
-    """Bring the target to rest within its limits, by its own means, and hold. Reply: `Step`.
-
-    After a stop of category 2 (IEC 60204-1, 9.2.2) the session may command again, after 1 only the next one.
-    """
-
-    session: str
-    epoch: int
-    category: int = 2
-
-
-class Settle(msgspec.Struct, frozen=True, tag=True):
-    """Hold still for some simulated time. Reply: `Step`."""
-
-    session: str
-    epoch: int
-    duration_s: float
-
-
-class End(msgspec.Struct, frozen=True, tag=True):
-    """Take authority back: no later command of this session is accepted. Reply: `Ended`."""
-
-    session: str
-    epoch: int
-
-
-class Observe(msgspec.Struct, frozen=True, tag=True):
-    """Ask for an observation without moving time, and for the driver's snapshot of the moment. Reply: `Observation`.
-
-    `truth` adds ground truth of entities and regions; refused where it is not offered (`NO_GROUND_TRUTH`).
-    """
-
-    truth: bool = False
-    snapshot: bool = False
-
-
-class InvokeTool(msgspec.Struct, frozen=True, tag=True):
-    """Use a tool of the description. Reply: `ToolResult`. A tool that moves the target needs session and epoch."""
-
-    name: str
-    arguments: dict[str, Any] = {}
-    session: str = ""
-    epoch: int = 0
-
-
-class Capture(msgspec.Struct, frozen=True, tag=True):
-    """Ask RGB-D cameras, all if none is named, for their latest frames without moving time. Reply: `Frames`.
-
-    `crops` are regions to render instead of the whole picture, by camera; of `every` so many rows and columns, odd, the
-    middle one is read.
-    """
-
-    cameras: tuple[str, ...] = ()
-    crops: dict[str, Crop] = {}
-    every: int = 1
-
-
-class Shutdown(msgspec.Struct, frozen=True, tag=True):
-    """End the process. Reply: `Ack`."""
 
 
 class Ack(msgspec.Struct, frozen=True, tag=True):
@@ -299,7 +181,7 @@ class RecordedFault(msgspec.Struct, frozen=True):
     details: dict[str, Any]
 
 
-class Beat(msgspec.Struct, frozen=True, tag=True):
+class KeepAlive(msgspec.Struct, frozen=True, tag="Beat"):
     """The target still works on the oldest request; its reply follows. No reply to any request."""
 
 
@@ -350,14 +232,134 @@ class Frames(msgspec.Struct, frozen=True, tag=True):
     missing: dict[str, str] = {}
 
 
-MOTIONS = (Begin, Announce, Command, Halt, Settle, End)  # simulated time may move in these requests
-Request = (
-    Describe | LoadScene | Begin | Announce | Command | Halt | Settle | End | Observe | Capture | InvokeTool | Shutdown
-)
-Reply = Ack | Refused | Description | Loaded | Admission | Step | Observation | Ended | ToolResult | Frames | Beat
+Reply = Ack | Refused | Description | Loaded | Admission | Step | Observation | Ended | ToolResult | Frames | KeepAlive
 ReplyT = TypeVar("ReplyT", bound=Reply)
 
-REQUESTS = Codec[Request](Request, "request")
+
+class RequestFor(msgspec.Struct, Generic[ReplyT], frozen=True):
+    """What a client sends; its parameter is the reply, unless the target refuses."""
+
+
+class OfSession(RequestFor[ReplyT], frozen=True):
+    """A request in the name of one epoch of a session."""
+
+    session: str
+    epoch: int
+
+
+class Describe(RequestFor[Description], frozen=True, tag=True):
+    """Ask what the target is."""
+
+
+class LoadScene(RequestFor[Loaded], frozen=True, tag=True):
+    """Begin an episode: build the scene, place the target at home, let things settle.
+
+    Only this request writes simulator state. It is refused when the episode is loaded with another scene or seed, or
+    would replace another one without `may_reset`, and changes nothing when it is loaded with the same ones. A rerun
+    of a recorded session starts at the driver's own snapshot.
+    """
+
+    scene: str
+    seed: int
+    episode: str
+    snapshot: bytes = b""
+    may_reset: bool = True
+
+
+class Begin(OfSession[Ack], frozen=True, tag=True):
+    """Give one session authority over the target. The epoch is a fencing token: it never decreases.
+
+    `token` is of this epoch of the session, minted by the supervisor (see `handshake`); empty within one process.
+    """
+
+    token: bytes = b""
+
+
+class Command(OfSession[Step], frozen=True, tag=True):
+    """One control period of set-points, one row per physics step; commands of a session count from 1.
+
+    The arrays are (n_steps, n_joints), (n_steps, n_joints) and (n_steps,); after `expires_at_s`, in simulated time, the
+    command must not be carried out.
+    """
+
+    sequence: int
+    expires_at_s: float
+    q_rad: Array
+    qd_rad_s: Array
+    gripper_width_m: Array
+
+
+class Announce(OfSession[Admission], frozen=True, tag=True):
+    """Announce a motion (n, n_joints), one row per physics step, before its first command, in a shared world.
+
+    It may come near to the robot `beside` on purpose, as to take a thing out of its hand.
+    """
+
+    q_rad: Array
+    beside: str = ""
+
+
+class Halt(OfSession[Step], frozen=True, tag=True):
+    """Bring the target to rest within its limits, by its own means, and hold.
+
+    After a stop of category 2 (IEC 60204-1, 9.2.2) the session may command again, after 1 only the next one.
+    """
+
+    category: int = 2
+
+
+class Settle(OfSession[Step], frozen=True, tag=True):
+    """Hold still for some simulated time."""
+
+    duration_s: float
+
+
+class End(OfSession[Ended], frozen=True, tag=True):
+    """Take authority back: no later command of this session is accepted."""
+
+
+class Observe(RequestFor[Observation], frozen=True, tag=True):
+    """Ask for an observation without moving time, and for the driver's snapshot of the moment.
+
+    `truth` adds ground truth of entities and regions; refused where it is not offered (`NO_GROUND_TRUTH`).
+    """
+
+    truth: bool = False
+    snapshot: bool = False
+
+
+class InvokeTool(RequestFor[ToolResult], frozen=True, tag=True):
+    """Use a tool of the description. A tool that moves the target needs session and epoch."""
+
+    name: str
+    arguments: dict[str, Any] = {}
+    session: str = ""
+    epoch: int = 0
+
+
+class Capture(RequestFor[Frames], frozen=True, tag=True):
+    """Ask RGB-D cameras, all if none is named, for their latest frames without moving time.
+
+    `crops` are regions to render instead of the whole picture, by camera; of `every` so many rows and columns, odd, the
+    middle one is read.
+    """
+
+    cameras: tuple[str, ...] = ()
+    crops: dict[str, Crop] = {}
+    every: int = 1
+
+
+class Shutdown(RequestFor[Ack], frozen=True, tag=True):
+    """End the process."""
+
+
+Request = RequestFor[Any]
+_REQUESTS = (
+    Describe | LoadScene | Begin | Announce | Command | Halt | Settle | End | Observe | Capture | InvokeTool | Shutdown
+)
+_EXPECTED: dict[type, Any] = {each: get_args(get_original_bases(each)[0])[0] for each in get_args(_REQUESTS)}
+
+REQUESTS = Codec[Request](_REQUESTS, "request")
 REPLIES = Codec[Reply](Reply, "reply")
 
 
@@ -384,23 +386,23 @@ def await_reply(
 ) -> Reply:
     """The next reply; without a sign for `timeout_s` [s] the connection is closed, so none is mistaken.
 
-    Each `Beat` of the target is a sign. `on_wait` is called meanwhile, every `WAIT_SLICE_S` at least. When it says that
-    the session is to end, one more request informs the target. It refuses a command that waits for other targets with
-    `ABORTED`, and carries out a halt or settling as soon as none of them is in the middle of a motion. The answer to
-    this request is read here, too, where the awaited reply `is_last` of all.
+    Each `KeepAlive` of the target is a sign. `on_wait` is called meanwhile, every `WAIT_SLICE_S` at least. When it says
+    that the session is to end, one more request informs the target. It refuses a command that waits for other targets
+    with `ABORTED`, and carries out a halt or settling as soon as none of them is in the middle of a motion. The answer
+    to this request is read here, too, where the awaited reply `is_last` of all.
 
     Raises:
         ExecutionError: `TARGET_LOST`, as of `receive_reply`.
     """
     silent_s, is_ending = 0.0, False
-    reply: Reply = Beat()
+    reply: Reply = KeepAlive()
     try:
-        while isinstance(reply, Beat):
+        while isinstance(reply, KeepAlive):
             if on_wait is None or silent_s >= timeout_s or connection.poll(WAIT_SLICE_S):
                 reply, silent_s = receive_reply(connection, timeout_s, silent_s), 0.0
             else:
                 silent_s += WAIT_SLICE_S
-            if isinstance(reply, Beat) and on_wait is not None and on_wait() and not is_ending:
+            if isinstance(reply, KeepAlive) and on_wait is not None and on_wait() and not is_ending:
                 is_ending = True
                 connection.send_bytes(REQUESTS.encode(Describe()))
         if is_ending and is_last:
@@ -413,13 +415,19 @@ def await_reply(
         raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
 
 
-def require(request: Request, reply: Reply, expected: type[ReplyT]) -> ReplyT:
-    """The reply of the expected type; raises ExecutionError: the code of a refusal, `PROTOCOL_BROKEN` otherwise."""
+def require(kind: type[RequestFor[ReplyT]], reply: Reply) -> ReplyT:
+    """The reply to a request; raises ExecutionError: the code of a refusal, `PROTOCOL_BROKEN` for another reply."""
+    expected = find_expected(kind)
+    if isinstance(reply, expected):
+        return reply
     if isinstance(reply, Refused):
         raise ExecutionError(reply.code, reply.message)
-    if not isinstance(reply, expected):
-        raise ExecutionError("PROTOCOL_BROKEN", f"{type(request).__name__} was answered by {type(reply).__name__}")
-    return reply
+    raise ExecutionError("PROTOCOL_BROKEN", f"{kind.__name__} was answered by {type(reply).__name__}")
+
+
+def find_expected(kind: type[RequestFor[ReplyT]]) -> type[ReplyT]:
+    """The kind of reply that requests of a kind expect: the parameter of their base class."""
+    return _EXPECTED[kind]  # type: ignore[no-any-return]
 
 
 def receive_reply(connection: Channel, timeout_s: float, silent_s: float = 0.0) -> Reply:

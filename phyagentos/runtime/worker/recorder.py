@@ -33,7 +33,6 @@ from phyagentos.runtime.execution.holds import HoldSample, SampleKey
 from phyagentos.runtime.perception.look import Look
 from phyagentos.runtime.perception.look_file import encode_pictures, write_look
 from phyagentos.runtime.targets.wire import NPZ, Observation, RecordedFault, Step
-from phyagentos.runtime.worker.bundle_files import BundleFiles
 
 RECORDED_PACKAGES = (
     "phyagentos", "numpy", "scipy", "mujoco", "mink", "daqp", "ompl", "toppra", "casadi", "numba", "py-trees",
@@ -45,15 +44,15 @@ _NONE: Mapping[str, float] = {}
 
 
 class Recorder:
-    """One bundle, whose folder is made if it is missing; files that equal those of the bundle before share their bytes.
+    """One bundle, whose folder is made if it is missing.
 
     Attributes:
         look_ms: Wall time spent on the files of looks [ms].
         look_bytes: Their size; those that other bundles hold as well are counted too.
     """
 
-    def __init__(self, folder: Path, before: BundleFiles | None = None) -> None:
-        self.folder, self.files = folder, BundleFiles(folder, before)
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
         self._rows: list[tuple[float, ...]] = []
         self._forces_n: list[float] = []  # of each row; NaN where the target has no such sense
         self._force_error_n = 0.0
@@ -72,8 +71,8 @@ class Recorder:
     ) -> None:
         """The contract and the plan agreed before the first command, and the environment's fingerprint."""
         document = {"session": session, "epoch": epoch, "adapter_plan": plan, "settings_sha256": settings_sha256}
-        self.files.write(evidence.CONTRACT, render_yaml(document).encode())
-        self.files.write(evidence.FINGERPRINT, read_fingerprint())
+        self._write(evidence.CONTRACT, render_yaml(document).encode())
+        self._write(evidence.FINGERPRINT, read_fingerprint())
 
     def link_model(self, source: Path) -> bool:
         """Share the scene model of an earlier session of the same episode; False when it cannot be shared."""
@@ -90,8 +89,8 @@ class Recorder:
         is_start = role is LookRole.START
         if (snapshot := observation.snapshot) is not None:
             name = evidence.INITIAL if is_start else evidence.TERMINAL
-            self.files.write(name if snapshot.media_type == NPZ else name.replace(".npz", ".snapshot"), snapshot.data)
-        self.files.write(evidence.BEFORE if is_start else evidence.AFTER, encode_json(environment))
+            self._write(name if snapshot.media_type == NPZ else name.replace(".npz", ".snapshot"), snapshot.data)
+        self._write(evidence.BEFORE if is_start else evidence.AFTER, encode_json(environment))
 
     def write_looks(self, looks: Iterable[tuple[LookRole, Look]], samples: Mapping[SampleKey, HoldSample]) -> None:
         """The file of each look with its role, and `looks.json`, which names them all."""
@@ -102,7 +101,7 @@ class Recorder:
         for (text, role), sample in samples.items():
             self._note_look(role, sample.look, text, sample.metrics)
         if self._looks:
-            self.files.write(LOOKS, encode_json(self._looks))
+            self._write(LOOKS, encode_json(self._looks))
         names = {entry.file for entry in self._looks} - known
         self.look_bytes += sum((self.folder / name).stat().st_size for name in names)
         self.look_ms += 1e3 * (time.perf_counter() - began_s)
@@ -116,7 +115,13 @@ class Recorder:
     def write_file(self, name: str, data: bytes) -> None:
         """A picture, or a part of the scene model; none where the target could not make it."""
         if data:
-            self.files.write(name, data)
+            self._write(name, data)
+
+    def _write(self, name: str, data: bytes) -> None:
+        """Write a file; one of that name is replaced, never changed in place, since another bundle may share it."""
+        path = self.folder / name
+        path.unlink(missing_ok=True)
+        path.write_bytes(data)
 
     def follow_trace(self, read_trace: Callable[[], Sequence[TraceEvent]]) -> None:
         """Every few turns append what has changed in the tree, for those who watch; `write_course` replaces it all."""
@@ -180,15 +185,15 @@ class Recorder:
         }
         if self._forces_n and not np.isnan(self._forces_n).any():
             arrays |= {"force_n": np.array(self._forces_n), "force_error_n": np.array([self._force_error_n])}
-        self.files.write(evidence.TRAJECTORY, encode_arrays(arrays))
-        self.files.write(evidence.TRACE, encode_lines(list(trace)))
-        self.files.write(evidence.EVENTS, encode_lines([*events, *self._touches]))
+        self._write(evidence.TRAJECTORY, encode_arrays(arrays))
+        self._write(evidence.TRACE, encode_lines(list(trace)))
+        self._write(evidence.EVENTS, encode_lines([*events, *self._touches]))
         for name, values in ((evidence.HOLDS, holds), (evidence.FAULTS, faults)):
-            self.files.write(name, encode_json(list(values)))
+            self._write(name, encode_json(list(values)))
 
     def write_execution(self, execution: Execution) -> Execution:
         """Write the last file of a bundle; returns the execution."""
-        self.files.write(evidence.EXECUTION, encode_json(execution))
+        self._write(evidence.EXECUTION, encode_json(execution))
         return execution
 
 
@@ -204,13 +209,10 @@ class Bundles:
         self.pictures = pictures
         self.settings_sha256 = {path.name: compute_file_hash(path) for path in settings}
         self._root = root
-        self._latest: BundleFiles | None = None
 
     def open(self, evidence: str) -> Recorder:
         """The bundle of one session, begun or begun again."""
-        recorder = Recorder(self._root / evidence, self._latest)
-        self._latest = recorder.files
-        return recorder
+        return Recorder(self._root / evidence)
 
     def show(self, look: Look | None, evidence: str) -> str:
         """Write the pictures of a look that missed a thing; ends a sentence with their names, if any are taken."""
@@ -220,11 +222,6 @@ class Bundles:
         for camera, png in pictures.items():
             recorder.write_file(f"{PREFIX}{camera}.png", png)
         return f". Looked at, in {evidence}: {', '.join(f'{PREFIX}{camera}.png' for camera in pictures)}"
-
-    def prepare(self) -> None:
-        """Open files for the next bundle; it takes a moment, so nothing should wait for it."""
-        if self._latest is not None:
-            self._latest.prepare()
 
 
 @cache

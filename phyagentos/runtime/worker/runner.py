@@ -40,7 +40,7 @@ from phyagentos.runtime.worker.recorder import Bundles, Recorder
 LOOK_ON_S = 2.0  # of simulated time: the most that is waited for things to rest and for marginal criteria to be decided
 _UNSEEN = frozenset({FailureCode.OBJECT_GONE, FailureCode.NOT_VISIBLE})  # the reason comes with the pictures
 SETTLE_S = 0.3  # of simulated time, within which released things come to rest
-Beat = Callable[..., None]
+PublishHeartbeat = Callable[..., None]
 """Publishes what a session does, as `HeartbeatWriter.beat`."""
 
 
@@ -77,7 +77,7 @@ class SessionRunner:
         *,
         evidence: str,
         cancel: Cancel,
-        beat: Beat,
+        beat: PublishHeartbeat,
         await_lease: Callable[[], None] = lambda: None,
     ) -> Execution:
         """Carry out one session and leave its bundle; never raises for what the world, a leaf or a tree did.
@@ -107,32 +107,41 @@ class SessionRunner:
         finally:
             beat(phase="halting", tick=loop.ticks, sim_time_s=loop.context.time_s)
             lost = self._halt(loop, recorder)
-        outcome = lost or outcome
-        faults: tuple[RecordedFault, ...] = ()
+        outcome, faults = lost or outcome, tuple[RecordedFault, ...]()
         if outcome.ended is not Ended.TARGET_LOST:
             beat(phase="observing", tick=loop.ticks, sim_time_s=loop.context.time_s)
-            try:
-                faults = self._write_end(session, recorder, loop.holds, loop.context.initial)
-                if outcome.code in _UNSEEN:
-                    shown = self.bundles.show(self._world.latest_look, evidence)
-                    outcome = replace(outcome, message=outcome.message + shown)
-            except ExecutionError as error:
-                outcome = Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
+            outcome, faults = self._observe_end(loop, outcome, recorder, evidence)
         self._write_course(loop, recorder, faults)
-        outputs, live = loop.skill.read_outputs(), self._handle.describe()
+        execution = self._sum_up(loop, outcome, evidence, loop.context.time_s - began_sim_s)
         loop.skill.close()
-        execution = Execution(
+        return recorder.write_execution(execution)
+
+    def _sum_up(self, loop: SessionLoop, outcome: Outcome, evidence: str, sim_time_s: float) -> Execution:
+        live = self._handle.describe()
+        return Execution(
             **asdict(outcome),
             evidence=evidence,
-            outputs=outputs,
-            sim_time_s=loop.context.time_s - began_sim_s,
+            outputs=loop.skill.read_outputs(),
+            sim_time_s=sim_time_s,
             interventions=sum(event.kind == "intervention" for event in loop.context.events),
             ticks=loop.ticks,
             open_criteria=self._open_criteria,
             driver=live.driver,
             idealisations=live.idealisations,
         )
-        return recorder.write_execution(execution)
+
+    def _observe_end(
+        self, loop: SessionLoop, outcome: Outcome, recorder: Recorder, evidence: str
+    ) -> tuple[Outcome, tuple[RecordedFault, ...]]:
+        """Observe the end of a session: its outcome, unless the target is lost now, and the faults that were active."""
+        try:
+            faults = self._write_end(loop.context.session, recorder, loop.holds, loop.context.initial)
+            if outcome.code in _UNSEEN:
+                shown = self.bundles.show(self._world.latest_look, evidence)
+                outcome = replace(outcome, message=outcome.message + shown)
+        except ExecutionError as error:
+            return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error)), ()
+        return outcome, faults
 
     def observe_only(self, order: Reconcile, epoch: int) -> Execution:
         """Bring the target to rest and observe the world that a lost runner left behind, under a fresh epoch.
@@ -148,7 +157,13 @@ class SessionRunner:
         return self._close_unmoved(order.session, outcome, recorder, order.evidence)
 
     def _open(
-        self, session: Session, epoch: int, plan: Mapping[str, Any], recorder: Recorder, cancel: Cancel, beat: Beat
+        self,
+        session: Session,
+        epoch: int,
+        plan: Mapping[str, Any],
+        recorder: Recorder,
+        cancel: Cancel,
+        beat: PublishHeartbeat,
     ) -> SessionLoop:
         """Take authority, observe, record, build the skill."""
 

@@ -55,7 +55,7 @@ class WorkerLoop:
     ) -> None:
         self._control, self._gate = control, gate
         self._handle, self._world = target.handle, target.world
-        self._handle.is_ending = self._is_ending
+        self._handle.link.is_ending = self._is_ending
         self._handle.is_pausing = lambda: self._is_paused
         self._examiner, self._runner, self._heartbeat = examiner, runner, heartbeat
         self._workspace, self._sealer = workspace, Sealer(workspace.evidence)
@@ -107,7 +107,6 @@ class WorkerLoop:
                 self._control.send_bytes(orders.encode(finished))
                 self._unsealed.append(order.evidence)
                 self._unpublished = order.session.scene
-                self._runner.bundles.prepare()  # while the next order is on its way
                 self._publish_environment(PUBLISH_PERIOD_S)
             elif isinstance(order, orders.Reconcile):
                 self._control.send_bytes(orders.encode(self._reconcile(order)))

@@ -1,28 +1,41 @@
 """Takes edits in: SESSIONS.md and the inbox become records, SESSIONS.rejected.md or `inbox/refused/`."""
 
-from collections import Counter
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.sessions.lifecycle import Fenced, IllegalTransition, Side
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents.markdown import flatten
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Session, SessionId
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.admission import Entry, IllegalEvent
-from phyagentos.store.edits.changes import Accepted, Impossible, Refused
-from phyagentos.store.edits.inbox import Inbox, plan_request
-from phyagentos.store.edits.merge import Merge, merge
-from phyagentos.store.edits.reading import decode, read_sheet
-from phyagentos.store.edits.rejections import Rejections
-from phyagentos.store.edits.shared_file import SharedFile
+from phyagentos.store.admission import Entry
+from phyagentos.store.edits.inbox import Inbox, read_request
+from phyagentos.store.edits.rejections import Refused, Rejections, describe_failure
+from phyagentos.store.edits.request_form import AmendRequest, Request, plan, refuse_conflict
+from phyagentos.store.edits.sections import Edit, compare, find_view
 from phyagentos.store.journal import Journal
-from phyagentos.store.views.history import History
+from phyagentos.store.shared_file import SharedFile, decode
+from phyagentos.store.views.page_history import History
 
 OPERATOR = "operator"  # who wrote a record that came from an edit
 NOTES_S = 600.0  # a refusal stands at the head of SESSIONS.md for so long
-SECTIONS_MAX = 10_000  # that one edit may add
-INBOX_S = 0.1  # for requests of the inbox in a turn of the watchdog; the rest has the next one
-_REFUSALS = (IllegalTransition, Fenced, IllegalEvent, DefinitionError, ValueError, TypeError, OverflowError)
+NOTES_SHOWN = 3
+NOTE_MAX = 200  # letters
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one edited document: records, and what was refused and never was before."""
+
+    recorded: Sequence[Entry] = ()
+    refused: Sequence[Refused] = ()
+
+    def __bool__(self) -> bool:
+        """Whether it asked for anything."""
+        return bool(self.recorded or self.refused)
 
 
 class EditIntake:
@@ -33,18 +46,17 @@ class EditIntake:
         self._workspace, self._clock, self._durable = workspace, clock, durable
         self._operator: Journal | None = None  # opened with the first edit: most runs see none
         self._source = workspace.sessions_document.name
-        self._rejections = Rejections(workspace.rejected_document)
+        self._rejections = Rejections(workspace.rejected_document, self._source)
         self._inbox = Inbox(workspace.inbox, clock)
-        self._noted_at_s = 0.0
+        self._notes: deque[tuple[float, str]] = deque(maxlen=NOTES_SHOWN)
         if adopts:
             self.file.adopt()
 
     @property
     def notes(self) -> Sequence[str]:
         """One line for each edit that was refused lately."""
-        if self._rejections.notes and self._clock.now_s() - self._noted_at_s > NOTES_S:
-            self._rejections.forget_notes()
-        return self._rejections.notes
+        begin_s = self._clock.now_s() - NOTES_S
+        return [note for at_s, note in self._notes if at_s >= begin_s]
 
     def close(self) -> None:
         """Close the files."""
@@ -57,139 +69,120 @@ class EditIntake:
 
         `at_once` is that of `SharedFile.take`. After an ExecutionError of the journal, the rest stays where it is.
         """
-        is_new = any(each.accepted or each.refused for each in self.take_file(history, at_once=at_once))
-        return self._take_inbox(history) or is_new
+        is_edited = any(self.take_file(history, at_once=at_once))
 
-    def take_file(self, history: History, *, at_once: bool = False) -> list[Merge]:
+        def record(path: Path) -> None:
+            history.read_new()
+            request, located = read_request(path)
+            self._commit(plan(request, located, path.stem, history.ledger.sessions))
+
+        is_requested = self._inbox.take(record)
+        history.read_new()
+        return is_edited or is_requested
+
+    def take_file(self, history: History, *, at_once: bool = False) -> list[Outcome]:
         """As `take`, of SESSIONS.md alone: what became of each version that an editor left there."""
-        results: list[Merge] = []
+        outcomes: list[Outcome] = []
 
         def handle(data: bytes, is_whole: bool) -> None:
-            results.append(self.take_text(decode(data), history, is_whole=is_whole))
+            outcomes.append(self.take_text(decode(data), history, is_whole=is_whole))
 
         self.file.take(handle, at_once=at_once)
-        return results
+        return outcomes
 
-    def take_text(self, text: str, history: History, *, is_whole: bool = True) -> Merge:
-        """Merge one edited document and record what it asks for; `is_whole`: its editor finished it.
-
-        Of what was refused, only that which no earlier save of the same text was refused for is returned.
-        """
+    def take_text(self, text: str, history: History, *, is_whole: bool = True) -> Outcome:
+        """Record what one edited document asks for, and keep the rest; `is_whole`: its editor finished it."""
+        history.read_new()
+        recorded: list[Entry] = []
         try:
-            return self._merge_text(text, history, self._source, is_whole=is_whole)
+            refused = self._read(text, history, recorded, is_whole=is_whole)
         except ExecutionError:
             raise
         except Exception as error:  # no text may end the process that supervises
-            refused = _refuse_whole(text, _format_failure(error), also=", and report this")
-            return Merge((), tuple(self._reject([refused], self._source)))
-
-    def _merge_text(self, text: str, history: History, source: str, *, is_whole: bool) -> Merge:
+            refused = [_refuse_whole(text, describe_failure(error))]
         history.read_new()
-        sheet = read_sheet(text)
-        page = history.find_page(sheet.view) if sheet.view is not None else None
+        return Outcome(recorded, self._reject(refused))
+
+    def _read(self, text: str, history: History, recorded: list[Entry], *, is_whole: bool) -> list[Refused]:
+        """Add what is recorded to `recorded`, and return what is refused."""
+        view = find_view(text)
+        page = history.find_page(view) if view is not None else None
         if page is None:
-            if not text.strip():
-                return Merge((), ())
-            unknown = _refuse_whole(text, _explain_unknown(sheet.view, history.ledger.seq))
-            return Merge((), tuple(self._reject([unknown], source)))
+            which = f"what was rendered at record {view}" if view is not None else "which rendering it was made from"
+            reason = (
+                f"the journal, at record {history.ledger.seq}, does not show {which} ('view: N' in the first lines)"
+            )
+            return [_refuse_whole(text, reason)] if text.strip() else []
         base = history.render(page)
-        if not is_whole:
-            return Merge((), tuple(self._reject(_refuse_unfinished(text, base), source)))
-        before = read_sheet(base)
-        if len(sheet.sections) - len(before.sections) > SECTIONS_MAX:
-            many = f"it has {len(sheet.sections)} sections, {len(before.sections)} of them as rendered"
-            return Merge((), tuple(self._reject([_refuse_whole(text, many, also=f", {SECTIONS_MAX} at once")], source)))
-        merged = merge(sheet, before, history.ledger.sessions, source)
-        accepted, late = [], []
-        for change in merged.accepted:
-            if reason := self._find_refusal(change):
-                late.append(_refuse_late(change, reason))
-            else:
-                accepted.append(change)
-        history.read_new()
-        refused = sorted([*merged.refused, *late], key=lambda each: each.line)
-        return Merge(tuple(accepted), tuple(self._reject(refused, source)))
+        if not is_whole:  # its editor gave up
+            reason = "the file ends before its end mark, so the save was not finished"
+            return [] if base.startswith(text.rstrip()) else [_refuse_whole(text, reason)]
+        shown = {status.contract.id: status.contract for status in page.shown}
+        edits = compare(text, base, self._source)
+        for edit in edits:
+            for request in edit.requests:
+                try:
+                    recorded += self._record(request, edit, shown, history)
+                except ExecutionError:
+                    raise
+                except Exception as error:  # as in `take_text`
+                    edit.reasons.append(describe_failure(error))
+        return [refused for edit in edits if (refused := edit.find_refused()) is not None]
 
-    def _take_inbox(self, history: History) -> bool:
-        begin_s, is_new = self._clock.now_s(), False
-        for file in self._inbox.read_new():
-            is_new = True
-            history.read_new()
-            try:
-                entry = plan_request(file.path, history.ledger.sessions)
-                if entry is not None:
-                    self._commit(entry)
-            except ExecutionError:
-                raise
-            except (Impossible, *_REFUSALS) as error:
-                file.refuse(str(error))
-            except Exception as error:  # as in `take_text`
-                file.refuse(_format_failure(error))
-            else:
-                file.accept()
-            if self._clock.now_s() - begin_s > INBOX_S:
-                break
-        if is_new:
-            history.read_new()
-        return is_new
+    def _record(
+        self, request: Request, edit: Edit, shown: Mapping[SessionId, Session], history: History
+    ) -> list[Entry]:
+        sessions = history.ledger.sessions
+        entry = plan(request, edit.located, edit.section.name, sessions)
+        if entry is not None and isinstance(request, AmendRequest) and request.session in sessions:
+            refuse_conflict(request, sessions[request.session].contract, shown[request.session])
+        return self._commit(entry)
 
-    def _commit(self, entry: Entry) -> None:
+    def _commit(self, entry: Entry | None) -> list[Entry]:
+        if entry is None:  # it is recorded already
+            return []
         if self._operator is None:
             self._operator = Journal(
                 self._workspace.root, side=Side.OPERATOR, by=OPERATOR, clock=self._clock, durable=self._durable
             )
         self._operator.commit([entry])
-
-    def _find_refusal(self, change: Accepted) -> str:
-        """Record it; why not, when the journal does not take it."""
-        try:
-            self._commit(change.entry)
-        except _REFUSALS as error:
-            return str(error) or type(error).__name__
-        return ""
+        return [entry]
 
     def _refuse_unfit(self, path: Path, reason: str) -> None:
-        self._reject([_refuse_whole("", f"{reason}; it is kept in {path}")], self._source)
+        self._reject([_refuse_whole("", f"{reason}; it is kept in {path}")])
 
-    def _reject(self, refused: Sequence[Refused], source: str) -> list[Refused]:
-        new = self._rejections.append(refused, source, self._clock.wall_iso())
-        if new:
-            self._noted_at_s = self._clock.now_s()
+    def _reject(self, refused: Sequence[Refused]) -> list[Refused]:
+        new = self._rejections.append(refused, self._clock.wall_iso())
+        for each in new:
+            words = f"({each.about}): {flatten(each.reason).rstrip('.')}"
+            note = f"`{self._source}:{each.line}` {words[:NOTE_MAX]}. See {self._workspace.rejected_document.name}."
+            self._notes.append((self._clock.now_s(), note))
         return new
 
 
-def _refuse_whole(text: str, reason: str, line: int = 1, also: str = "") -> Refused:
-    possible = f"make the same change in the present SESSIONS.md{also}"
-    return Refused(line=line, about="the whole file", reason=reason, possible=possible, text=text)
+def edit_by_hand(
+    edits: EditIntake, history: History, change: Callable[[str], str], *, on_wait: Callable[[], None]
+) -> Outcome:
+    """Let a person change a fresh rendering, which is not replaced meanwhile, and publish the result.
+
+    What came out with the publishing may be an edit that was saved without this. `change` gets the text and returns
+    the edited one; what it raises changes nothing.
+    """
+    try:
+        with edits.file.hold(wait=False):
+            pass
+    except BlockingIOError:
+        on_wait()
+    with edits.file.hold(wait=True):
+        history.read_new()
+        outcome = edits.take_text(change(history.render(history.build_page())), history)
+    for _ in range(2):
+        edits.file.put(history.render(history.build_page(edits.notes)))
+        if not any(edits.take_file(history, at_once=True)):
+            break
+    return outcome
 
 
-def _explain_unknown(view: int | None, seq: int) -> str:
-    if view is None:
-        return (
-            "its first lines do not name the rendering that it was made from ('view: <number>' between two lines '---')"
-        )
-    return f"the journal does not show what was rendered at record {view}; it stands at {seq}"
-
-
-def _format_failure(error: Exception) -> str:
-    return f"this program failed on it ({type(error).__name__}: {error})"
-
-
-def _refuse_unfinished(text: str, base: str) -> list[Refused]:
-    """A save that its editor gave up: what it added, if anything; the missing rest asks for nothing."""
-    left = Counter(line.rstrip() for line in base.split("\n"))
-    lines = text.split("\n")
-    new = []
-    for number, line in enumerate(lines[:-1], 1):  # the last one may be half a line
-        if line.strip() and left[line.rstrip()] <= 0:
-            new.append(number)
-        left[line.rstrip()] -= 1
-    if not new and any(each.startswith(lines[-1]) for each in left):
-        return []
-    reason = "the file ends before its end mark, so the save was not finished"
-    return [_refuse_whole(text, reason, line=new[0] if new else len(lines))]
-
-
-def _refuse_late(change: Accepted, reason: str) -> Refused:
-    possible = "look at the session as it stands now, and decide anew"
-    return Refused(line=change.line, about=change.entry.id, reason=reason, possible=possible, text=change.text)
+def _refuse_whole(text: str, reason: str) -> Refused:
+    possible = "make the same change in the present SESSIONS.md"
+    return Refused(line=1, about="the whole file", reason=reason, possible=possible, text=text)

@@ -3,18 +3,16 @@
 It is only ever appended to, and durable before the edit is gone.
 """
 
-import hashlib
 import os
 import re
-from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from phyagentos.errors import PhyAgentOSError
 from phyagentos.protocol.documents.markdown import flatten
-from phyagentos.store.edits.changes import Refused
 from phyagentos.store.segments import SystemIO, sync_folder
 
-NOTES_SHOWN = 3
 _HEAD = """# Refused edits
 
 What was written into SESSIONS.md and was not taken, newest last: where, why, what is possible, and every word of it.
@@ -23,69 +21,61 @@ Nothing reads this file; delete it when you like.
 """
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refused:
+    """An edit that was not taken.
+
+    Attributes:
+        line: Of the edited file, counted from 1.
+        text: As it was written, word for word.
+    """
+
+    line: int = field(compare=False)
+    about: str
+    reason: str
+    possible: str
+    text: str
+
+    def __str__(self) -> str:
+        """One line: where, what, why, possible."""
+        return f"{self.line}: {self.about}: {flatten(self.reason).rstrip('.')}. Possible: {self.possible}."
+
+
 class Rejections:
     """Appends to one SESSIONS.rejected.md, which appears with the first refusal."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._known: set[bytes] = set()
-        self._notes: deque[str] = deque(maxlen=NOTES_SHOWN)
+    def __init__(self, path: Path, source: str) -> None:
+        self._path, self._source = path, source
+        self._known: set[int] = set()
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """One line for each of the latest refusals, for the head of SESSIONS.md."""
-        return tuple(self._notes)
-
-    def forget_notes(self) -> None:
-        """Show none any more."""
-        self._notes.clear()
-
-    def append(self, refused: Sequence[Refused], source: str, at: str) -> list[Refused]:
+    def append(self, refused: Sequence[Refused], at: str) -> list[Refused]:
         """Write refusals, in the order of their lines, durably; returns those that were not written before."""
-        new = [each for each in refused if _hash(each) not in self._known]
+        new = [each for each in sorted(refused, key=lambda each: each.line) if hash(each) not in self._known]
         if not new:
             return []
-        self._known |= {_hash(each) for each in new}
-        text = "".join(_render(each, source, at) for each in new)
         is_first = not self._path.exists()
-        head = _HEAD if is_first else ""
-        fd = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        with os.fdopen(fd, "ab") as file:
-            file.write((head + text).encode("utf-8", "backslashreplace"))
+        text = "".join([_HEAD if is_first else "", *(self._render(each, at) for each in new)])
+        with self._path.open("ab") as file:
+            file.write(text.encode("utf-8", "backslashreplace"))
             file.flush()
             os.fsync(file.fileno())
         if is_first:
             sync_folder(self._path.parent, SystemIO())
-        for each in new:
-            self._notes.append(
-                f"`{source}:{each.line}` ({each.about}): {_shorten(each.reason)}. See {self._path.name}."
-            )
+        self._known.update(map(hash, new))
         return new
 
-
-def _hash(refused: Refused) -> bytes:
-    words = "\0".join((refused.about, refused.reason, refused.text))
-    return hashlib.blake2b(words.encode("utf-8", "backslashreplace"), digest_size=16).digest()
-
-
-def format_refusal(refused: Refused, source: str) -> str:
-    """One line: where, what, why, possible."""
-    reason = flatten(refused.reason).rstrip(".")
-    return f"{source}:{refused.line}: {refused.about}: {reason}. Possible: {refused.possible}."
-
-
-def _render(refused: Refused, source: str, at: str) -> str:
-    fence = "`" * max([4, *(len(run) + 1 for run in re.findall("`+", refused.text))])
-    text = refused.text if refused.text.endswith("\n") else f"{refused.text}\n"
-    return (
-        f"## {at} {source}:{refused.line}\n\n"
-        f"- **About:** {refused.about}\n"
-        f"- **Refused:** {flatten(refused.reason).rstrip('.')}.\n"
-        f"- **Possible:** {refused.possible}.\n\n"
-        f"{fence}text\n{text}{fence}\n\n"
-    )
+    def _render(self, refused: Refused, at: str) -> str:
+        fence = "`" * max([4, *(len(run) + 1 for run in re.findall("`+", refused.text))])
+        return (
+            f"## {at} {self._source}:{refused.line}\n\n"
+            f"- **About:** {refused.about}\n"
+            f"- **Refused:** {flatten(refused.reason).rstrip('.')}.\n"
+            f"- **Possible:** {refused.possible}.\n\n"
+            f"{fence}text\n{refused.text.rstrip()}\n{fence}\n\n"
+        )
 
 
-def _shorten(text: str) -> str:
-    words = flatten(text).rstrip(".")
-    return words if len(words) <= 160 else f"{words[:157]}..."
+def describe_failure(error: Exception) -> str:
+    """Why a request was not recorded, for people."""
+    is_expected = isinstance(error, PhyAgentOSError | ValueError | TypeError | OverflowError)
+    return str(error) if is_expected else f"this program failed on it ({type(error).__name__}: {error})"

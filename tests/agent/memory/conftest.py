@@ -11,7 +11,7 @@ from phyagentos.agent.memory.scopes import compute_scope
 from phyagentos.protocol.sessions.memory_entries import Embodiment
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 PANDA = Embodiment(kind="arm", grip_width_m=0.08, grip_force_n=40.0, control_period_s=0.02)
 SLOW = Strategy(speed=0.5)

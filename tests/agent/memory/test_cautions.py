@@ -7,7 +7,7 @@ from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.memory_entries import Risk, Standing
 from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 from .conftest import SLOW, ask, make_correction, make_episode
 

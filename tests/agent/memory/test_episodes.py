@@ -8,7 +8,7 @@ from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import ALREADY_MET, Ended, Execution, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 
 def make_status(state, *attempts):

@@ -6,7 +6,7 @@ import pytest
 
 from phyagentos.agent.tools.registry import Answer, Level, Tool, ToolRegistry
 from phyagentos.errors import DefinitionError, ExecutionError
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 
 def greet(name: str, times: int = 1) -> Answer:

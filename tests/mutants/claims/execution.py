@@ -63,9 +63,7 @@ MUTANTS = (
     Mutant(
         name="child_without_parent",
         claim="A child session is compiled as if nothing had gone before it.",
-        edits=(
-            Edit("phyagentos.agent.goals.compiler", "parent=revision.parent if revision else None,", "parent=None,"),
-        ),
+        edits=(Edit("phyagentos.agent.goals.compiler", "parent=revision.parent,", "parent=None,"),),
         tests=("tests/agent/test_compiler.py::test_every_attempt_has_a_seed_and_an_id_of_its_own",),
     ),
     Mutant(
@@ -147,9 +145,10 @@ MUTANTS = (
         claim="A base is put where it should be; its wheels turn for show.",
         edits=(
             Edit(
-                "phyagentos.runtime.drivers.mujoco.physics",
-                "self._locomotion.control(self.data, *self._goal)",
-                "self._locomotion.control(self.data, *self._goal); self.base.write_pose(self.data, self._goal[0])",
+                "phyagentos.runtime.drivers.mujoco.actuation",
+                "self._locomotion.control(self._data, *self._goal)",
+                "self._locomotion.control(self._data, *self._goal); "
+                "self._state.base.write_pose(self._data, self._goal[0])",
             ),
         ),
         tests=("tests/runtime/models/test_bases.py::test_motors_without_torque_move_no_base",),

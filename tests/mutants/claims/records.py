@@ -92,9 +92,9 @@ MUTANTS = (
         claim="What a person saved into a rendered document while it was renewed is thrown away without a word.",
         edits=(
             Edit(
-                "phyagentos.store.edits.shared_file",
-                "            self._keep(fresh, self._digest, self._stamp, self._clock.now_s())\n        self._digest",
-                "            fresh.unlink()\n        self._digest",
+                "phyagentos.store.shared_file",
+                "self._kept.append(_Kept(fresh, self._clock.now_s(), self._digest))",
+                "fresh.unlink()",
             ),
         ),
         tests=("tests/store/test_edits.py::test_a_section_that_is_added_submits_a_session",),

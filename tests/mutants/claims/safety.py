@@ -189,13 +189,13 @@ MUTANTS = (
         claim="A motion is admitted although it crosses what another robot has announced.",
         edits=(
             Edit(
-                "phyagentos.runtime.drivers.mujoco.encounters",
+                "phyagentos.runtime.drivers.mujoco.inter_robot_collisions",
                 "np.vstack((here, self.find_announced(other)))",
                 "here[None]",
             ),
         ),
         tests=(
-            "tests/runtime/targets/test_encounters.py::"
+            "tests/runtime/targets/test_inter_robot_collisions.py::"
             "test_of_two_motions_that_cross_that_of_the_first_name_is_admitted_whichever_comes_first[0]",
         ),
     ),

@@ -172,7 +172,7 @@ MUTANTS = (
     Mutant(
         name="silence_keeps_facts_young",
         claim="A look for which no camera answered shows what the look before showed.",
-        edits=(Edit("phyagentos.runtime.perception.pipeline", "lose_sight(felt, focus)", "felt"),),
+        edits=(Edit("phyagentos.runtime.perception.pipeline", "lose_sight(felt, look.focus)", "felt"),),
         tests=(f"{BELIEF_TESTS}::test_a_look_of_silent_cameras_leaves_everything_that_moves_hidden",),
     ),
     Mutant(
@@ -298,7 +298,7 @@ MUTANTS = (
         claim="The imagined world is drawn with the weight and the friction that the true one has.",
         edits=(
             Edit(
-                "phyagentos.runtime.lookahead.estimate",
+                "rollout_forecaster.estimate",
                 '            "mass_span_kg": body.mass_span_kg and _center(body.mass_span_kg),\n'
                 '            "grip_span": body.grip_span and _center(body.grip_span),\n',
                 "",
@@ -361,7 +361,7 @@ MUTANTS = (
         name="leaning_is_upright",
         claim="What leans by less than half a right angle is told as upright, with the doubt of its noise alone.",
         edits=(
-            Edit("phyagentos.runtime.perception.doubt", "UPRIGHT_STDS = 3.0", "UPRIGHT_STDS = 30.0"),
+            Edit("phyagentos.runtime.perception.pose_uncertainty", "UPRIGHT_STDS = 3.0", "UPRIGHT_STDS = 30.0"),
             Edit(
                 "phyagentos.runtime.perception.belief",
                 "tilt_std_rad=math.hypot(turn_rad, *lean, other_rad / 2)",
@@ -390,7 +390,7 @@ MUTANTS = (
         claim="Each look at an unchanged thing halves what its pose may be off.",
         edits=(
             Edit(
-                "phyagentos.runtime.perception.doubt",
+                "phyagentos.runtime.perception.pose_uncertainty",
                 "fused: Array = np.maximum(np.sqrt(square), least)",
                 "fused: Array = before / 2.0",
             ),
@@ -420,7 +420,7 @@ MUTANTS = (
         claim="Where no thing of the inventory was found there is nothing.",
         edits=(
             Edit(
-                "phyagentos.runtime.perception.strangers",
+                "phyagentos.runtime.perception.unknown_objects",
                 "fit_box(points[cluster], noise_m, map_solids, named) if len(cluster) >= POINTS_MIN else None",
                 "None",
             ),
@@ -536,8 +536,8 @@ MUTANTS = (
         claim="A simulation that became unstable goes on as if nothing had happened.",
         edits=(
             Edit(
-                "phyagentos.runtime.drivers.mujoco.physics",
-                "if not np.isfinite(self.data.qpos).all():",
+                "phyagentos.runtime.drivers.mujoco.queries",
+                "if not np.isfinite(self._data.qpos).all():",
                 "if False:",
             ),
         ),

@@ -272,7 +272,7 @@ def test_joints_of_another_leg_do_not_bring_the_tool_anywhere(profile):
 def test_the_handle_stops_the_target_as_the_reaction_says(doubles, profile, limits, reaction, category):
     target = doubles.PerfectTarget(profile)
     changed = limits.model_copy(update={"reactions": {"JOINT_VELOCITY": reaction}})
-    handle = TargetSessionHandle(doubles.LocalConnection(target), changed)
+    handle = TargetSessionHandle(doubles.DirectConnection(target), changed)
     handle.begin("s", 1)
     q = np.tile(HOME + 0.1, (N, 1))
     with pytest.raises(CommandRefused, match="the guard refused a command: joint 4, row 0") as caught:

@@ -34,7 +34,7 @@ def test_a_guarded_motion_stops_when_the_target_feels_more_than_allowed_and_than
     build_bench, session, plant, doubles, profile, forces_n, code
 ):
     """Forces are those at the upper end of the line, on it, and at its lower end."""
-    bench = build_bench(target := doubles.PerfectTarget(profile, [doubles.build_cube()]), library=plant(TREE))
+    bench = build_bench(target := doubles.PerfectTarget(profile, [doubles.make_cube()]), library=plant(TREE))
     step = target._step
 
     def feel():

@@ -148,7 +148,7 @@ def test_a_name_is_given_once():
 
 
 def test_only_leaves_can_be_registered():
-    with pytest.raises(DefinitionError, match=r"NOT_A_LEAF: .*expected a subclass of execution.leaf.Leaf"):
+    with pytest.raises(DefinitionError, match=r"NOT_A_LEAF: .*expected a subclass of phyagentos.skills.Leaf"):
         LeafRegistry().register("text", str)
 
 

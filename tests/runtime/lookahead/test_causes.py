@@ -2,9 +2,10 @@
 
 from types import SimpleNamespace
 
+from rollout_forecaster.playback import Rollout, find_cause
+
 from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose
-from phyagentos.runtime.lookahead.rollouts import Rollout, find_cause
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 
 def make_world(x_m):

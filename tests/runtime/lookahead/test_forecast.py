@@ -6,6 +6,11 @@ import msgspec
 import mujoco
 import numpy as np
 import pytest
+from rollout_forecaster.estimate import believe_scene, stand_up_sunk
+from rollout_forecaster.forecaster import BATCH, RolloutForecaster
+from rollout_forecaster.playback import Playback, SharedPrefix, find_cause
+from rollout_forecaster.rehearsal import Rehearser
+from rollout_forecaster.uncertainty import ImaginedStart, draw_start
 from scipy.spatial.transform import Rotation
 
 from phyagentos.clock import SystemClock
@@ -18,21 +23,16 @@ from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.execution.leaf_registry import build_registry
-from phyagentos.runtime.lookahead.estimate import believe_scene, stand_up_sunk
 from phyagentos.runtime.lookahead.forecaster import Case
-from phyagentos.runtime.lookahead.rehearsal import Rehearser
-from phyagentos.runtime.lookahead.rollout_forecaster import BATCH, RolloutForecaster
-from phyagentos.runtime.lookahead.rollouts import Playback, SharedPrefix, find_cause
 from phyagentos.runtime.lookahead.service import ForecastService
-from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_start
 from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.perception.world_model import WORLD, TrueWorld
+from phyagentos.runtime.perception.world_model import WORLD, GroundTruthWorldModel
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 
 pytestmark = [pytest.mark.sim, pytest.mark.motion]
 
@@ -59,7 +59,7 @@ def environment(library, profile, limits):
     handle = TargetSessionHandle(Loopback(ServedTarget(driver, ReceiveLog(None))), limits, sees_truth=True)
     scene = Scene(name=WAITER, seed=SEED, episode="e")
     handle.load(scene)
-    truth = TrueWorld("panda", handle)
+    truth = GroundTruthWorldModel("panda", handle)
     truth.enter(scene)
     return truth.observe(WORLD)
 
@@ -237,7 +237,9 @@ def test_a_drawn_thing_lies_where_it_was_drawn_after_the_head_start(rehearser, s
     mujoco.mj_setState(drawn.model, ahead, put, mujoco.mjtState.mjSTATE_FULLPHYSICS)
 
     assert np.array_equal(before.qpos[coin : coin + 7], ahead.qpos[coin : coin + 7])
-    assert not np.allclose(before.qpos[stage.physics.q_address], ahead.qpos[stage.physics.q_address], atol=0.01)
+    assert not np.allclose(
+        before.qpos[stage.physics.state.q_address], ahead.qpos[stage.physics.state.q_address], atol=0.01
+    )
 
 
 def test_a_condition_that_must_hold_all_through_is_watched_from_the_beginning(rehearsal):

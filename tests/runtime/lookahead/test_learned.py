@@ -15,7 +15,7 @@ from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Entity, Environment, Pose, Shape, ShapeKind, TargetState
 from phyagentos.runtime.lookahead.forecaster import Case, ForecasterSite
-from tests.contracts import make_contract
+from phyagentos.testing import make_contract
 from tests.learned_kit import draw_examples
 
 EXAMPLES = draw_examples(200)

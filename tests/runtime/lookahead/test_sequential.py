@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-
-from phyagentos.runtime.lookahead.rollouts import is_decided
+from rollout_forecaster.playback import is_decided
 
 
 def run_test(outcomes, threshold, batch=2):

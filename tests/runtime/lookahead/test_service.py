@@ -2,11 +2,12 @@
 
 import pytest
 
+from phyagentos.agent.goals.spec import LookaheadSpec
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.capabilities.forecasters import find_forecaster
 from phyagentos.protocol.sessions.calibration import TrackRecord
 from phyagentos.protocol.sessions.lookahead import Forecast, LookaheadRequest
-from phyagentos.protocol.settings.forecasting import find_forecaster
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.lookahead.forecaster import Case
 from phyagentos.runtime.lookahead.gate import LookaheadGate
@@ -116,3 +117,13 @@ def test_another_version_of_a_distrusted_forecaster_is_asked_again(make_case):
 def test_a_forecaster_that_is_not_installed_is_named_with_those_that_are():
     with pytest.raises(DefinitionError, match=r"UNKNOWN_FORECASTER: found 'rollout'.*Did you mean 'rollouts'\?"):
         find_forecaster("rollout")
+
+
+def test_the_kit_of_rollouts_is_found_on_the_path_and_its_absence_names_the_command(monkeypatch):
+    assert find_forecaster("rollouts").module == "rollout_forecaster.forecaster"
+
+    monkeypatch.setattr("phyagentos.protocol.capabilities.forecasters.find_spec", lambda _: None)
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_FORECASTER: found 'rollouts'.* pip install .*/kits/rollouts"):
+        find_forecaster("rollouts")
+    with pytest.raises(ValueError, match=r"pip install .*/kits/rollouts"):
+        LookaheadSpec()

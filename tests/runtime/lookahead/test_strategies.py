@@ -1,5 +1,6 @@
+from rollout_forecaster.forecaster import SLOWEST, Tried, propose
+
 from phyagentos.protocol.sessions.strategy import Strategy
-from phyagentos.runtime.lookahead.rollout_forecaster import SLOWEST, Tried, propose
 
 
 def tried(cause, share=0.0, grasp="yaw+090", site="site4.yaw+045", **strategy):

@@ -10,7 +10,7 @@ from phyagentos.geometry import convert_euler
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.scenes import SceneSpec
-from phyagentos.runtime.drivers.mujoco.encounters import CLEARANCE_M, Encounters
+from phyagentos.runtime.drivers.mujoco.inter_robot_collisions import CLEARANCE_M, InterRobotCollisions
 from phyagentos.runtime.drivers.mujoco.local_limits import LocalLimits
 from phyagentos.runtime.drivers.mujoco.physics import Physics, advance
 from phyagentos.runtime.models.robot import build_robot
@@ -83,14 +83,14 @@ def scooter(tmp_path):
 
 def drive(physics, goal, steps=1500):
     """Lead all joints to a goal (4,) and let them settle; the largest error after the start."""
-    start, span_s, worst = physics.q_rad, steps * physics.model.opt.timestep, 0.0
+    start, span_s, worst = physics.state.q_rad, steps * physics.model.opt.timestep, 0.0
     for part in np.linspace(0.0, 1.0, steps):
         wanted = start + part**2 * (3.0 - 2.0 * part) * (goal - start)  # it begins and ends at rest
-        physics.set_servos(wanted, 6.0 * part * (1.0 - part) / span_s * (goal - start), 0.0)
+        physics.actuation.set_servos(wanted, 6.0 * part * (1.0 - part) / span_s * (goal - start), 0.0)
         physics.step()
-        worst = max(worst, float(np.abs(physics.q_rad - wanted).max()))
+        worst = max(worst, float(np.abs(physics.state.q_rad - wanted).max()))
     for _ in range(500):
-        physics.set_servos(goal, np.zeros(4), 0.0)
+        physics.actuation.set_servos(goal, np.zeros(4), 0.0)
         physics.step()
     return worst
 
@@ -103,12 +103,12 @@ def test_a_base_follows_its_set_points_on_its_wheels(scooter):
     home = np.array(scooter[0].arm.home_rad)
     goal = home + np.array((0.6, -0.4, 1.2, -0.5))
 
-    assert np.allclose(physics.q_rad, home, atol=2e-3)
+    assert np.allclose(physics.state.q_rad, home, atol=2e-3)
     worst = drive(physics, goal)
     assert worst < 0.015
-    assert np.allclose(physics.q_rad, goal, atol=2e-3)
-    physics.look()
-    assert np.allclose(physics.read_target({}).base, goal[:3], atol=2e-3)
+    assert np.allclose(physics.state.q_rad, goal, atol=2e-3)
+    physics.queries.look()
+    assert np.allclose(physics.queries.read_target({}).base, goal[:3], atol=2e-3)
 
 
 @pytest.mark.sim
@@ -119,14 +119,14 @@ def test_a_base_that_drives_as_fast_as_is_planned_is_not_stopped_for_the_ripple_
     for share in (VELOCITY_SCALE, 1.2):
         physics, q_rad = Physics.alone(profile, folder, GROUND, seed=3), np.array(profile.arm.home_rad)
         q_rad[2] = 0.6
-        physics.place_at_home()
-        physics.write_posture(physics.data, q_rad)
-        physics.base.speed_max[:] = np.inf  # its drive bounds its speed by itself, too
+        physics.actuation.place_at_home()
+        physics.state.write_posture(physics.data, q_rad)
+        physics.state.base.speed_max[:] = np.inf  # its drive bounds its speed by itself, too
         limits, top = LocalLimits(profile, physics, 10), np.array(profile.arm.velocity_rad_s)
         for step in range(1800):
             rate = share * min(step / 500.0, 1.0) * top * (-0.5, 1.0, 0.25, 0.0, 0.0, 0.0, 0.0, 0.0)
             q_rad = q_rad + rate * profile.physics_step_s
-            physics.set_servos(q_rad, rate, profile.gripper.max_width_m)
+            physics.actuation.set_servos(q_rad, rate, profile.gripper.max_width_m)
             physics.step()
             stopped[share] = stopped.get(share) or limits.find_excess()
 
@@ -140,10 +140,10 @@ def test_motors_without_torque_move_no_base(scooter):
     weak = profile.base.model_copy(update={"torque_nm": (1e-6,) * 3})
     physics = Physics.alone(profile.model_copy(update={"base": weak}), folder, GROUND, seed=3)
     physics.start(0.5)
-    home = physics.q_rad
+    home = physics.state.q_rad
     drive(physics, home + np.array((0.5, 0.0, 0.0, 0.0)))
 
-    assert np.abs(physics.q_rad - home).max() < 0.02
+    assert np.abs(physics.state.q_rad - home).max() < 0.02
 
 
 @pytest.mark.sim
@@ -159,10 +159,10 @@ def test_a_base_bears_its_whole_weight(scooter):
             mujoco.mj_contactForce(physics.model, physics.data, index, wrench)
             total += abs(physics.data.contact.frame[index][2]) * wrench[0]
         lifted.append(total)
-    weight = -physics.model.opt.gravity[2] * physics.model.body_subtreemass[physics.base.body]
+    weight = -physics.model.opt.gravity[2] * physics.model.body_subtreemass[physics.state.base.body]
 
     assert np.mean(lifted) == pytest.approx(weight, rel=0.02)
-    assert physics.q_rad[3] == pytest.approx(scooter[0].arm.home_rad[3], abs=2e-3)
+    assert physics.state.q_rad[3] == pytest.approx(scooter[0].arm.home_rad[3], abs=2e-3)
 
 
 @pytest.mark.sim
@@ -175,12 +175,12 @@ def test_a_base_may_touch_the_ground_and_no_wall(scooter):
     spec = SceneSpec.model_validate({**GROUND.model_dump(), "bodies": bodies})
     physics = Physics.alone(profile, folder, spec, seed=3)
     physics.start(0.5)
-    scene = PlanningScenes(build_robot_model(profile, folder)).get_scene(World(physics.entities))
+    scene = PlanningScenes(build_robot_model(profile, folder)).get_scene(World(physics.scene.entities))
     free, blocked = np.array((0.5, 0.0, 0.0, 0.3)), np.array((0.85, 0.0, 0.0, 0.3))
 
-    assert physics.find_hardest_contact() == (0.0, "")
-    assert physics.check_posture(free)[1] == ""
-    assert physics.check_posture(blocked)[1] == "plate|wall"
+    assert physics.queries.find_hardest_contact() == (0.0, "")
+    assert physics.queries.check_posture(free)[1] == ""
+    assert physics.queries.check_posture(blocked)[1] == "plate|wall"
     assert scene.find_contacts(free) == []
     assert ("plate", "wall") in scene.find_contacts(blocked)
 
@@ -227,61 +227,61 @@ def test_a_profile_with_a_base_names_its_pose_first(scooter):
 
 @pytest.fixture
 def hall(scooter):
-    """Two scooters a metre and a half apart in one world: the physics of each by its name, and their encounters."""
+    """Two scooters a metre and a half apart in one world: the physics of each by its name, and their collisions."""
     profile, folder = scooter
     arms = {name: profile.arm.model_copy(update={"home_rad": (0.0, y, 0.0, 0.0)}) for name, y in BERTHS_M.items()}
     both = [(profile.model_copy(update={"target": name, "arm": arm}), folder) for name, arm in arms.items()]
     scene = compile_scene(both, GROUND, 0)
     robots = {each.target: Physics(each, scene, f"{each.target}/") for each, _ in both}
     for each in robots.values():
-        each.place_at_home()
+        each.actuation.place_at_home()
     advance(robots.values(), 50)
-    return robots, Encounters(robots)
+    return robots, InterRobotCollisions(robots)
 
 
 def slide(robot, y_m, rows=400):
     """Postures (rows, 4) from where a scooter stands to a place along y [m]."""
-    return np.linspace(robot.q_rad, (0.0, y_m, 0.0, 0.0), rows)
+    return np.linspace(robot.state.q_rad, (0.0, y_m, 0.0, 0.0), rows)
 
 
 @pytest.mark.sim
 def test_a_base_announces_its_way_and_keeps_its_distance_from_another_base(hall):
     """A way through where the other stands, or through a way that it has announced, is not admitted; nothing moves."""
-    robots, encounters = hall
-    before = robots["left"].read_state()
+    robots, collisions = hall
+    before = robots["left"].state.read_state()
 
-    assert encounters.admit("left", slide(robots["left"], -1.2), "", EMPTY) == "right"
-    assert encounters.admit("left", slide(robots["left"], -0.2), "", EMPTY) == ""
-    assert encounters.admit("right", slide(robots["right"], 0.0), "", EMPTY) == "left"
-    assert encounters.admit("right", slide(robots["right"], -1.2), "", EMPTY) == ""
-    assert encounters.find_announced("left")[-1] == pytest.approx((0.0, -0.2, 0.0, 0.0))
-    assert (robots["left"].read_state() == before).all()
+    assert collisions.admit("left", slide(robots["left"], -1.2), "", EMPTY) == "right"
+    assert collisions.admit("left", slide(robots["left"], -0.2), "", EMPTY) == ""
+    assert collisions.admit("right", slide(robots["right"], 0.0), "", EMPTY) == "left"
+    assert collisions.admit("right", slide(robots["right"], -1.2), "", EMPTY) == ""
+    assert collisions.find_announced("left")[-1] == pytest.approx((0.0, -0.2, 0.0, 0.0))
+    assert (robots["left"].state.read_state() == before).all()
 
 
 @pytest.mark.sim
 def test_no_two_compared_places_of_a_base_are_farther_apart_than_robots_keep_from_each_other(hall):
     """A thin thing beside the way of a base is found wherever it stands."""
-    robots, encounters = hall
-    encounters.admit("left", slide(robots["left"], 2.0), "", EMPTY)
+    robots, collisions = hall
+    collisions.admit("left", slide(robots["left"], 2.0), "", EMPTY)
 
-    assert np.diff(encounters.find_announced("left")[:, 1]).max() < CLEARANCE_M
+    assert np.diff(collisions.find_announced("left")[:, 1]).max() < CLEARANCE_M
 
 
 @pytest.mark.sim
 def test_of_two_bases_each_drives_on_its_own_wheels_and_what_touches_is_noted(hall):
     """One drives into the other, which stands by its own motors: both are told, once they touch."""
-    robots, encounters = hall
+    robots, collisions = hall
     for q_rad in slide(robots["left"], -1.2)[::2]:
-        robots["left"].set_servos(q_rad, np.zeros(4), 0.0)
+        robots["left"].actuation.set_servos(q_rad, np.zeros(4), 0.0)
         for _ in range(10):
             advance(robots.values(), 1)
-            encounters.note()
-        if touched := encounters.take_touched("left"):
+            collisions.note()
+        if touched := collisions.take_touched("left"):
             break
 
-    assert touched.keys() == {"right"} == encounters.take_touched("right").keys() ^ {"left", "right"}
-    assert -0.6 < robots["left"].q_rad[1] < -0.4
-    assert robots["right"].q_rad == pytest.approx((0.0, BERTHS_M["right"], 0.0, 0.0), abs=0.05)
+    assert touched.keys() == {"right"} == collisions.take_touched("right").keys() ^ {"left", "right"}
+    assert -0.6 < robots["left"].state.q_rad[1] < -0.4
+    assert robots["right"].state.q_rad == pytest.approx((0.0, BERTHS_M["right"], 0.0, 0.0), abs=0.05)
 
 
 @pytest.mark.sim
@@ -297,8 +297,8 @@ def test_what_planning_covers_of_a_base_that_is_a_neighbour_is_where_it_stands_a
     solid = [g for g in range(model.ngeom) if (model.geom_contype[g] or model.geom_conaffinity[g])]
     for posture in postures:
         spheres = np.vstack(covered.cover(Neighbour("xlerobot", posture[None]), ()))
-        physics.write_posture(data, posture)
+        physics.state.write_posture(data, posture)
         mujoco.mj_kinematics(model, data)
-        for geom in (g for g in solid if model.body(model.geom_bodyid[g]).rootid[0] == physics.base.body):
+        for geom in (g for g in solid if model.body(model.geom_bodyid[g]).rootid[0] == physics.state.base.body):
             apart = np.linalg.norm(spheres[:, :3] - data.geom_xpos[geom], axis=1) - spheres[:, 3]
             assert apart.min() < 0.0, (posture, model.body(model.geom_bodyid[geom]).name)

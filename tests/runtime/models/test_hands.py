@@ -105,17 +105,17 @@ def test_a_body_without_a_gripper_is_driven_and_describes_where_its_tool_stays(c
     assert (live.end_effector, live.gripper_force_n, describe_target_space(profile).gripper) == ("none", 0.0, None)
     tool = ToolPoint(live.kinematics)
     for q in np.random.default_rng(RNG_SEED).uniform(-1.0, 1.0, size=(5, 4)):
-        assert tool.compute(q) == pytest.approx(driver.physics.find_tcp()[0], abs=1e-9)
+        assert tool.compute(q) == pytest.approx(driver.physics.queries.find_tcp()[0], abs=1e-9)
     physics = driver.physics
     for share in np.linspace(0.0, 1.0, 300):
-        physics.set_servos(share * np.array([0.5, 0.2, 0.3, 0.1]), np.zeros(4), 0.0)
+        physics.actuation.set_servos(share * np.array([0.5, 0.2, 0.3, 0.1]), np.zeros(4), 0.0)
         physics.step()
     physics.step(200)
-    physics.look()
-    state = physics.read_target({})
+    physics.queries.look()
+    state = physics.queries.read_target({})
     assert state.q_rad == pytest.approx((0.5, 0.2, 0.3, 0.1), abs=0.01)
     assert (state.grip_force_n, state.gripper_width_m, state.holding, state.is_gripping) == (None, 0.0, (), False)
-    assert not physics.is_held("block")
+    assert not physics.queries.is_held("block")
 
 
 def test_a_posture_in_which_fingers_touch_is_told(claw):

@@ -154,12 +154,12 @@ def test_a_jaw_that_is_still_closing_grips_nothing(beak):
     scene = read_scene(Library.open().get_scene("tabletop/cubes_and_trays"))
     physics = Physics.alone(*read_profile(beak), scene, seed=0)
     physics.start(0.1)
-    physics.set_servos(physics.q_rad, np.zeros(2), 0.0)
+    physics.actuation.set_servos(physics.state.q_rad, np.zeros(2), 0.0)
     pressed, gripping = [], []
     for _ in range(4):
         physics.step(5)
         pressed.append(-float(physics.data.actuator(GRIPPER_ACTUATOR).force[0]))
-        gripping.append(physics.read_target({}).is_gripping)
+        gripping.append(physics.queries.read_target({}).is_gripping)
     assert max(pressed) > GRIP_N
     assert not any(gripping)
 
@@ -242,7 +242,7 @@ def test_a_xacro_file_without_what_expands_it_is_told_before_anything_runs(beak,
         lambda: require_models(profile.model_copy(update={"model": "beak.xacro"}), folder),
         lambda: read_model(folder / "beak.xacro"),
     ):
-        with pytest.raises(DefinitionError, match=r"MODEL_UNREADABLE.*phyagentos\[xacro\]"):
+        with pytest.raises(DefinitionError, match=r"MODEL_UNREADABLE.*pip install '\.\[xacro\]'"):
             read()
 
 

@@ -8,7 +8,7 @@ import pytest
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.placed_scenes import read_placed
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.drivers.mujoco.encounters import CLEARANCE_M
+from phyagentos.runtime.drivers.mujoco.inter_robot_collisions import CLEARANCE_M
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.models.world import compile_scene
 from phyagentos.runtime.motion.planner import MotionPlanner

@@ -72,8 +72,8 @@ class Stage:
         self.pipeline = Pipeline(build_inventory(spec), RobotMask(profile, folder), "panda", noisy=noisy)
         self.scene = Scene(name=scene, seed=seed, episode="one")
         self.time_s, self.belief, self.looks = 1.0, None, 0
-        self.physics.look()
-        self.state = self.physics.read_target({})
+        self.physics.queries.look()
+        self.state = self.physics.queries.read_target({})
 
     def put(self, name, x_m, y_m, z_m=None, yaw_rad=0.0, tilt_rad=0.0):
         """Set a thing down somewhere."""
@@ -105,8 +105,8 @@ class Stage:
 
     def find(self, name):
         """(3,) where a thing really is."""
-        self.physics.look()
-        return np.array(self.physics.seen.xpos[self.physics.model.body(name).id])
+        self.physics.queries.look()
+        return np.array(self.physics.queries.seen.xpos[self.physics.model.body(name).id])
 
 
 def observe_now(world, stage, things=(), state=None):

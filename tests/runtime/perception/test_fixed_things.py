@@ -47,7 +47,7 @@ def test_fixed_bodies_of_an_area_and_of_a_frame_are_found_within_their_stated_do
         assert 0.0 < entity.position_std_m < 0.005
         assert math.dist(entity.pose.position_m, stage.find(name)) < 2 * entity.position_std_m
         body = stage.physics.model.body(name).id
-        turned = compute_rotation(entity.pose.quaternion_wxyz).T @ stage.physics.seen.xmat[body].reshape(3, 3)
+        turned = compute_rotation(entity.pose.quaternion_wxyz).T @ stage.physics.queries.seen.xmat[body].reshape(3, 3)
         yaw_rad = abs(math.remainder(np.arctan2(turned[1, 0], turned[0, 0]), math.pi))  # half a turn looks the same
         assert 0.0 < entity.turn_std_rad < 0.05
         assert yaw_rad < 2 * entity.turn_std_rad

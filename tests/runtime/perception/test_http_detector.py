@@ -13,7 +13,7 @@ import pytest
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.scenes import read_scene
-from phyagentos.runtime.perception.detection import detector_registry, http
+from phyagentos.runtime.perception.detection import http
 from phyagentos.runtime.perception.detection.detector_registry import open_detector
 from phyagentos.runtime.perception.detection.http import HttpDetector
 from phyagentos.runtime.perception.inventory import build_inventory
@@ -199,12 +199,3 @@ def test_a_detector_that_nobody_registered_is_named_with_those_that_are():
 def test_settings_of_another_kind_are_refused():
     with pytest.raises(DefinitionError, match="INVALID_VALUE"):
         open_detector("http", {"url": "http://x", "time_out": 3})
-
-
-def test_a_name_is_registered_once(monkeypatch):
-    class Point:
-        name = "http"
-
-    monkeypatch.setattr(detector_registry, "entry_points", lambda group: [Point()] * (group == "phyagentos.detectors"))
-    with pytest.raises(ValueError, match="'http' is registered already"):
-        open_detector("http", {"url": "http://x"})

@@ -100,12 +100,12 @@ def glance_at_can(views, twins):
     observe("can")
 
     def glance(after_s=0.02):
-        plan = world.plan_glance(frozenset({"can"}), twins.time_s + after_s)
+        plan = world.plan_confirmation(frozenset({"can"}), twins.time_s + after_s)
         twins.time_s += after_s
         world._handle.latest = Step(time_s=twins.time_s, target=twins.state, tracking_error_rad=0.0)
         frames = [world._handle.capture(each.cameras, each.crops, each.every) for each in plan.captures]
         world.advance(world._handle.latest, stands=False)
-        return plan, world.read_glance(plan, frames)
+        return plan, world.read_confirmation(plan, frames)
 
     return glance
 
@@ -141,7 +141,7 @@ def test_a_glance_that_does_not_show_the_belief_leaves_doubt(views, twins, glanc
 def test_what_was_seen_once_is_not_confirmed_by_a_glance(views, twins):
     world, observe, _ = views
     observe()
-    assert world.plan_glance(frozenset({"can"}), twins.time_s + 0.02) is None
+    assert world.plan_confirmation(frozenset({"can"}), twins.time_s + 0.02) is None
 
 
 def test_a_picture_with_other_pixels_gives_another_world(views, twins, tmp_path):

@@ -10,7 +10,7 @@ from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.environment import Status
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.runtime.perception.association import associate, exchange_doubts
+from phyagentos.runtime.perception.association import associate, exchange_uncertainties
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.naming import HUGE, NOISE_M, assign, iter_exchanges
 from phyagentos.runtime.perception.views import Cloud
@@ -60,9 +60,9 @@ def test_of_two_that_may_be_exchanged_each_lists_the_other(twins):
     belief = twins.look()
     one = {**belief.entities}
     one["second"] = msgspec.structs.replace(one["second"], alternatives=())
-    agreed = exchange_doubts(one, {"first"})
+    agreed = exchange_uncertainties(one, {"first"})
     assert agreed["second"].alternatives == ("first",)
-    cleared = exchange_doubts(one | {"first": msgspec.structs.replace(one["first"], alternatives=())}, {"first"})
+    cleared = exchange_uncertainties(one | {"first": msgspec.structs.replace(one["first"], alternatives=())}, {"first"})
     assert cleared["second"].alternatives == ()
 
 

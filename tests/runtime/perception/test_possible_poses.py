@@ -8,11 +8,11 @@ from phyagentos.geometry import Pose, turn
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.perception.association import associate
-from phyagentos.runtime.perception.doubt import Doubt
 from phyagentos.runtime.perception.fitting import Fit, measure_sunk
 from phyagentos.runtime.perception.inventory import build_inventory
+from phyagentos.runtime.perception.pose_uncertainty import PoseUncertainty
 from phyagentos.runtime.perception.separate_overlaps import SUNK_M, separate_overlaps
-from phyagentos.runtime.perception.views import CameraView, Cloud, Sight, drop_stray
+from phyagentos.runtime.perception.views import CameraView, Cloud, Visibility, drop_stray
 from phyagentos.runtime.targets.wire import Frame
 from tests.runtime.perception.conftest import SCENE
 
@@ -81,9 +81,9 @@ def make_fit(rotation, position_m, count=50):
         position_m=np.array(position_m),
         cost_m=0.001,
         rms_m=0.001,
-        sight=Sight(0, 0, 0),
+        visibility=Visibility(0, 0, 0),
         count=count,
-        doubt=Doubt(np.zeros(2), np.zeros(2)),
+        uncertainty=PoseUncertainty(np.zeros(2), np.zeros(2)),
         freely=rotation,
     )
 

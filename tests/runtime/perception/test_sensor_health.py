@@ -56,9 +56,9 @@ def test_without_noise_a_frozen_picture_is_told_by_the_motion_of_the_arm_and_a_s
     for _ in range(3):
         stage.look(redate(stage.take_frames(), stage.time_s + 0.5))
     assert {each.status for each in stage.belief.sensors.values()} == {"live"}
-    stage.physics.data.qpos[stage.physics.q_address] += [0.0, 0.7, 0.0, 0.3, 0.0, 0.1, 0.0]  # down over the table
-    stage.physics.look()
-    stage.state = stage.physics.read_target({})
+    stage.physics.data.qpos[stage.physics.state.q_address] += [0.0, 0.7, 0.0, 0.3, 0.0, 0.1, 0.0]  # down over the table
+    stage.physics.queries.look()
+    stage.state = stage.physics.queries.read_target({})
     claimed = {frame.camera: frame.world_T_camera for frame in stage.take_frames().frames}
     frozen = Frames(tuple(msgspec.structs.replace(each, world_T_camera=claimed[each.camera]) for each in old.frames))
     honest = stage.belief

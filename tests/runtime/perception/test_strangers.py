@@ -13,7 +13,7 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pipeline import Pipeline
 from phyagentos.runtime.perception.solids import Solids
-from phyagentos.runtime.perception.strangers import fit_box
+from phyagentos.runtime.perception.unknown_objects import fit_box
 from tests.runtime.perception.conftest import SCENE, Stage, open_library
 
 pytestmark = pytest.mark.sim

@@ -13,9 +13,9 @@ from phyagentos.geometry import compute_rotation, compute_tilt
 from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.runtime.perception.doubt import Doubt
 from phyagentos.runtime.perception.fitting import Fit, compare_lookalikes
 from phyagentos.runtime.perception.inventory import build_inventory
+from phyagentos.runtime.perception.pose_uncertainty import PoseUncertainty
 from tests.runtime.perception.conftest import Stage, open_library
 
 pytestmark = pytest.mark.sim
@@ -106,7 +106,7 @@ def test_what_is_averaged_over_looks_is_never_less_well_known_for_one_more(libra
 
 
 def test_a_look_from_afar_leaves_the_turn_of_what_stays_as_well_known_as_it_was():
-    near, far = np.array([0.001, 0.03]), Doubt(total=np.array([0.004, 0.12]), common=np.array([0.003, 0.09]))
+    near, far = np.array([0.001, 0.03]), PoseUncertainty(total=np.array([0.004, 0.12]), common=np.array([0.003, 0.09]))
     assert far.fuse(near) == pytest.approx([0.003, 0.03], rel=0.05)  # it may have been shifted by as much as that
 
 
@@ -134,8 +134,8 @@ def test_a_bar_of_nearly_square_section_is_not_taken_for_rolled_by_the_noise_of_
     bar = build_inventory(read_scene(library.get_scene("test/leaning"))).things["bar"]
     (roll, _), *_ = bar.lookalikes
     found = Fit(
-        rotation=np.eye(3), position_m=np.zeros(3), cost_m=2e-3, rms_m=2e-3, sight=None, count=count, doubt=None,
-        freely=np.eye(3),
+        rotation=np.eye(3), position_m=np.zeros(3), cost_m=2e-3, rms_m=2e-3, visibility=None, count=count,
+        uncertainty=None, freely=np.eye(3),
     )  # fmt: skip
     rolled = replace(found, rotation=roll, freely=roll, cost_m=found.cost_m - better_m)
     monkeypatch.setattr("phyagentos.runtime.perception.fitting._finish", lambda *_: rolled)

@@ -15,7 +15,7 @@ from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.observations import Observer
 from phyagentos.runtime.policies.policy_runtime import PolicyParts, PolicySkillRuntime
 from phyagentos.runtime.targets.wire import Observation
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 PERIOD_S = 0.02
 INFERENCE_S = 0.1

@@ -91,7 +91,7 @@ def test_what_is_no_model_is_told(model):
 
 def test_without_onnxruntime_it_says_which_extra_brings_it(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(ExecutionError, match=r"pip install phyagentos\[onnx\]") as error:
+    with pytest.raises(ExecutionError, match=r"pip install '\.\[onnx\]'") as error:
         ask(f"onnx:{tmp_path}/line.onnx")
     assert error.value.code == "POLICY_UNREACHABLE"
 

@@ -53,7 +53,7 @@ class Line:
 
 @pytest.fixture
 def build_target(doubles, profile):
-    return lambda: doubles.PerfectTarget(profile, [doubles.build_cube()])
+    return lambda: doubles.PerfectTarget(profile, [doubles.make_cube()])
 
 
 @pytest.fixture

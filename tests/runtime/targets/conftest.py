@@ -106,12 +106,12 @@ class Rig:
     def reach(self, point, yaw=0.0):
         """Joint angles that bring the tool to a point, pointing down (damped least squares on MuJoCo's Jacobian)."""
         model, data = self.driver.physics.model, mujoco.MjData(self.driver.physics.model)
-        site, dofs = model.site("tcp").id, self.driver.physics.v_address
+        site, dofs = model.site("tcp").id, self.driver.physics.state.v_address
         q = np.array(self.profile.arm.home_rad)
         wanted = np.array([[np.cos(yaw), np.sin(yaw), 0], [np.sin(yaw), -np.cos(yaw), 0], [0, 0, -1]]).T
         jacobian_p, jacobian_r = np.zeros((3, model.nv)), np.zeros((3, model.nv))
         for _ in range(200):
-            data.qpos[self.driver.physics.q_address] = q
+            data.qpos[self.driver.physics.state.q_address] = q
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             rotation = data.site_xmat[site].reshape(3, 3)

@@ -53,7 +53,7 @@ def project(frame, point):
 @pytest.mark.parametrize("name", ["overhead", "left", "right"])
 def test_the_top_of_a_cube_is_seen_where_geometry_says(physics, data, name):
     frame = capture(physics, data, SHIPPED.model_copy(update={"noise_level": "none"}), name)
-    cube = physics.find_position("red_cube")
+    cube = physics.queries.find_position("red_cube")
     u, v, depth = project(frame, np.add(cube, (0.0, 0.0, 0.02)))
 
     seen = frame.depth_m[int(v), int(u)]
@@ -117,7 +117,7 @@ def test_a_machine_without_graphics_gives_no_frame_and_a_code(physics, monkeypat
 def test_the_arm_hides_what_is_behind_it(physics, data):
     q = np.array(physics.data.qpos)
     frame = capture(physics, data, make_sensors(), "above")
-    tcp, _ = physics.find_tcp()
+    tcp, _ = physics.queries.find_tcp()
     u, v, depth = project(frame, tcp)
 
     assert frame.depth_m[int(v), int(u)] < depth - 0.02  # the hand is above its own fingertips
@@ -128,7 +128,7 @@ def test_the_wrist_camera_sees_past_the_fingers_and_moves_with_the_hand(physics,
     camera = open_cameras(physics.model, SHIPPED, seed=7, level="none")["wrist"]
     frame = camera.capture(data, 0.0, np.random.default_rng(1))
     rotated = np.array(physics.data.qpos)
-    rotated[physics.q_address] += [0.5, 0, 0, 0, 0, 0, 0]
+    rotated[physics.state.q_address] += [0.5, 0, 0, 0, 0, 0, 0]
     turned = camera.capture(pose_state(physics.model, rotated), 0.0, np.random.default_rng(1))
 
     rays = camera.mounting.lens.compute_rays()

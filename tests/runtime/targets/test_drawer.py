@@ -19,12 +19,12 @@ SPEC = read_scene(Library.open().get_scene("tabletop/drawer"))
 def start(panda, seed, spec=SPEC):
     physics = Physics.alone(*panda, spec, seed)
     physics.start(spec.settle_s)
-    physics.look()
+    physics.queries.look()
     return physics
 
 
 def read(physics, name):
-    return next(each for each in physics.read_entities({}) if each.name == name)
+    return next(each for each in physics.queries.read_entities({}) if each.name == name)
 
 
 def test_each_seed_opens_the_drawer_within_its_span_and_everything_else_stays(panda):
@@ -46,7 +46,7 @@ def test_the_handle_moves_with_its_drawer_and_the_fraction_is_that_of_the_travel
     for opening in (0.0, 0.5, 1.0):
         joint = physics.model.joint("drawer_joint")
         physics.data.qpos[joint.qposadr[0]] = opening * 0.13
-        physics.look()
+        physics.queries.look()
         drawer, handle = read(physics, "drawer"), read(physics, "handle")
         gaps.append(np.subtract(handle.pose.position_m, drawer.pose.position_m))
         fractions.append(drawer.joint)
@@ -62,14 +62,14 @@ def test_a_hand_pushes_the_drawer_in_and_it_stays_where_it_is_left(panda):
     physics = start(panda, 2)
     wanted = np.array([0.6, 0.14, 0.008])
     for _ in range(400):
-        physics.pull("drawer", wanted, 400.0, 40.0, spin_damping=1.0, carries_weight=False)
+        physics.actuation.pull("drawer", wanted, 400.0, 40.0, spin_damping=1.0, carries_weight=False)
         physics.step()
-    physics.let_go("drawer")
-    before = physics.find_position("drawer")
+    physics.actuation.let_go("drawer")
+    before = physics.queries.find_position("drawer")
     physics.step(200)
 
     assert np.linalg.norm(before - wanted) < 0.01
-    assert np.linalg.norm(physics.find_position("drawer") - before) < 0.001
+    assert np.linalg.norm(physics.queries.find_position("drawer") - before) < 0.001
 
 
 def test_a_door_turns_about_its_anchor(panda):
@@ -94,7 +94,7 @@ def test_a_door_turns_about_its_anchor(panda):
     physics = start(panda, 1, SceneSpec.model_validate(scene))
     ajar = read(physics, "door")
     physics.data.qpos[physics.model.joint("door_joint").qposadr[0]] = 0.0
-    physics.look()
+    physics.queries.look()
     closed = read(physics, "door")
 
     assert (ajar.joint, closed.joint) == (pytest.approx(0.5), 0.0)

@@ -6,16 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.assembly.drivers import build_driver_registry
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.targets import find_driver_name
 from phyagentos.runtime.drivers import devices
 from phyagentos.runtime.drivers.devices import specs
-from phyagentos.runtime.targets import driver_registry
-from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSite, DriverSpec
+from phyagentos.runtime.targets.driver_registry import DriverSite, DriverSpec, find_driver
 
 
 @pytest.fixture
@@ -45,30 +44,12 @@ def test_a_kind_has_its_driver_unless_the_profile_names_one(panda, kind, name):
     ],
 )
 def test_what_no_driver_moves_is_refused_with_the_names_that_are_possible(panda, changes, message):
-    registry = DriverRegistry()
-    registry.register("mujoco", DriverSpec(open=open_nothing, kinds=("simulation",)))
-    registry.register("ur5", DriverSpec(open=open_nothing, kinds=("real_robot",)))
+    kinds = {"mujoco": ("simulation",), "ur5": ("real_robot",)}
+    drivers = Plugins("-", {name: DriverSpec(open=open_nothing, kinds=each) for name, each in kinds.items()})
 
     with pytest.raises(DefinitionError, match=message):
-        registry.get(panda.model_copy(update=changes))
-    assert registry.get(panda).kinds == ("simulation",)
-
-
-def test_a_driver_of_another_package_is_found_by_its_entry_point(monkeypatch):
-    spec = DriverSpec(open=open_nothing, kinds=("real_robot",))
-
-    class Point:
-        name = "ur5"
-
-        def load(self):
-            return spec
-
-    monkeypatch.setattr(driver_registry, "entry_points", lambda group: [Point()] * (group == "phyagentos.drivers"))
-    registry = build_driver_registry()
-
-    for name in ("debug", "mujoco", "ur5"):
-        with pytest.raises(ValueError, match=f"driver '{name}' is registered already"):
-            registry.register(name, spec)
+        find_driver(drivers, panda.model_copy(update=changes))
+    assert find_driver(drivers, panda).kinds == ("simulation",)
 
 
 @pytest.mark.parametrize(("name", "package"), [("so101", "scservo_sdk"), ("piper", "piper_sdk"), ("go2", "cyclonedds")])
@@ -83,4 +64,4 @@ def test_a_real_robot_whose_package_is_absent_is_refused_with_its_extra(monkeypa
     assert (profile.kind, profile.driver) == ("real_robot", name)
     with pytest.raises(DefinitionError, match="NO_DRIVER") as caught:
         getattr(specs, name.upper()).open(site)
-    assert f"pip install 'phyagentos[{name}]'" in str(caught.value)
+    assert f"pip install '.[{name}]'" in str(caught.value)

@@ -12,7 +12,7 @@ import pytest
 from websockets.sync.client import connect
 
 from phyagentos.assembly.drivers import read_secret
-from phyagentos.assembly.processes import connect_to_world
+from phyagentos.assembly.worker_process import connect_to_world
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.recorded import open_robot
-from phyagentos.assembly.processes import open_handle
+from phyagentos.assembly.worker_process import open_handle
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.estop import Latch, latch, reset
 from phyagentos.protocol.sessions.session import Scene

@@ -41,7 +41,7 @@ class Walker:
     def __init__(self, name, **changes) -> None:
         self.profile, self.physics = build(name, **changes)
         self.physics.start(0.3)
-        self.q = self.physics.q_rad
+        self.q = self.physics.state.q_rad
         self.tilt_rad = self.torque_share = self.step_m = 0.0
         self.torque_nm = np.array((*self.profile.base.torque_nm, *self.profile.arm.torque_nm[3:]))
 
@@ -52,27 +52,27 @@ class Walker:
             share = min(time_s / move_s, 1.0)
             way = start + share * share * (3 - 2 * share) * (goal - start) - self.q
             self.q = self.q + way
-            before = physics.data.xpos[physics.base.body].copy()
-            physics.set_servos(self.q, way / dt, 0.0)
+            before = physics.data.xpos[physics.state.base.body].copy()
+            physics.actuation.set_servos(self.q, way / dt, 0.0)
             physics.step()
             data = physics.data
-            moved = data.xpos[physics.base.body] - before
-            arm = data.actuator_force[physics.servos] + data.qfrc_applied[physics.v_address]
-            torque = np.concatenate((data.actuator_force[physics.base.motors], arm))
+            moved = data.xpos[physics.state.base.body] - before
+            arm = data.actuator_force[physics.actuation.servos] + data.qfrc_applied[physics.state.v_address]
+            torque = np.concatenate((data.actuator_force[physics.state.base.motors], arm))
             self.torque_share = max(self.torque_share, float(np.abs(torque / self.torque_nm).max()))
-            self.tilt_rad = max(self.tilt_rad, float(np.arccos(min(data.xmat[physics.base.body][8], 1.0))))
+            self.tilt_rad = max(self.tilt_rad, float(np.arccos(min(data.xmat[physics.state.base.body][8], 1.0))))
             self.step_m = max(self.step_m, float(np.linalg.norm(moved)))
 
     def shove(self, joint, force_n, angle_rad, goal, rest_s=0.5):
         """Push the link of a joint for half a second, and let the robot recover."""
-        self.physics.push(joint, force_n * np.array((np.cos(angle_rad), np.sin(angle_rad), 0.0)))
+        self.physics.actuation.push(joint, force_n * np.array((np.cos(angle_rad), np.sin(angle_rad), 0.0)))
         self.go(goal, 0.5)
-        self.physics.push(joint, np.zeros(3))
+        self.physics.actuation.push(joint, np.zeros(3))
         self.go(goal, rest_s)
 
     @property
     def height_m(self):
-        return float(self.physics.data.xpos[self.physics.base.body][2])
+        return float(self.physics.data.xpos[self.physics.state.base.body][2])
 
 
 def test_a_quadruped_walks_two_metres_and_turns_by_a_right_angle():
@@ -80,12 +80,12 @@ def test_a_quadruped_walks_two_metres_and_turns_by_a_right_angle():
     go2 = Walker("go2")
     ahead = np.array((2.0, 0.0, 0.0))
     go2.go(ahead, 5.0, 0.2)
-    assert np.allclose(go2.physics.q_rad, ahead, atol=0.03)
+    assert np.allclose(go2.physics.state.q_rad, ahead, atol=0.03)
     goal = np.array((2.0, 0.0, np.pi / 2))
     go2.go(goal, 2.8, 0.6)
 
-    assert np.allclose(go2.physics.q_rad, goal, atol=0.01)
-    assert np.abs(go2.physics.qd_rad_s).max() < 0.05  # it stands
+    assert np.allclose(go2.physics.state.q_rad, goal, atol=0.01)
+    assert np.abs(go2.physics.state.qd_rad_s).max() < 0.05  # it stands
     assert go2.tilt_rad < np.radians(10)
     assert go2.torque_share < 0.95
     assert go2.step_m < 0.004  # 2 m/s in one step of physics: it never jumps
@@ -99,7 +99,7 @@ def test_a_humanoid_reaches_a_posture_and_stands_while_its_trunk_is_pushed(name,
     for index in range(PUSHES):
         robot.shove(link, PUSH_N, 2 * np.pi * index / PUSHES + 0.4, np.append(base, (index + 1) / PUSHES * goal))
 
-    assert np.allclose(robot.physics.q_rad[3:], goal, atol=0.05)
+    assert np.allclose(robot.physics.state.q_rad[3:], goal, atol=0.05)
     assert robot.height_m == pytest.approx(robot.profile.mount_position_m[2], abs=0.01)
     assert robot.tilt_rad < np.radians(3)
     assert robot.torque_share < 0.95
@@ -135,13 +135,13 @@ def test_a_restored_body_goes_on_bit_for_bit():
     robot = Walker("g1")
     goal = np.append(robot.q[:3], robot.profile.postures["arms_forward"])
     robot.go(goal, 0.3)
-    physics, q, state = robot.physics, robot.q, robot.physics.read_state()
+    physics, q, state = robot.physics, robot.q, robot.physics.state.read_state()
     ends = []
     for _ in range(2):
         robot.q = q
-        physics.restore(state)
+        physics.state.restore(state)
         robot.go(goal, 0.2)
-        ends.append(physics.read_state())
+        ends.append(physics.state.read_state())
         robot.go(q, 0.1)  # elsewhere
     assert np.array_equal(*ends)
 
@@ -161,7 +161,7 @@ def test_a_kind_of_walk_needs_its_number_of_feet():
 def test_legs_know_their_stance_from_the_model_and_its_posture_at_rest():
     """What the controllers take as home is where the soles are when the body stands upright."""
     profile, physics = build("go2")
-    legs = Legs(physics.model, physics.base, profile.base, n_feet=4)
+    legs = Legs(physics.model, physics.state.base, profile.base, n_feet=4)
     assert legs.height_m == pytest.approx(0.271, abs=0.002)  # two links of 213 mm, bent to 54 degrees, and a sole
     assert legs.weight_n == pytest.approx(9.81 * 15.2, rel=0.01)  # 15.2 kg, as the model has it
     sides = np.sign(legs.home_feet_m[:, :2]).tolist()

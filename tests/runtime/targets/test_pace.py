@@ -6,12 +6,12 @@ import threading
 import numpy as np
 import pytest
 
-from phyagentos.assembly.processes import connect_to_world
+from phyagentos.assembly.worker_process import connect_to_world
 from phyagentos.clock import SystemClock
 from phyagentos.runtime.targets import server, wire
 from phyagentos.runtime.targets.handshake import Tokens, make_key, mint
 from phyagentos.runtime.targets.server import Pace, UnixDoor, serve_realtime
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 PERIOD_S = 0.02
 REAL = SystemClock()

@@ -8,7 +8,7 @@ import pytest
 
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog, Reception
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 
 @contextmanager

@@ -12,12 +12,12 @@ from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.runtime.drivers.debug import DebugDriver
 from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.targets import websocket, wire
-from phyagentos.runtime.targets.conformance import Client, Subject
 from phyagentos.runtime.targets.handshake import Tokens, greet, make_key, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback, serve
 from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocket
+from phyagentos.testing import DriverClient, DriverSubject
 from tests.faulty_network import FaultyNetwork
 from tests.monitors.silence import LogMonitor
 
@@ -61,7 +61,7 @@ class Stand:
         greet(channel, mint(self.tokens._key))
         driver = RemoteDriver(self.profile.model_copy(update={"endpoint": self.endpoint}), channel, self.tokens._key)
         self.drivers.append(driver)
-        return Client(ServedTarget(driver, ReceiveLog(None)), Subject(open=lambda: driver, scene="counter"))
+        return DriverClient(ServedTarget(driver, ReceiveLog(None)), DriverSubject(open=lambda: driver, scene="counter"))
 
     def read(self):
         return [wire.msgspec.json.decode(line) for line in self.log.read_bytes().splitlines()]

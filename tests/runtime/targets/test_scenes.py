@@ -125,12 +125,12 @@ def test_a_ball_that_falls_is_stopped_by_the_floor_of_a_bowl(make_rig):
     rig = make_rig()
     rig.load(seed=3, scene="tabletop/pour")
     physics = rig.driver.physics
-    x, y, _ = physics.find_position("bowl")
+    x, y, _ = physics.queries.find_position("bowl")
     for index in range(1, 6):
         physics.data.joint(f"cup.{index}_free").qpos[:3] = (x - 0.045 + 0.015 * index, y, 0.25)
     physics.step(1000)
-    physics.look()
-    bowl = next(entity for entity in physics.read_entities({}) if entity.name == "bowl")
+    physics.queries.look()
+    bowl = next(entity for entity in physics.queries.read_entities({}) if entity.name == "bowl")
     assert bowl.contents.least == 5
 
 
@@ -140,4 +140,4 @@ def test_fingers_that_have_just_closed_upon_each_other_are_nothing_the_arm_would
     physics = rig.driver.physics
     for joint in rig.profile.gripper.joints:
         physics.data.joint(joint).qpos[:] = -0.0005  # they touch and let go with every step of the servo
-    assert physics.check_posture(rig.profile.arm.home_rad)[1] == ""
+    assert physics.queries.check_posture(rig.profile.arm.home_rad)[1] == ""

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from phyagentos.assembly.processes import connect_to_world
+from phyagentos.assembly.worker_process import connect_to_world
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -95,7 +95,7 @@ class Table:
 
     @property
     def state(self):
-        return self.left.robot.physics.read_state()
+        return self.left.robot.physics.state.read_state()
 
 
 @pytest.fixture(scope="module")
@@ -172,13 +172,13 @@ def test_time_moves_with_both_commands_and_bits_repeat_however_the_threads_run(l
 def test_an_idle_arm_holds_while_the_other_moves(library):
     table = Table(library)
     table.begin(table.left)
-    before = table.right.robot.physics.q_rad
+    before = table.right.robot.physics.state.q_rad
 
     table.swing(table.left)
 
     assert table.simulation.time_s == pytest.approx(0.6)
-    assert np.abs(table.right.robot.physics.q_rad - before).max() < 1e-3
-    assert np.abs(table.left.robot.physics.q_rad - before).max() > 0.01
+    assert np.abs(table.right.robot.physics.state.q_rad - before).max() < 1e-3
+    assert np.abs(table.left.robot.physics.state.q_rad - before).max() > 0.01
 
 
 def test_one_may_not_command_the_other_and_no_scene_is_loaded_under_a_session(library):
@@ -234,7 +234,7 @@ def test_a_client_that_goes_away_in_mid_motion_leaves_an_arm_that_comes_to_rest_
     assert table.right.is_moving  # time stands: the other one runs
     assert all(reply.stopped == "" for reply in table.swing(table.left))
     assert not table.right.is_moving
-    assert np.abs(table.right.robot.physics.qd_rad_s).max() < 0.01
+    assert np.abs(table.right.robot.physics.state.qd_rad_s).max() < 0.01
 
 
 def set_in_motion(table, ask_right=None):
@@ -302,7 +302,7 @@ def test_a_command_that_waits_is_given_up_when_its_session_is_to_end_and_the_oth
     assert ask(wire.Begin("s", 1)) == wire.Ack()
     q, qd = set_in_motion(table, ask)
     command = wire.Command("s", 1, 2, table.simulation.time_s + 1.0, q, qd, np.full(10, 0.08))
-    time_s, left_rad, looks = table.simulation.time_s, table.left.robot.physics.q_rad, []
+    time_s, left_rad, looks = table.simulation.time_s, table.left.robot.physics.state.q_rad, []
 
     def is_ending():
         looks.append(SystemClock().now_s())
@@ -318,7 +318,7 @@ def test_a_command_that_waits_is_given_up_when_its_session_is_to_end_and_the_oth
 
     assert not table.right.is_moving
     assert table.simulation.time_s > time_s + 0.3
-    assert np.abs(table.left.robot.physics.q_rad - left_rad).max() < 1e-3
+    assert np.abs(table.left.robot.physics.state.q_rad - left_rad).max() < 1e-3
     assert all(reply.stopped == "" for reply in table.swing(table.left))
 
 

@@ -11,7 +11,7 @@ from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.settings.sensors import NoiseLevel, read_sensors
 from phyagentos.runtime.drivers.mujoco.ray_cast import SKY, RayCaster
 from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
-from phyagentos.runtime.drivers.mujoco.static_depth_cache import Hits, MovingSolids, Rays, Shot, shoot
+from phyagentos.runtime.drivers.mujoco.static_depth_cache import Hits, MovingSolids, Rays, Shot, cast_rays
 
 pytestmark = pytest.mark.sim
 
@@ -29,7 +29,7 @@ def pose_many(physics):
     """States of one world: the arm turned, a cube lifted in front of the others, everything as it was."""
     for turn_rad, cube in ((0.4, (0.5, 0.0, 0.3)), (-0.6, (0.45, 0.2, 0.02)), (0.0, None)):
         qpos = np.array(physics.data.qpos)
-        qpos[physics.q_address] += np.array([turn_rad, 0, 0, 0, 0, 0, 0])
+        qpos[physics.state.q_address] += np.array([turn_rad, 0, 0, 0, 0, 0, 0])
         if cube is not None:
             address = int(physics.model.jnt_qposadr[physics.model.body("red_cube").jntadr[0]])
             qpos[address : address + 3] = cube
@@ -98,7 +98,7 @@ def test_the_compiled_light_has_the_bits_of_array_operations(physics):
     model.light_cutoff[1], model.light_type[1] = 25.0, mujoco.mjtLightType.mjLIGHT_SPOT
     for data in pose_many(physics):
         rays = aim(lens, mounting.find(data))
-        hits, lengths = shoot(model, data, rays), np.linalg.norm(lens.compute_rays(), axis=1)
+        hits, lengths = cast_rays(model, data, rays), np.linalg.norm(lens.compute_rays(), axis=1)
         inside = np.arange(len(lengths)) % 7 == 0  # some rays leave a solid
         hits = Hits(hits.geoms, hits.distances_m, np.where(inside[:, None], -hits.normals, hits.normals))
         caster = RayCaster(model)

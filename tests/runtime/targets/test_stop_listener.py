@@ -10,7 +10,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.estop import RESERVE, Latch, is_latched, latch, read_latch, reset
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal, take_signals
 from phyagentos.runtime.targets.stop_listener import LOOK_MAX, StopListener
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 
 @pytest.fixture

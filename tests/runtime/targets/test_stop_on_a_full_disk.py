@@ -9,7 +9,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.estop import is_latched
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
 from phyagentos.runtime.targets import stop_listener, wire
-from tests.clocks import ManualClock
+from phyagentos.testing import ManualClock
 
 pytestmark = pytest.mark.sim
 

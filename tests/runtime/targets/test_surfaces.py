@@ -144,9 +144,9 @@ def test_pads_that_slip_hold_nothing_whatever_decides_the_grip(material):
         return [float(c.friction[0]) for c in data.contact if own in c.geom and set(c.geom.tolist()) & set(pads)]
 
     assert max(find_frictions()) == pytest.approx(0.5)
-    physics.set_pad_friction((0.01, 0.0005, 0.0001))
+    physics.actuation.set_pad_friction((0.01, 0.0005, 0.0001))
     assert max(find_frictions()) == pytest.approx(0.01)
-    physics.set_pad_friction(None)
+    physics.actuation.set_pad_friction(None)
     assert max(find_frictions()) == pytest.approx(0.5)
 
 

@@ -1,13 +1,11 @@
 """The port of judges, and their registry by the names that `verification.judges` and `paos verify --with` use.
 
 Installed packages announce a `JudgeDefinition` by the entry point group `phyagentos.judges`, under its own name. Where
-such a judge raises, or answers with anything but criteria, its answer is unknown.
+its judge raises, or answers with anything but criteria, its answer is unknown.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
-from importlib.metadata import entry_points
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from msgspec import UNSET, UnsetType
@@ -15,9 +13,10 @@ from msgspec import UNSET, UnsetType
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.verdicts import Criterion
-from phyagentos.protocol.settings.verification import JUDGE_ENTRY_POINTS, JudgeOption, Verification
+from phyagentos.protocol.settings.verification import JudgeOption, Verification
 from phyagentos.protocol.world.truth import Truth
 
 FORESEEN = "lookahead"
@@ -65,30 +64,15 @@ class JudgeDefinition:
     description: str = ""
 
 
-def add_installed(known: dict[str, JudgeDefinition]) -> None:
-    """Add judges of installed packages to those known by name; raises ValueError for a name that is taken or wrong.
+def choose_judges(judges: Plugins[JudgeDefinition], names: Sequence[str], address: str) -> list[JudgeDefinition]:
+    """Those of these names, in this order, each once.
 
-    One that does not load raises when it is opened.
+    Raises DefinitionError `UNKNOWN_JUDGE` for each name that is none; `BROKEN_PLUGIN`.
     """
-    for point in sorted(entry_points(group=JUDGE_ENTRY_POINTS), key=lambda point: point.name):
-        try:
-            found = point.load()
-        except Exception as error:  # foreign code
-            reason = f"{type(error).__name__}: {error}"
-            refuse = partial(_refuse, point.name, reason)
-            found = JudgeDefinition(name=point.name, open=refuse, description=f"Does not load: {reason}")
-        if not isinstance(found, JudgeDefinition) or found.name != point.name:
-            raise ValueError(f"entry point {point.value!r} is no JudgeDefinition of the name {point.name!r}")
-        if point.name in known:
-            raise ValueError(f"judge {point.name!r} is registered already")
-        known[point.name] = replace(found, open=partial(_open_foreign, found))
-
-
-def choose_judges(known: Mapping[str, JudgeDefinition], names: Sequence[str], address: str) -> list[JudgeDefinition]:
-    """Those of these names, in this order, each once; raises DefinitionError `UNKNOWN_JUDGE` for each other name."""
+    known = judges.names()
     if unknown := [name for name in names if name not in known]:
         raise DefinitionError([Problem.unknown("UNKNOWN_JUDGE", address, each, known) for each in unknown])
-    return [known[name] for name in dict.fromkeys(names)]
+    return [judges.load(name, address) for name in dict.fromkeys(names)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,12 +99,3 @@ class ForeignJudge:
 
     def _fail(self, because: str) -> Criterion:
         return make_unknown(self.kind, self.kind, "", because, failure=Cause.JUDGE_FAILED)
-
-
-def _open_foreign(definition: JudgeDefinition, settings: JudgeSettings) -> Judge:
-    return ForeignJudge(definition.open(settings), definition.name)
-
-
-def _refuse(name: str, reason: str, settings: JudgeSettings) -> Judge:
-    found = f"judge {name!r}, whose package does not load: {reason}"
-    raise DefinitionError.of("UNKNOWN_JUDGE", settings.address, found, "a package that loads")

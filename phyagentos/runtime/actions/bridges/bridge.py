@@ -8,7 +8,7 @@ holds changes.
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,12 @@ class Unconvertible(Exception):
 
 @dataclass(frozen=True, slots=True)
 class ActionBridge(ABC):
-    """One conversion of rows of `source` to rows of `target`."""
+    """One conversion of rows of `source` to rows of `target`.
+
+    A bridge of another package has its place in a chain just before the shipped one that `BEFORE` names.
+    """
+
+    BEFORE: ClassVar[str] = "resample"
 
     source: ActionSpace
     target: ActionSpace

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from phyagentos.errors import Problem
+from phyagentos.plugins import Plugins
 from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, UNIT_ROTATIONS, ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frames, Unconvertible, name_columns
 from phyagentos.runtime.actions.bridges.columns import (
@@ -31,17 +32,20 @@ from phyagentos.runtime.actions.violations import Intervention, Violation, Viola
 
 JUMP_TOLERANCE = 0.01  # of the velocity limit: rounding of interpolated rows
 # In the order of a chain: changes are summed before anything that is not linear, and a clamp has the last word.
-BRIDGES: tuple[type[ActionBridge], ...] = (
-    UnitBridge,
-    RotationBridge,
-    ToAbsoluteBridge,
-    FrameBridge,
-    ToolPoseBridge,
-    ProjectionBridge,
-    JointOrderBridge,
-    GripperBridge,
-    ResampleBridge,
-    ClampBridge,
+BRIDGES = Plugins[type[ActionBridge]](
+    "phyagentos.bridges",
+    {
+        "unit": UnitBridge,
+        "rotation": RotationBridge,
+        "to_absolute": ToAbsoluteBridge,
+        "frame": FrameBridge,
+        "tool_pose": ToolPoseBridge,
+        "projection": ProjectionBridge,
+        "joint_order": JointOrderBridge,
+        "gripper": GripperBridge,
+        "resample": ResampleBridge,
+        "clamp": ClampBridge,
+    },
 )
 
 
@@ -173,7 +177,7 @@ def compile_chain(
     known = {"world": np.eye(4), **(frames or {})}
     links: list[ActionBridge] = []
     now = source
-    for kind in BRIDGES:
+    for kind in list_bridges():
         while (planned := kind.plan(now, target, known)) is not None:
             if isinstance(planned, Problem):
                 problems.append(planned)
@@ -186,6 +190,13 @@ def compile_chain(
         expected = f"1 to {target.chunk_length} rows"
         return (Problem("CHUNK_LENGTH", "chunk_length", f"{source.chunk_length} rows", expected, "Shorten the chunk."),)
     return BridgeChain(source, target, tuple(links))
+
+
+def list_bridges() -> list[type[ActionBridge]]:
+    """Shipped bridges and those of installed packages, in the order of a chain; raises as `Plugins.load`."""
+    found, order = BRIDGES.load_all(), list(BRIDGES.shipped)
+    places = {name: order.index(name) if name in order else order.index(found[name].BEFORE) - 0.5 for name in found}
+    return [found[name] for name in sorted(found, key=places.__getitem__)]
 
 
 def _check_space(space: ActionSpace, side: str) -> list[Problem]:

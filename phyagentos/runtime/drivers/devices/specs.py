@@ -4,7 +4,7 @@ import importlib
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, format_install
 from phyagentos.runtime.targets.driver_registry import DriverSite, DriverSpec
 
 if TYPE_CHECKING:
@@ -16,10 +16,10 @@ def _import(package: str, driver: str, site: DriverSite) -> ModuleType:
     try:
         return importlib.import_module(package)
     except ImportError as error:
-        hint = f"Install it: pip install 'phyagentos[{driver}]'."
         found = f"no package {package!r} ({error})"
         address = f"{site.profile.target}/target.yaml: driver"
-        raise DefinitionError.of("NO_DRIVER", address, found, f"what driver {driver!r} needs", hint) from error
+        expected = f"what driver {driver!r} needs"
+        raise DefinitionError.of("NO_DRIVER", address, found, expected, format_install(driver)) from error
 
 
 def _open_so101(site: DriverSite) -> "TargetDriver":

@@ -24,7 +24,7 @@ def blur(end: Picture, begin: Picture) -> Picture:
     return Picture((end.rgb + begin.rgb) / np.float32(2.0), depth, end.incidence, end.finish)
 
 
-def spoil(
+def add_sensor_noise(
     picture: Picture, level: NoiseLevel, focal_px: float, range_m: tuple[float, float], rng: np.random.Generator
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Colour and depth with the noise of a camera.

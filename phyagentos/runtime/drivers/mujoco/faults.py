@@ -30,7 +30,8 @@ from phyagentos.protocol.world.faults import (
     When,
 )
 from phyagentos.protocol.world.seeds import compute_seed
-from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
+from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.robot_state import Array
 from phyagentos.runtime.targets.wire import RecordedFault
 
 LOOK_EVERY = 10  # physics steps between two looks at the conditions: one control period
@@ -161,12 +162,12 @@ class FaultInjector:
             return bool(self._session)
         if not name or not self._session:
             return False
-        position = physics.find_position(name)
+        position = physics.queries.find_position(name)
         base_m = self._heights_m.setdefault(name, float(position[2]))
-        if when.lifted_m is not None and not (physics.is_held(name) and position[2] - base_m >= when.lifted_m):
+        if when.lifted_m is not None and not (physics.queries.is_held(name) and position[2] - base_m >= when.lifted_m):
             return False
         near = when.gripper_near_m
-        return near is None or bool(np.linalg.norm(physics.find_tcp()[0] - position) <= near)
+        return near is None or bool(np.linalg.norm(physics.queries.find_tcp()[0] - position) <= near)
 
     def _repeat(self, physics: Physics) -> list[FaultActivation]:
         due = [activation for activation in self._recorded if physics.time_s >= activation.time_s - 1e-9]
@@ -178,54 +179,50 @@ class FaultInjector:
     def _begin(self, physics: Physics, activation: FaultActivation) -> FaultActivation:
         self._active.append(activation)
         if activation.kind == "slip":
-            physics.set_pad_friction(SLIPPERY)
+            physics.actuation.set_pad_friction(SLIPPERY)
         elif activation.kind == "stall":
-            physics.set_joint_friction(activation.body, SEIZED_NM)
+            physics.actuation.set_joint_friction(activation.body, SEIZED_NM)
         elif activation.kind == "push":
-            physics.push(activation.body, np.array(activation.force_n))
+            physics.actuation.push(activation.body, np.array(activation.force_n))
         return activation
 
     def _resolve(self, physics: Physics, fault: Fault) -> FaultActivation:
         """Draw all open parameters of a fault."""
-        if isinstance(fault, Stall):
-            return FaultActivation(
-                kind=fault.kind, body=fault.joint, time_s=physics.time_s, duration_s=fault.duration_s
-            )
-        if isinstance(fault, Push):
-            angle = self._rng.uniform(0, 2 * np.pi) if fault.direction_rad is None else fault.direction_rad
-            return FaultActivation(
-                kind=fault.kind,
-                body=fault.joint,
-                time_s=physics.time_s,
-                duration_s=fault.duration_s,
-                force_n=_as_tuple(fault.force_n * np.array([np.cos(angle), np.sin(angle), 0.0])),
-            )
-        if isinstance(fault, SensorFault):
-            return _resolve_corruption(physics, fault)
-        start = physics.find_position(fault.object)
-        goal, lift = start, 0.0
-        if isinstance(fault, Nudge):
-            goal = start + self._choose_nudge(physics, start, fault.by_m)
-        elif isinstance(fault, Move):
-            goal, lift = self._choose_place(physics, fault, start), HAND_HEIGHT_M
-        elif isinstance(fault, Remove):
-            goal, lift = np.array([*fault.to_m, start[2]]), HAND_HEIGHT_M
-        return FaultActivation(
-            kind=fault.kind,
-            body=fault.object,
-            time_s=physics.time_s,
-            duration_s=fault.duration_s,
-            start_m=_as_tuple(start),
-            goal_m=_as_tuple(goal),
-            lift_m=lift,
+        begun = FaultActivation(
+            kind=fault.kind, body=_find_body(fault), time_s=physics.time_s, duration_s=fault.duration_s
         )
+        match fault:
+            case Stall():
+                return begun
+            case Push():
+                angle = self._rng.uniform(0, 2 * np.pi) if fault.direction_rad is None else fault.direction_rad
+                force_n = fault.force_n * np.array([np.cos(angle), np.sin(angle), 0.0])
+                return msgspec.structs.replace(begun, force_n=_as_tuple(force_n))
+            case Freeze():
+                return msgspec.structs.replace(begun, mode=fault.stamp, qpos=tuple(physics.data.qpos.tolist()))
+            case Blackout():
+                return msgspec.structs.replace(begun, mode=fault.mode)
+            case Misdate():
+                return msgspec.structs.replace(begun, by_s=fault.by_s)
+            case Miscalibrate():
+                return msgspec.structs.replace(begun, by_m=fault.by_m, by_rad=fault.by_rad)
+        start = physics.queries.find_position(fault.object)
+        goal, lift = start, 0.0
+        match fault:
+            case Nudge():
+                goal = start + self._choose_nudge(physics, start, fault.by_m)
+            case Move():
+                goal, lift = self._choose_place(physics, fault, start), HAND_HEIGHT_M
+            case Remove():
+                goal, lift = np.array([*fault.to_m, start[2]]), HAND_HEIGHT_M
+        return msgspec.structs.replace(begun, start_m=_as_tuple(start), goal_m=_as_tuple(goal), lift_m=lift)
 
     def _choose_nudge(self, physics: Physics, start: Array, by_m: float) -> Array:
         """Between the fingers and out: along the axis that is neither approach nor closing, to the emptier side."""
-        axis = physics.find_tcp()[1][:, 0] * np.array([1.0, 1.0, 0.0])
+        axis = physics.queries.find_tcp()[1][:, 0] * np.array([1.0, 1.0, 0.0])
         axis /= np.linalg.norm(axis)
         sides = (axis * by_m, -axis * by_m)
-        return max(sides, key=lambda side: physics.find_clearance(start + side, start))
+        return max(sides, key=lambda side: physics.queries.find_clearance(start + side, start))
 
     def _choose_place(self, physics: Physics, fault: Move, start: Array) -> Array:
         if fault.to_m is not None:
@@ -234,24 +231,17 @@ class FaultInjector:
         for _ in range(64):
             angle, radius = self._rng.uniform(0, 2 * np.pi), self._rng.uniform(*MOVE_RADIUS_M)
             place = start + radius * np.array([np.cos(angle), np.sin(angle), 0.0])
-            if physics.find_clearance(place, start) >= CLEARANCE_M and physics.can_grasp_at(place):
+            if physics.queries.find_clearance(place, start) >= CLEARANCE_M and physics.queries.can_grasp_at(place):
                 return place
             places.append(place)
-        return max(places, key=lambda place: physics.find_clearance(place, start))
+        return max(places, key=lambda place: physics.queries.find_clearance(place, start))
 
 
-def _resolve_corruption(physics: Physics, fault: SensorFault) -> FaultActivation:
-    """A camera's fault, with the state that a frozen picture shows."""
-    activation = FaultActivation(kind=fault.kind, body=fault.camera, time_s=physics.time_s, duration_s=fault.duration_s)
-    match fault:
-        case Freeze():
-            return msgspec.structs.replace(activation, mode=fault.stamp, qpos=tuple(physics.data.qpos.tolist()))
-        case Blackout():
-            return msgspec.structs.replace(activation, mode=fault.mode)
-        case Misdate():
-            return msgspec.structs.replace(activation, by_s=fault.by_s)
-        case Miscalibrate():
-            return msgspec.structs.replace(activation, by_m=fault.by_m, by_rad=fault.by_rad)
+def _find_body(fault: Fault) -> str:
+    """What a fault strikes: the joint, the pattern of cameras, or the object."""
+    if isinstance(fault, Stall | Push):
+        return fault.joint
+    return fault.camera if isinstance(fault, SensorFault) else fault.object
 
 
 def _carry(physics: Physics, activation: FaultActivation) -> None:
@@ -262,7 +252,7 @@ def _carry(physics: Physics, activation: FaultActivation) -> None:
     smooth = across * across * (3 - 2 * across)
     height = activation.lift_m * np.clip(min(phase, 1.0 - phase) / 0.25, 0.0, 1.0)
     wanted = start + smooth * (goal - start) + np.array([0.0, 0.0, height])
-    physics.pull(
+    physics.actuation.pull(
         activation.body,
         wanted,
         HAND_STIFFNESS,
@@ -274,13 +264,13 @@ def _carry(physics: Physics, activation: FaultActivation) -> None:
 
 def _release(physics: Physics, activation: FaultActivation) -> None:
     if activation.kind == "slip":
-        physics.set_pad_friction(None)
+        physics.actuation.set_pad_friction(None)
     elif activation.kind == "stall":
-        physics.set_joint_friction(activation.body, None)
+        physics.actuation.set_joint_friction(activation.body, None)
     elif activation.kind == "push":
-        physics.push(activation.body, np.zeros(3))
+        physics.actuation.push(activation.body, np.zeros(3))
     elif activation.kind not in SENSOR_KINDS:
-        physics.let_go(activation.body)
+        physics.actuation.let_go(activation.body)
 
 
 def _report(activation: FaultActivation) -> RecordedFault:

@@ -13,7 +13,8 @@ import numpy as np
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.drivers.mujoco.joint_sensors import ForceEstimate
 from phyagentos.runtime.drivers.mujoco.local_limits import LocalLimits, SetPoint
-from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
+from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.robot_state import Array
 from phyagentos.runtime.targets.wire import Command, RecordedFault, Refused
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ class JointController:
     def hold(self, q_rad: Array) -> None:
         """Take a posture as the set-point, at rest, the fingers stay; after a scene was loaded."""
         self._held = SetPoint.at_rest(np.clip(q_rad, self._limits.low, self._limits.high))
-        self._width_m = self._physics.commanded_width_m
+        self._width_m = self._physics.actuation.commanded_width_m
 
     def begin(self) -> None:
         """Begin a session: set-points continue from the measured posture, at rest.
@@ -114,10 +115,10 @@ class JointController:
         An arm that rests in contact beyond its limit may leave it: until the force has fallen below the limit, only a
         greater force than the one that stands is a collision.
         """
-        self._held = SetPoint.at_rest(np.clip(self._physics.q_rad, self._limits.low, self._limits.high))
+        self._held = SetPoint.at_rest(np.clip(self._physics.state.q_rad, self._limits.low, self._limits.high))
         self._force_max_n = 0.0
         self._standing_n = self._force_n
-        self._physics.begin()
+        self._physics.actuation.begin()
         self._begin_history()
 
     def _begin_history(self) -> None:
@@ -132,11 +133,11 @@ class JointController:
         """Carry out one command, which `check` did not refuse."""
         physics = self._physics
         widths = self._limit_fingers(command.gripper_width_m)
-        controls = physics.compute_controls(command.q_rad, command.qd_rad_s, widths)
+        controls = physics.actuation.compute_controls(command.q_rad, command.qd_rad_s, widths)
         self._width_m = float(widths[-1])
         for row, q_rad, qd_rad_s in zip(controls, command.q_rad, command.qd_rad_s, strict=True):
-            physics.data.ctrl[physics.inputs] = row
-            physics.lead_base(q_rad, qd_rad_s)
+            physics.data.ctrl[physics.actuation.inputs] = row
+            physics.actuation.lead_base(q_rad, qd_rad_s)
             self._prepare()
             yield
             self._sense()
@@ -157,7 +158,7 @@ class JointController:
         """
         if not np.count_nonzero(width_m != self._width_m):
             return width_m
-        gripper, measured = self._profile.gripper, self._physics.gripper_width_m
+        gripper, measured = self._profile.gripper, self._physics.state.gripper_width_m
         now = min(max(self._width_m, measured - gripper.squeeze_m), measured + gripper.squeeze_m)
         step, reached = gripper.speed_m_s * self._profile.physics_step_s, []
         for wanted in width_m.tolist():
@@ -168,16 +169,16 @@ class JointController:
     def halt(self) -> Motion:
         """Decelerate within the joint limits, all joints in proportion, then hold."""
         physics, dt = self._physics, self._profile.physics_step_s
-        q, moving = physics.measure_joints()
+        q, moving = physics.state.measure_joints()
         braking = min(int(np.ceil(self._limits.compute_stop_s(moving) / dt)), round(HALT_MAX_S / dt))
         for step in range(1, round(HALT_MAX_S / dt) + 1):
             qd = moving * max(1.0 - step / max(braking, 1), 0.0)
             q = np.clip(q + qd * dt, self._limits.low, self._limits.high)
-            physics.set_servos(q, qd, self._width_m)
+            physics.actuation.set_servos(q, qd, self._width_m)
             yield from self._step()
             if self._force_n > self._profile.contact_force_n:  # whatever is pressed is not pressed on
-                q, moving = physics.q_rad, np.zeros_like(q)
-            if step >= braking and np.abs(physics.qd_rad_s).max() < REST_RAD_S:
+                q, moving = physics.state.q_rad, np.zeros_like(q)
+            if step >= braking and np.abs(physics.state.qd_rad_s).max() < REST_RAD_S:
                 break
         self._held = SetPoint.at_rest(q)
         return ""
@@ -203,7 +204,7 @@ class JointController:
         return taken
 
     def _hold_step(self) -> Generator[None, None, None]:
-        self._physics.set_servos(self.q_rad, np.zeros_like(self.q_rad), self._width_m)
+        self._physics.actuation.set_servos(self.q_rad, np.zeros_like(self.q_rad), self._width_m)
         yield from self._step()
 
     def _step(self) -> Generator[None, None, None]:
@@ -213,7 +214,7 @@ class JointController:
 
     def _prepare(self) -> None:
         """Before a physics step: drive the base, limit the servo inputs and let faults act."""
-        self._physics.drive()
+        self._physics.actuation.drive()
         self._limits.restrain()
         self.activations += self._faults.act(self._physics)
 
@@ -227,7 +228,9 @@ class JointController:
     def _feel(self) -> None:
         physics = self._physics
         self._force_n = 0.0
-        if physics.base is not None or self._estimate.is_felt(physics.data.qfrc_constraint[physics.v_address]):
-            self._force_n = self._estimate.measure(physics.find_hardest_contact()[0], physics.time_s)
+        if physics.state.base is not None or self._estimate.is_felt(
+            physics.data.qfrc_constraint[physics.state.v_address]
+        ):
+            self._force_n = self._estimate.measure(physics.queries.find_hardest_contact()[0], physics.time_s)
         self._force_max_n = max(self._force_max_n, self._force_n)
         self._standing_n = min(self._standing_n, self._force_n)

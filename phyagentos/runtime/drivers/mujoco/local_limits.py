@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
+from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.robot_state import Array
 from phyagentos.runtime.drivers.mujoco.step_kernels import measure_rows, needs_restraint
 from phyagentos.runtime.targets.wire import Command, Refused
 
@@ -63,8 +64,8 @@ class LocalLimits:
         self._velocity = np.array(arm.velocity_rad_s)
         self._told_rad = TOLD_STDS * arm.position_noise_rad
         self._brake = np.array(arm.acceleration_rad_s2)
-        self._lead_s = physics.lead_s
-        self.low, self.high = physics.q_range[0] + END_MARGIN_RAD, physics.q_range[1] - END_MARGIN_RAD
+        self._lead_s = physics.actuation.lead_s
+        self.low, self.high = physics.state.q_range[0] + END_MARGIN_RAD, physics.state.q_range[1] - END_MARGIN_RAD
         own = self._servoed = profile.servoed
         self._top, braking = SPEED_SHARE * self._velocity[own], self._brake[own]
         low, high = self.low[own], self.high[own]
@@ -107,7 +108,7 @@ class LocalLimits:
         if not self._told_rad or held.qd_rad_s.any():
             return False
         with np.errstate(invalid="ignore", over="ignore"):
-            away = np.abs(q - 0.5 * self._dt * qd - (held.q_rad, self._physics.q_rad)).max(axis=1)
+            away = np.abs(q - 0.5 * self._dt * qd - (held.q_rad, self._physics.state.q_rad)).max(axis=1)
         return bool(away.min() <= self._told_rad)
 
     def _find_broken(self, q: Array, qd: Array, held: SetPoint) -> str:
@@ -129,7 +130,7 @@ class LocalLimits:
         looks = LOOKS_FAST if np.count_nonzero(np.abs(way) > FAST_RAD) else LOOKS_SLOW
         for share in looks:
             posture = np.minimum(np.maximum(q + share * way, self.low), self.high)
-            tcp, contact = self._physics.check_posture(posture)
+            tcp, contact = self._physics.queries.check_posture(posture)
             if contact:
                 return Refused("TARGET_LIMIT", f"the arm would run into something: {contact}")
             if self._box is None:
@@ -149,8 +150,8 @@ class LocalLimits:
         A servo with gains kp and kv settles at the velocity w = (ctrl - q) kp / kv. That is bounded by the joint's
         velocity limit, and by sqrt(2 a d) at a distance d from the end of its range, a being its braking deceleration.
         """
-        data, servos = self._physics.data, self._physics.servos
-        q, wanted = data.qpos[self._physics.q_address], data.ctrl[servos]
+        data, servos = self._physics.data, self._physics.actuation.servos
+        q, wanted = data.qpos[self._physics.state.q_address], data.ctrl[servos]
         if not needs_restraint(q, wanted, self._middle, self._free_step, self._free_room):
             return
         low, high, braking = self.low[self._servoed], self.high[self._servoed], self._brake[self._servoed]
@@ -161,13 +162,13 @@ class LocalLimits:
     def find_excess(self) -> str:
         """The limit that the measured state breaks; empty for none."""
         physics = self._physics
-        q, qd = physics.measure_joints()
-        if np.count_nonzero(np.abs(qd) > self._velocity + physics.sway):
+        q, qd = physics.state.measure_joints()
+        if np.count_nonzero(np.abs(qd) > self._velocity + physics.actuation.sway):
             return "a joint is faster than its limit"
-        if np.count_nonzero(q < physics.q_range[0]) or np.count_nonzero(q > physics.q_range[1]):
+        if np.count_nonzero(q < physics.state.q_range[0]) or np.count_nonzero(q > physics.state.q_range[1]):
             return "a joint is outside its range"
         if self._box is not None:
-            tcp = physics.find_tcp()[0]
+            tcp = physics.queries.find_tcp()[0]
             if np.count_nonzero(tcp < self._box[0]) or np.count_nonzero(tcp > self._box[1]):
                 return "the tool is outside the workspace"
         return ""

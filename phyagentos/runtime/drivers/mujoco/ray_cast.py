@@ -21,7 +21,7 @@ from phyagentos.runtime.drivers.mujoco.static_depth_cache import (
     Shot,
     Single,
     StaticDepthCache,
-    shoot,
+    cast_rays,
 )
 from phyagentos.runtime.models.camera_model import Array, Lens
 
@@ -58,7 +58,7 @@ class RayCaster:
             return self._cover(cache, data, shot).reshape(shape)
         rays, lengths = self._get_rays(lens) if pixels is None else _normalise(lens.compute_rays(pixels))
         beam = Rays(shot.viewpoint, rays @ shot.viewpoint.rotation.T, shot.far_m * float(lengths.max()))
-        return self._paint(data, beam, lengths, shoot(self._model, data, beam)).reshape(shape)
+        return self._paint(data, beam, lengths, cast_rays(self._model, data, beam)).reshape(shape)
 
     def shows_motion(self, data: mujoco.MjData, begin: mujoco.MjData, shot: Shot) -> bool:
         """Whether a picture may show that something moved since `begin`; a camera that moves shows it always."""
@@ -101,7 +101,7 @@ class RayCaster:
             rays, lengths = self._get_rays(lens)
             beam = Rays(viewpoint, rays @ viewpoint.rotation.T, shot.far_m * float(lengths.max()))
             emptied = self._moving.send_away(data)
-            hits = shoot(self._model, emptied, beam)
+            hits = cast_rays(self._model, emptied, beam)
             kept = StaticDepthCache(signature, lens, beam, lengths, hits, self._paint(emptied, beam, lengths, hits))
             self._static_caches[key] = kept
         return kept
@@ -114,7 +114,7 @@ class RayCaster:
         if len(near):
             where = wanted[near]
             beam = Rays(rays.viewpoint, rays.directions.take(where, axis=0), rays.cutoff_m)
-            hits = shoot(self._model, data, beam, fixed=False)
+            hits = cast_rays(self._model, data, beam, fixed=False)
             _hide(hits.geoms, hits.distances_m, behind.geoms, behind.distances_m, where)
             self._paint_on(picture, near, data, beam, cache.lengths.take(where), hits)
         return picture

@@ -54,14 +54,14 @@ class SharedTarget(ServedTarget):
                 self._unnoted = []
                 reply, events, self._unnoted = super().handle(request), self._unnoted, None
                 for kind in events:
-                    self._note_event(kind)
+                    self.note_event(kind)
                 return reply
         return super().handle(request)  # pictures take longer than a period; the driver locks what it reads
 
     @override
-    def _note_event(self, kind: str) -> None:
+    def note_event(self, kind: str) -> None:
         if self._unnoted is None:
-            super()._note_event(kind)
+            super().note_event(kind)
         else:  # what is carried out began before, and is noted with the time of its arrival
             self._unnoted.append(kind)
 
@@ -79,14 +79,11 @@ class SharedTarget(ServedTarget):
         with self.robot.world.simulation.lock:
             if not self._is_estopped():
                 return False
-            stopped = [each for each in self._members if each._authority.session]
-            stopped = [each for each in stopped if each._authority.stopped != ESTOPPED]
-            for each in stopped:
-                each._authority.stop(ESTOPPED)
+            stopped = [each for each in self._members if each.revoke(ESTOPPED)]
             if stopped:
                 self.robot.world.simulation.rest(ESTOPPED)
             for each in stopped:
-                each._note_event("EStop")
+                each.note_event("EStop")
         self._keep_stop()
         return True
 

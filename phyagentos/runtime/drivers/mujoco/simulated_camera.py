@@ -17,7 +17,7 @@ import numpy as np
 from phyagentos.geometry import as_pose, turn
 from phyagentos.protocol.settings.sensors import CameraSettings, NoiseLevel, Sensors
 from phyagentos.protocol.world.seeds import compute_seed
-from phyagentos.runtime.drivers.mujoco.camera_noise import blur, draw_places, spoil
+from phyagentos.runtime.drivers.mujoco.camera_noise import add_sensor_noise, blur, draw_places
 from phyagentos.runtime.drivers.mujoco.ray_cast import RayCaster
 from phyagentos.runtime.drivers.mujoco.rendering import GraphicsCaster
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import Picture, Shot
@@ -97,12 +97,11 @@ class SimulatedCamera:
         low, high = self.settings.range_m
         shot = Shot(lens, true, high, still=self._still, whole=whole, corner=crop[:2] if crop else (0, 0))
         if every == 1:
-            picture = self._cast((data, begin), shot)
-            rgb, depth = spoil(picture, self.noise, lens.fx, (low, high), rng)
+            picture, focal_px = self._cast((data, begin), shot), lens.fx
         else:
-            lens = lens.thin(every)
+            lens, focal_px = lens.thin(every), 0.0
             picture = self._cast_some((data, begin), shot, lens, every, rng)
-            rgb, depth = spoil(picture, self.noise, 0.0, (low, high), rng)
+        rgb, depth = add_sensor_noise(picture, self.noise, focal_px, (low, high), rng)
         claimed = claimed or nominal
         return Frame(
             camera=self.name,

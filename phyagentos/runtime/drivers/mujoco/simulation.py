@@ -14,7 +14,7 @@ from typing import Protocol
 
 import mujoco
 
-from phyagentos.runtime.drivers.mujoco.encounters import Encounters
+from phyagentos.runtime.drivers.mujoco.inter_robot_collisions import InterRobotCollisions
 from phyagentos.runtime.drivers.mujoco.joint_controller import JointController, Motion
 from phyagentos.runtime.models.world import CompiledScene
 
@@ -70,7 +70,7 @@ class Simulation:
     is_paced: bool = False
     lock: threading.Condition = field(default_factory=threading.Condition)
     ending: set[str] = field(default_factory=set)
-    encounters: Encounters | None = None
+    collisions: InterRobotCollisions | None = None
     _moves: dict[str, _Move] = field(default_factory=dict)
     _standing: dict[str, Motion] = field(default_factory=dict)
     _primed: set[str] = field(default_factory=set)
@@ -84,9 +84,9 @@ class Simulation:
         """Add a robot."""
         self.bodies = dict(sorted({**self.bodies, name: body}.items()))
 
-    def begin_episode(self, scene: CompiledScene, encounters: Encounters | None = None) -> None:
+    def begin_episode(self, scene: CompiledScene, collisions: InterRobotCollisions | None = None) -> None:
         """Another scene is the present; no robot moves."""
-        self.scene, self.encounters = scene, encounters
+        self.scene, self.collisions = scene, collisions
         self._moves.clear()
         self._standing.clear()
         self._primed.clear()
@@ -228,8 +228,8 @@ class Simulation:
     def _step(self) -> None:
         scene = self._get_scene()
         mujoco.mj_step(scene.model, scene.data)
-        if self.encounters is not None:
-            self.encounters.note()
+        if self.collisions is not None:
+            self.collisions.note()
         self._primed.clear()
 
     def _get_scene(self) -> CompiledScene:

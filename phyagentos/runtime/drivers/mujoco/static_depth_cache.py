@@ -210,7 +210,7 @@ def _meets(ray, box, place, rotation):  # type: ignore[no-untyped-def]  # noqa: 
     return enter <= leave
 
 
-def shoot(model: mujoco.MjModel, data: mujoco.MjData, rays: Rays, *, fixed: bool = True) -> Hits:
+def cast_rays(model: mujoco.MjModel, data: mujoco.MjData, rays: Rays, *, fixed: bool = True) -> Hits:
     """First hit of each ray in a state with computed poses, fixed solids included or not."""
     n = len(rays.directions)
     hits = Hits(np.empty(n, np.int32), np.empty(n), np.empty((n, 3)))

@@ -27,8 +27,8 @@ from phyagentos.protocol.world.environment import TargetState
 from phyagentos.protocol.world.idealisations import Aspect, Idealisation
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.cameras import CameraRig
-from phyagentos.runtime.drivers.mujoco.encounters import Encounters
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
+from phyagentos.runtime.drivers.mujoco.inter_robot_collisions import InterRobotCollisions
 from phyagentos.runtime.drivers.mujoco.joint_controller import JointController, Motion
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.drivers.mujoco.local_limits import END_MARGIN_RAD
@@ -114,13 +114,13 @@ class SimulatedWorld:
         bodies = {name: Physics(each.profile, scene, each.prefix) for name, each in self.robots.items()}
         mujoco.mj_resetData(scene.model, scene.data)
         for physics in bodies.values():
-            physics.place_at_home()
+            physics.actuation.place_at_home()
         advance(bodies.values(), round(spec.settle_s / scene.model.opt.timestep))
         if request.snapshot:
             state = decode_arrays(request.snapshot).get("state", np.empty(0))
             for physics in bodies.values():
-                physics.refuse_bad_state(state)
-            next(iter(bodies.values())).restore(state)
+                physics.state.refuse_bad_state(state)
+            next(iter(bodies.values())).state.restore(state)
         if len(self.robots) > 1:
             scene.export()  # while no robot moves: its XML takes 0.15 s, in which no other thread runs
         self._enter(request, scene, bodies)
@@ -132,18 +132,18 @@ class SimulatedWorld:
             robot = self.robots[name]
             own = faults if name == next(iter(bodies)) else faults.fork()
             controller = JointController(robot.profile, physics, own, count_steps(robot.profile))
-            controller.hold(physics.q_rad if request.snapshot else np.array(robot.profile.arm.home_rad))
+            controller.hold(physics.state.q_rad if request.snapshot else np.array(robot.profile.arm.home_rad))
             rig = CameraRig(scene.model, self.sensors, request.seed, request.episode, robot.prefix)
             robot.enter(Embodiment(physics, controller, rig, own))
         self._present = request, wire.Loaded(request.episode, scene.model_sha256)
-        self.simulation.begin_episode(scene, Encounters(bodies) if len(bodies) > 1 else None)
+        self.simulation.begin_episode(scene, InterRobotCollisions(bodies) if len(bodies) > 1 else None)
 
     def admit(self, name: str, motion: wire.Announce) -> Motion:
         """Admit a motion, in no time; returns the robot in its way. Those of one moment come in the order of names."""
         yield from ()
         held = {each: robot.look().holding for each, robot in self.robots.items()}
-        encounters = self.simulation.encounters
-        return encounters.admit(name, motion.q_rad, motion.beside, held) if encounters is not None else ""
+        collisions = self.simulation.collisions
+        return collisions.admit(name, motion.q_rad, motion.beside, held) if collisions is not None else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,8 +187,8 @@ class MujocoDriver(TargetDriver):
 
     def look(self) -> TargetState:
         """Its own state now."""
-        self.physics.look()
-        return self.physics.read_target(self.physics.find_touching())
+        self.physics.queries.look()
+        return self.physics.queries.read_target(self.physics.queries.find_touching())
 
     @property
     @override
@@ -299,8 +299,8 @@ class MujocoDriver(TargetDriver):
 
     def _come_to_rest(self) -> Motion:
         """Halt; what was announced is over with the first physics step, which all robots take together."""
-        if (encounters := self.world.simulation.encounters) is not None:
-            encounters.withdraw(self.profile.target)
+        if (collisions := self.world.simulation.collisions) is not None:
+            collisions.withdraw(self.profile.target)
         return (yield from self.controller.halt())
 
     @override
@@ -310,41 +310,41 @@ class MujocoDriver(TargetDriver):
 
     @override
     def report(self) -> wire.Step:
-        physics, controller, encounters = self.physics, self.controller, self.world.simulation.encounters
+        physics, controller, collisions = self.physics, self.controller, self.world.simulation.collisions
         if not self._moved or physics.time_s >= self._moved[-1][0] + MOTION_PERIOD_S - physics.model.opt.timestep:
             self._moved.append((physics.time_s, physics.data.qpos.copy()))
         return wire.Step(
             time_s=physics.time_s,
             target=self.look(),
-            tracking_error_rad=physics.find_lag(controller.q_rad),
+            tracking_error_rad=physics.actuation.find_lag(controller.q_rad),
             contact_force_n=controller.take_force(),
             contact_force_error_n=controller.force_error_n,
-            touched_n={} if encounters is None else encounters.take_touched(self.profile.target),
+            touched_n={} if collisions is None else collisions.take_touched(self.profile.target),
         )
 
     @override
     def observe(self, *, truth: bool) -> wire.Observation:
-        physics, encounters = self.physics, self.world.simulation.encounters
+        physics, collisions = self.physics, self.world.simulation.collisions
         states = {name: robot.look() for name, robot in self.world.robots.items()}
         holders = {entity: name for name, state in states.items() for entity in state.holding}
         target = states.pop(self.profile.target)
         neighbours: tuple[wire.Neighbour, ...] = ()
-        if encounters is not None:
+        if collisions is not None:
             neighbours = tuple(
-                wire.Neighbour(name, state, encounters.find_announced(name)) for name, state in states.items()
+                wire.Neighbour(name, state, collisions.find_announced(name)) for name, state in states.items()
             )
         seen = wire.Observation(time_s=physics.time_s, target=target, neighbours=neighbours)
         if not truth:
             return seen
-        entities = physics.read_entities(holders)
-        return msgspec.structs.replace(seen, entities=entities, regions=physics.regions)
+        entities = physics.queries.read_entities(holders)
+        return msgspec.structs.replace(seen, entities=entities, regions=physics.scene.regions)
 
     @override
     def snapshot(self) -> wire.Artefact:
         """An NPZ of `state` (the mjSTATE_INTEGRATION vector), `time`, `qpos`, `qvel` and `act`."""
         physics = self.physics
         arrays = {
-            "state": physics.read_state(),
+            "state": physics.state.read_state(),
             "time": np.asarray(physics.time_s, dtype=np.float64),
             "qpos": np.array(physics.data.qpos),
             "qvel": np.array(physics.data.qvel),
@@ -380,8 +380,8 @@ class MujocoDriver(TargetDriver):
             others = (name for name, body in simulation.bodies.items() if body.session and name != self.profile.target)
             if simulation.is_paced and (other := next(others, "")):
                 return wire.ToolResult({}, f"in real time, a picture would make {other} late, which runs a session")
-            physics.look()
-            seen = copy(physics.seen)
+            physics.queries.look()
+            seen = copy(physics.queries.seen)
         return render_png(physics.model, seen, wanted.camera, wanted.width, wanted.height)
 
     def _get_present(self) -> Embodiment:

@@ -3,7 +3,6 @@
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.execution.loads import measure_payload
 from phyagentos.runtime.motion.requests import Payload
-from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class Attach(Leaf):
@@ -16,7 +15,7 @@ class Attach(Leaf):
     def on_start(self) -> Status:
         """Measure once."""
         name = self.read("object")
-        environment = self.context.world.observe(BELIEF)
+        environment = self.belief
         entity = environment.entities.get(name)
         if entity is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)

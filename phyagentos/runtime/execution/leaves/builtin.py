@@ -1,6 +1,6 @@
 """The leaves that ship, by the names that trees use."""
 
-from phyagentos.runtime.execution.leaf_registry import LeafRegistry
+from phyagentos.runtime.execution.leaf import Leaf
 from phyagentos.runtime.execution.leaves.attach import Attach
 from phyagentos.runtime.execution.leaves.detach import Detach
 from phyagentos.runtime.execution.leaves.drive_to import DriveTo
@@ -31,36 +31,35 @@ from phyagentos.runtime.execution.leaves.plan_wipe import PlanWipe
 from phyagentos.runtime.execution.leaves.verify_grasp import VerifyGrasp
 from phyagentos.runtime.execution.leaves.wait import Wait
 
-
-def register_builtin(registry: LeafRegistry) -> None:
-    """Register every leaf that ships."""
-    registry.register("attach", Attach)
-    registry.register("close_gripper", CloseGripper)
-    registry.register("detach", Detach)
-    registry.register("drive_to", DriveTo)
-    registry.register("fail", Fail)
-    registry.register("find_held", FindHeld)
-    registry.register("find_opening", FindOpening)
-    registry.register("is_sharp", IsSharp)
-    registry.register("locate", Locate)
-    registry.register("look", Look)
-    registry.register("move_home", MoveHome)
-    registry.register("move_level", MoveLevel)
-    registry.register("move_linear", MoveLinear)
-    registry.register("move_posture", MovePosture)
-    registry.register("move_to", MoveTo)
-    registry.register("open_gripper", OpenGripper)
-    registry.register("plan_carry", PlanCarry)
-    registry.register("plan_grasp", PlanGrasp)
-    registry.register("plan_insert", PlanInsert)
-    registry.register("plan_line", PlanLine)
-    registry.register("plan_place", PlanPlace)
-    registry.register("plan_pour", PlanPour)
-    registry.register("plan_push", PlanPush)
-    registry.register("plan_reach", PlanReach)
-    registry.register("plan_retreat", PlanRetreat)
-    registry.register("plan_room", PlanRoom)
-    registry.register("plan_touch", PlanTouch)
-    registry.register("plan_wipe", PlanWipe)
-    registry.register("verify_grasp", VerifyGrasp)
-    registry.register("wait", Wait)
+BUILTIN: dict[str, type[Leaf]] = {
+    "attach": Attach,
+    "close_gripper": CloseGripper,
+    "detach": Detach,
+    "drive_to": DriveTo,
+    "fail": Fail,
+    "find_held": FindHeld,
+    "find_opening": FindOpening,
+    "is_sharp": IsSharp,
+    "locate": Locate,
+    "look": Look,
+    "move_home": MoveHome,
+    "move_level": MoveLevel,
+    "move_linear": MoveLinear,
+    "move_posture": MovePosture,
+    "move_to": MoveTo,
+    "open_gripper": OpenGripper,
+    "plan_carry": PlanCarry,
+    "plan_grasp": PlanGrasp,
+    "plan_insert": PlanInsert,
+    "plan_line": PlanLine,
+    "plan_place": PlanPlace,
+    "plan_pour": PlanPour,
+    "plan_push": PlanPush,
+    "plan_reach": PlanReach,
+    "plan_retreat": PlanRetreat,
+    "plan_room": PlanRoom,
+    "plan_touch": PlanTouch,
+    "plan_wipe": PlanWipe,
+    "verify_grasp": VerifyGrasp,
+    "wait": Wait,
+}

@@ -1,7 +1,6 @@
 """Check that an object has left the hand, and report its position."""
 
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
-from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class Detach(Leaf):
@@ -18,7 +17,7 @@ class Detach(Leaf):
         name = self.read("object")
         if self.context.is_holding(name):
             return self.fail(FailureCode.STILL_HELD, f"{name} is still between the fingers", object=name)
-        entity = self.context.world.observe(BELIEF).entities.get(name)
+        entity = self.belief.entities.get(name)
         if entity is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
         self.write("site", entity.pose.position_m)

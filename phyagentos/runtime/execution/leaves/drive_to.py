@@ -4,12 +4,11 @@ import numpy as np
 
 from phyagentos.geometry import rotate
 from phyagentos.protocol.capabilities.targets import BASE_JOINTS, YAW_MAX_RAD
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
 from phyagentos.runtime.execution.planning import MovingLeaf
 from phyagentos.runtime.motion.requests import (
     MotionRequest,
 )
-from phyagentos.runtime.perception.world_model import BELIEF
 
 SIDES = 24  # directions from which a thing may be faced: 15 degrees apart
 THERE = 0.005  # metres and radians from a goal at which it is reached
@@ -22,7 +21,6 @@ class DriveTo(MovingLeaf):
     The arm stays as it is.
     """
 
-    ROLE = Role.MOVE
     INPUT_PORTS = {
         "place": PortInformation(data_type=str, description="Name of a region, or of a thing."),
         "standoff_m": PortInformation(
@@ -33,7 +31,7 @@ class DriveTo(MovingLeaf):
 
     def compose(self) -> MotionRequest | Status:
         """One request with every pose that would do as a goal."""
-        name, now = self.read("place"), self.context.world.observe(BELIEF)
+        name, now = self.read("place"), self.belief
         place = now.regions.get(name) or now.entities.get(name)
         if place is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)

@@ -5,8 +5,8 @@ import math
 from phyagentos.protocol.world.entity_geometry import compute_lowest
 from phyagentos.protocol.world.free_spot import find_free_spot, find_support
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
-from phyagentos.runtime.execution.tree_check import Names
-from phyagentos.runtime.perception.world_model import BELIEF, HAND
+from phyagentos.runtime.execution.port_types import Names
+from phyagentos.runtime.perception.world_model import HAND
 
 
 class FindHeld(Leaf):
@@ -27,7 +27,7 @@ class FindHeld(Leaf):
 
     def on_start(self) -> Status:
         """Ask the hand, and look for a free spot under it."""
-        now, profile = self.context.world.observe(BELIEF), self.context.profile
+        now, profile = self.belief, self.context.profile
         holding = self.context.world.observe(HAND).targets[self.context.session.target].holding
         held = [each for each in holding if each in now.entities and not now.entities[each].part_of][:1]
         self.write("things", Names(held))

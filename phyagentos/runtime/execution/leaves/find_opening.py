@@ -12,7 +12,6 @@ from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation
 from phyagentos.runtime.motion.poses import move_pose
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.shapes import ROUND_KINDS
-from phyagentos.runtime.perception.world_model import BELIEF
 
 SHUT = 0.2  # of the opening up to which it counts as closed: what shall be closed is left open by no more
 STEP_RAD = 0.02  # of a turn between two waypoints: corners are rounded over some of them, by 0.1 mm at a lever of 0.2 m
@@ -46,7 +45,7 @@ class FindOpening(Leaf):
 
     def on_start(self) -> Status:
         """Compute once."""
-        entities = self.context.world.observe(BELIEF).entities
+        entities = self.belief.entities
         found: list[Entity] = []
         for name in (self.read("object"), self.read("part")):
             entity = entities.get(name)

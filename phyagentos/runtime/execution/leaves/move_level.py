@@ -1,6 +1,6 @@
 """Follow a level way, timed so that an open vessel does not spill."""
 
-from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Status
 from phyagentos.runtime.execution.planning import MovingLeaf
 from phyagentos.runtime.motion.requests import (
     Approach,
@@ -13,7 +13,6 @@ from phyagentos.runtime.motion.requests import (
 class MoveLevel(MovingLeaf):
     """The way of an approach, with the tilt of the vessel against its apparent gravity bounded."""
 
-    ROLE = Role.MOVE
     INPUT_PORTS = {
         "approach": PortInformation(data_type=Approach, description="The way."),
         "payload": PortInformation(data_type=Payload, description="What must stay in the fingers."),

@@ -1,6 +1,6 @@
 """Move along the straight line of an approach, forward to its end or back to its hover posture."""
 
-from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Status
 from phyagentos.runtime.execution.planning import BESIDE, MovingLeaf
 from phyagentos.runtime.motion.requests import (
     Approach,
@@ -13,7 +13,6 @@ from phyagentos.runtime.motion.requests import (
 class MoveLinear(MovingLeaf):
     """A straight tool motion. Fails with `GRASP_LOST` when a payload leaves the fingers on the way."""
 
-    ROLE = Role.MOVE
     INPUT_PORTS = {
         "approach": PortInformation(data_type=Approach, description="The line."),
         "direction": PortInformation(data_type=str, default_value="forward", description="`forward` or `back`."),

@@ -3,7 +3,7 @@
 import numpy as np
 from msgspec.structs import replace
 
-from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Status
 from phyagentos.runtime.execution.planning import BESIDE, MovingLeaf
 from phyagentos.runtime.motion.requests import (
     Approach,
@@ -20,7 +20,6 @@ class MoveTo(MovingLeaf):
     With a payload it fails with `GRASP_LOST` when the payload leaves the fingers on the way.
     """
 
-    ROLE = Role.MOVE
     INPUT_PORTS = {
         "approaches": PortInformation(data_type=Approaches, description="Where it may go."),
         "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),

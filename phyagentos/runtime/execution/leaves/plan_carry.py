@@ -3,7 +3,7 @@
 from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix, compute_pose
-from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Status
 from phyagentos.runtime.execution.planning import CandidatePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import Approach, Approaches, FindLine, MotionRequest, Payload
@@ -17,7 +17,6 @@ class PlanCarry(CandidatePlanningLeaf):
     It is made of straight lines of the tool that turn about the vertical only.
     """
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "approaches": PortInformation(data_type=Approaches, description="Where it may end."),
         "payload": PortInformation(data_type=Payload, description="What is held, and how."),
@@ -32,11 +31,9 @@ class PlanCarry(CandidatePlanningLeaf):
         over = raise_pose(end, over_m)
         here = compute_matrix(self.context.step.target.tcp)
         up = raise_pose(here, max(0.0, float(over[2, 3] - here[2, 3])))
-        return FindLine(
-            world=self.world(),
-            q_rad=self.context.commands.q_rad,
+        return self.request(
+            FindLine,
             waypoints=tuple(compute_pose(pose) for pose in (up, over, end)),
-            seed=self.context.draw_seed(self.path),
             payload=self.read("payload"),
             ignore=(self.read("destination"),),  # the way down was checked against it with the approach
         )

@@ -1,5 +1,6 @@
 """Ask for ways to take hold of an object."""
 
+from phyagentos.protocol.predicates.meaning import find_relation
 from phyagentos.protocol.world.mechanisms import find_hinge
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import BESIDE, CandidatePlanningLeaf
@@ -9,7 +10,6 @@ from phyagentos.runtime.motion.requests import (
     FindGrasps,
     MotionRequest,
 )
-from phyagentos.runtime.perception.world_model import BELIEF
 
 LEVEL_SINE = 0.1  # of a hinge with the horizontal
 
@@ -51,21 +51,18 @@ class PlanGrasp(CandidatePlanningLeaf):
 
     def compose(self) -> MotionRequest | Status:
         """One request for each side."""
-        whole = self.context.world.observe(BELIEF).entities.get(self.find("hinged") or "")
+        whole = self.belief.entities.get(self.find("hinged") or "")
         axis = find_hinge(whole) if whole is not None else None
-        destination, near = self.find("destination"), self.find("near")
-        point = None if near is None else (float(near[0]), float(near[1]), float(near[2]))
-        return FindGrasps(
-            world=self.world(),
+        destination, near = self.find("destination"), self.find_point("near")
+        return self.request(
+            FindGrasps,
             object=self.read("object"),
-            q_rad=self.context.commands.q_rad,
-            seed=self.context.draw_seed(self.path),
             avoid=self.context.session.strategy.avoid_grasps,
             hover_m=self.read("hover_m"),
             along=(axis[0], axis[1], axis[2]) if axis is not None and abs(axis[2]) < LEVEL_SINE else None,
             then=None
             if destination is None
-            else Destination(destination, self.read("relation"), point, self._get_up()),
+            else Destination(destination, find_relation(self.read("relation")), near, self._get_up()),
         )
 
     def on_found(self, answer: Approaches) -> Status:

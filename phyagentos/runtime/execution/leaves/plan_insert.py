@@ -4,11 +4,10 @@ import numpy as np
 
 from phyagentos.geometry import compute_matrix, compute_pose, to_parent
 from phyagentos.protocol.world.entity_geometry import compute_reach
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import MotionRequest, Payload
-from phyagentos.runtime.perception.world_model import BELIEF
 
 RIM_M = 0.005  # of the peg's lower end above the rim, between two tries
 LEFT_M = 0.0015  # above the floor, at the end of the way down
@@ -19,7 +18,6 @@ GOLDEN_RAD = 2.399963  # between two tries: they cover a disc evenly
 class PlanInsert(LinePlanningLeaf):
     """Straight ways with a held peg, the hand as it is turned: over the middle of a hole, or down to its floor."""
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "payload": PortInformation(data_type=Payload, description="The peg, and how it is held."),
         "socket": PortInformation(data_type=str, description="Entity whose interior is the hole."),
@@ -29,7 +27,7 @@ class PlanInsert(LinePlanningLeaf):
 
     def compose(self) -> MotionRequest | Status:
         """One request; each activation downwards shifts the place."""
-        payload, entities = self.read("payload"), self.context.world.observe(BELIEF).entities
+        payload, entities = self.read("payload"), self.belief.entities
         socket, peg = entities.get(self.read("socket")), entities.get(payload.entity)
         if socket is None or socket.interior is None or peg is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{self.read('socket')} has no hole, or there is no peg")

@@ -1,6 +1,6 @@
 """Ask for a straight tool motion through given poses."""
 
-from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
 from phyagentos.runtime.motion.requests import MotionRequest, Payload
 
@@ -8,7 +8,6 @@ from phyagentos.runtime.motion.requests import MotionRequest, Payload
 class PlanLine(LinePlanningLeaf):
     """A line of the tool from where it is through waypoints."""
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "waypoints": PortInformation(data_type=tuple, description="Poses world_T_tcp, in order."),
         "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),

@@ -1,5 +1,6 @@
 """Ask for ways to put a held object somewhere."""
 
+from phyagentos.protocol.predicates.meaning import find_relation
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.leaves.plan_room import list_removable
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
@@ -8,7 +9,6 @@ from phyagentos.runtime.motion.requests import (
     MotionRequest,
     Payload,
 )
-from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class PlanPlace(ApproachPlanningLeaf):
@@ -32,21 +32,18 @@ class PlanPlace(ApproachPlanningLeaf):
 
     def compose(self) -> MotionRequest | Status:
         """One request."""
-        near, payload, place = self.find("near"), self.read("payload"), self.read("destination")
-        now = self.context.world.observe(BELIEF)
-        return FindPlacements(
-            world=self.world(),
+        payload, place = self.read("payload"), self.read("destination")
+        return self.request(
+            FindPlacements,
             payload=payload,
             destination=place,
-            relation=self.read("relation"),
-            q_rad=self.context.commands.q_rad,
-            seed=self.context.draw_seed(self.path),
-            near=None if near is None else (float(near[0]), float(near[1]), float(near[2])),
+            relation=find_relation(self.read("relation")),
+            near=self.find_point("near"),
             near_radius_m=self.read("near_radius_m"),
             up=self.find("up"),
             avoid=self.context.session.strategy.avoid_sites,
             hover_m=self.read("hover_m"),
             may_fall=self.read("may_fall"),
             coming=self.context.session.coming,
-            removable=list_removable(self.context.session, now, payload.entity, place),
+            removable=list_removable(self.context.session, self.belief, payload.entity, place),
         )

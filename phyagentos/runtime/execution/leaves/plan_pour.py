@@ -5,11 +5,10 @@ from itertools import product
 import numpy as np
 
 from phyagentos.geometry import compute_matrix, compute_pose, to_parent, turn
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
 from phyagentos.runtime.execution.planning import CandidatePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindLine, MotionRequest, Payload
-from phyagentos.runtime.perception.world_model import BELIEF
 
 ABOVE_M = (0.03, 0.05, 0.07, 0.09)  # of the edge above the bowl's rim in the end, lowest first
 CLEAR_M = 0.02  # of the vessel's lower end above the rim, while it is tipped
@@ -22,7 +21,6 @@ TIPS_RAD = np.linspace(0.0, 1.92, 21)
 class PlanPour(CandidatePlanningLeaf):
     """Two ways with a held vessel: upright to where its edge is over a bowl, and from there about that edge."""
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "payload": PortInformation(data_type=Payload, description="The vessel, and how it is held."),
         "into": PortInformation(data_type=str, description="Entity whose interior receives what it holds."),
@@ -40,7 +38,7 @@ class PlanPour(CandidatePlanningLeaf):
 
     def compose(self) -> MotionRequest | Status:
         """The upright way of a candidate; once that is found, its turn."""
-        payload, entities = self.read("payload"), self.context.world.observe(BELIEF).entities
+        payload, entities = self.read("payload"), self.belief.entities
         bowl, vessel = entities.get(self.read("into")), entities.get(payload.entity)
         if bowl is None or bowl.interior is None or vessel is None or vessel.interior is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{self.read('into')} or {payload.entity} has no interior")
@@ -64,11 +62,10 @@ class PlanPour(CandidatePlanningLeaf):
         if begin is None:
             rise_m = float(ways[0][2, 3] - tool[2, 3])
             ways = [raise_pose(tool, max(0.0, rise_m)), raise_pose(ways[0], max(0.0, -rise_m)), ways[0]]
-        return FindLine(
-            world=self.world(),
+        return self.request(
+            FindLine,
             q_rad=self.context.commands.q_rad if begin is None else begin.line_rad[-1],
             waypoints=tuple(map(compute_pose, ways)),
-            seed=self.context.draw_seed(self.path),
             payload=payload,
         )
 

@@ -1,16 +1,14 @@
 """Ask for a straight push of an object along its support."""
 
 from phyagentos.protocol.predicates.relations import list_inside
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
 from phyagentos.runtime.execution.planning import PlanningLeaf
 from phyagentos.runtime.motion.requests import Approaches, FindPush, MotionRequest
-from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class PlanPush(PlanningLeaf[Approaches]):
     """Ways of the closed fingers: down behind the object, straight on until it stands at the goal."""
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity to push."),
         "to": PortInformation(data_type=tuple, description="Where its centre shall be, world frame [m]."),
@@ -23,16 +21,14 @@ class PlanPush(PlanningLeaf[Approaches]):
     def compose(self) -> MotionRequest | Status:
         """One request, with the fingers as they stand."""
         name, to = self.read("object"), self.read("to")
-        now = self.context.world.observe(BELIEF)
+        now = self.belief
         entity = now.entities.get(name)
         if entity is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
-        return FindPush(
-            world=self.world(),
+        return self.request(
+            FindPush,
             object=name,
             to_m=(float(to[0]), float(to[1])),
-            q_rad=self.context.commands.q_rad,
-            seed=self.context.draw_seed(self.path),
             ignore=(entity.part_of, *list_inside(entity.part_of, now)) if entity.part_of else (),  # all moves with it
             width_m=self.context.step.target.gripper_width_m,
         )

@@ -3,7 +3,7 @@
 from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix, compute_pose
-from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import MotionRequest, Payload
@@ -12,7 +12,6 @@ from phyagentos.runtime.motion.requests import MotionRequest, Payload
 class PlanReach(LinePlanningLeaf):
     """Straight up to the height of the point where it is higher, then straight there."""
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "to": PortInformation(data_type=tuple, description="Where the tool centre point shall be, world frame [m]."),
         "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),

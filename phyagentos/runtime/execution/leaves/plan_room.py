@@ -1,13 +1,14 @@
 """Ask what has to go before there is room for an object where it is put."""
 
 from phyagentos.geometry import Vector
+from phyagentos.protocol.predicates.meaning import find_relation
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.leaves.plan_grasp import PlanGrasp
 from phyagentos.runtime.execution.planning import PlanningLeaf
-from phyagentos.runtime.execution.tree_check import Names
+from phyagentos.runtime.execution.port_types import Names
 from phyagentos.runtime.motion.requests import (
     Approaches,
     Destination,
@@ -15,7 +16,6 @@ from phyagentos.runtime.motion.requests import (
     MotionRequest,
     NoPlan,
 )
-from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class PlanRoom(PlanningLeaf[Approaches]):
@@ -31,17 +31,15 @@ class PlanRoom(PlanningLeaf[Approaches]):
 
     def compose(self) -> MotionRequest | Status:
         """One request, where the destination holds anything that may be moved."""
-        now, name, near = self.context.world.observe(BELIEF), self.read("object"), self.find("near")
-        point = None if near is None else (float(near[0]), float(near[1]), float(near[2]))
-        then = Destination(self.read("destination"), self.read("relation"), point)
+        now, name = self.belief, self.read("object")
+        then = Destination(self.read("destination"), find_relation(self.read("relation")), self.find_point("near"))
         if not (things := list_removable(self.context.session, now, name, then.name)):
             return self._leave()
-        q_rad, seed = self.context.commands.q_rad, self.context.draw_seed(self.path)
-        return FindGrasps(self.world(), q_rad, seed, name, count=1, then=then, removable=things)
+        return self.request(FindGrasps, object=name, count=1, then=then, removable=things)
 
     def on_answer(self, answer: Approaches) -> Status:
         """Write what has to go."""
-        now, profile, place = self.context.world.observe(BELIEF), self.context.profile, self.read("destination")
+        now, profile, place = self.belief, self.context.profile, self.read("destination")
         here_m = now.entities[self.read("object")].pose.position_m
         there_m = (now.regions.get(place) or now.entities[place]).pose.position_m
         middle_m = ((here_m[0] + there_m[0]) / 2, (here_m[1] + there_m[1]) / 2, here_m[2])

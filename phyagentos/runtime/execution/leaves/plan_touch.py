@@ -1,16 +1,14 @@
 """Ask for a straight way of the closed fingers down onto an object."""
 
 from phyagentos.protocol.world.entity_geometry import compute_reach
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
 from phyagentos.runtime.motion.requests import FindTouch, MotionRequest
-from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class PlanTouch(ApproachPlanningLeaf):
     """Ways down until the fingertips are on top of the object, where its middle shall be then."""
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity to touch."),
         "to": PortInformation(
@@ -23,16 +21,14 @@ class PlanTouch(ApproachPlanningLeaf):
     def compose(self) -> MotionRequest | Status:
         """One request, with the fingers as they stand."""
         name = self.read("object")
-        entity = self.context.world.observe(BELIEF).entities.get(name)
+        entity = self.belief.entities.get(name)
         if entity is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
         x, y, z = self.find("to") or entity.pose.position_m
-        return FindTouch(
-            world=self.world(),
+        return self.request(
+            FindTouch,
             object=name,
             at_m=(x, y, z + compute_reach(entity, (0.0, 0.0, 1.0)) + self.read("above_m")),
-            q_rad=self.context.commands.q_rad,
-            seed=self.context.draw_seed(self.path),
             ignore=(entity.part_of,) if entity.part_of else (),
             hover_m=self.read("hover_m"),
             width_m=self.context.step.target.gripper_width_m,

@@ -4,12 +4,11 @@ import numpy as np
 from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix, compute_pose, turn
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import Array, MotionRequest, Payload
 from phyagentos.runtime.motion.shapes import compute_entity_box
-from phyagentos.runtime.perception.world_model import BELIEF
 
 OVER_M = 0.015  # of the block above the floor of the area, before it is lowered
 PRESS_M = 0.0015  # of the set-points below the height of contact: joints yield, and press with some 10 N
@@ -20,7 +19,6 @@ OVERLAP_M = 0.012  # of neighbouring strokes
 class PlanWipe(LinePlanningLeaf):
     """A way to just above the nearest corner, outside of the area, or strokes to and fro from there, in contact."""
 
-    ROLE = Role.PLAN
     INPUT_PORTS = {
         "payload": PortInformation(data_type=Payload, description="The block, and how it is held."),
         "area": PortInformation(data_type=str, description="Region to wipe."),
@@ -30,7 +28,7 @@ class PlanWipe(LinePlanningLeaf):
 
     def compose(self) -> MotionRequest | Status:
         """One request; strokes push along what is lower than the middle of the pads."""
-        payload, world = self.read("payload"), self.context.world.observe(BELIEF)
+        payload, world = self.read("payload"), self.belief
         area, block = world.regions.get(self.read("area")), world.entities.get(payload.entity)
         if area is None or block is None:
             return self.fail(FailureCode.OBJECT_GONE, f"there is no area {self.read('area')}, or no {payload.entity}")

@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, ActionSpace, GripperRange
-from phyagentos.runtime.actions.bridges.chain import BRIDGES, BridgeChain, Bridged, compile_chain
+from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged, compile_chain, list_bridges
 from phyagentos.runtime.actions.bridges.columns import ClampBridge, ProjectionBridge
 from phyagentos.runtime.actions.bridges.resampling import ResampleBridge
 from phyagentos.runtime.actions.bridges.rotations import ToAbsoluteBridge, decode_rotation, encode_rotation
 from phyagentos.runtime.actions.bridges.tool_poses import ToolPoseBridge
 from phyagentos.runtime.actions.violations import ViolationCode
+from tests.packages import install
 
 FORMS = ("quaternion_wxyz", "quaternion_xyzw", "axis_angle", "rotation_6d", "euler")
 RATES = (5.0, 10.0, 15.0, 25.0, 50.0, 100.0)
@@ -160,7 +161,7 @@ def test_a_whole_chain_speaks_the_targets_language_and_its_set_point_leads_back(
     assert bool(bridged.interventions) <= source.clamp
 
 
-PAIRED = [kind for kind in BRIDGES if kind is not ToolPoseBridge]  # which needs an arm: test_tool_poses.py
+PAIRED = [kind for kind in list_bridges() if kind is not ToolPoseBridge]  # which needs an arm: test_tool_poses.py
 
 
 @pytest.mark.parametrize("kind", PAIRED, ids=lambda kind: kind.__name__)
@@ -180,5 +181,19 @@ def test_every_kind_of_bridge_is_needed_by_some_pair_of_spaces(kind):
         check_link(link, count, np.random.default_rng(seed))
 
 
-def test_bridges_have_names_of_their_own():
-    assert len({kind.__name__ for kind in BRIDGES}) == len(BRIDGES)
+MIRROR = """
+from phyagentos.runtime.actions.bridges.columns import ProjectionBridge
+
+
+class Mirror(ProjectionBridge):
+    BEFORE = "gripper"
+"""
+
+
+def test_a_bridge_of_another_package_takes_the_place_that_it_names(monkeypatch, tmp_path):
+    install(tmp_path, "mirror", MIRROR, {"phyagentos.bridges": {"mirror": "mirror:Mirror"}})
+    monkeypatch.syspath_prepend(tmp_path)
+
+    names = [kind.__name__ for kind in list_bridges()]
+    assert names[names.index("Mirror") + 1] == "GripperBridge"
+    assert names[-1] == "ClampBridge"

@@ -1,0 +1,76 @@
+"""Sessions once more: `verify` judges one again, `judge` those without a goal; `rerun` carries one out again."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from phyagentos.agent.judging.review import JudgedAgain
+from phyagentos.assembly.project import admit_python
+from phyagentos.cli.arguments import TrustPython
+from phyagentos.cli.explaining import Id, Space
+from phyagentos.cli.outcome import ExitCode, print_note
+from phyagentos.cli.reply import Reply
+from phyagentos.operations import rerun as reruns
+from phyagentos.operations import verify as verification
+from phyagentos.operations.rerun import Rerun
+from phyagentos.operations.verify import Judged
+from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
+from phyagentos.protocol.settings.verification import JudgeName
+from phyagentos.protocol.settings.verification_mode import VerificationMode
+
+_WITH_HELP = f"Judges, comma-separated: {', '.join(JudgeName)}, or installed ones; those of the settings if left out."
+_FRAMES_HELP = "Perceive the stored camera frames again, judge, compare; records nothing."
+
+
+def verify(
+    session: Annotated[str, typer.Argument(help="Id of the session.")],
+    workspace: Space,
+    with_: Annotated[str | None, typer.Option("--with", help=_WITH_HELP)] = None,
+    mode: Annotated[VerificationMode, typer.Option(help="What the judgement is for.")] = VerificationMode.ENFORCE,
+    from_frames: Annotated[bool, typer.Option("--from-frames", help=_FRAMES_HELP)] = False,
+) -> Reply[Judged | JudgedAgain]:
+    """Add a judgement to a session that has its verdict; erases none and changes no state."""
+    names = None if with_ is None else tuple(filter(None, map(str.strip, with_.split(",")))) or (with_,)
+    if from_frames:
+        return _show_again(verification.verify_from_frames(workspace, session, judges=names, mode=mode))
+    found = verification.verify(workspace, session, judges=names, mode=mode)
+    judgement = found.judgement
+    lines = [f"{found.session}: {judgement.verdict}  {judgement.reason}", *map(_render, judgement.criteria)]
+    lines.append(f"  added as judgement {found.number}; the verdict stays {found.verdict or 'none'}")
+    is_met = judgement.verdict is Verdict.SUCCESS
+    return Reply(found, "\n".join(lines), code=ExitCode.GOAL_MET if is_met else ExitCode.GOAL_NOT_MET)
+
+
+def judge(
+    workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path(),
+) -> Reply[tuple[Judged, ...]]:
+    """Judge the executed sessions without a goal, which no agent looks at."""
+    found = verification.judge(workspace)
+    text = "\n".join(f"{each.session}: {each.judgement.verdict}  {each.judgement.reason}" for each in found)
+    notes = [] if found else ["no session by hand waits for a verdict"]
+    is_missed = any(each.judgement.verdict is not Verdict.SUCCESS for each in found)
+    return Reply(found, text, notes, ExitCode.GOAL_NOT_MET if is_missed else ExitCode.GOAL_MET)
+
+
+def rerun(session: Id, workspace: Space, trust_python: TrustPython = False) -> Reply[Rerun]:
+    """Run a session once more from its own documents and compare the bits of the terminal state."""
+    admit_python(workspace, is_trusted=trust_python, announce=print_note)
+    found = reruns.rerun(workspace, session)
+    text = f"{found.session}: identical, bit for bit ({found.execution.ticks} commands)"
+    if found.differences:
+        text = "\n".join([f"{found.session} came out differently:", *found.differences])
+    code = ExitCode.GOAL_NOT_MET if found.differences else ExitCode.GOAL_MET
+    return Reply(found, text, [f"second bundle in {found.workspace}"], code)
+
+
+def _show_again(found: JudgedAgain) -> Reply[JudgedAgain]:
+    """Exit code 0 where what is perceived and judged again is equal to what was recorded."""
+    equal = "equal to what was recorded" if not found.differences else "not what was recorded"
+    lines = [f"{found.session}: {len(found.criteria)} criteria from {found.looks} looks, {equal}"]
+    lines += [*map(_render, found.criteria), *(f"  differs: {difference}" for difference in found.differences)]
+    return Reply(found, "\n".join(lines), code=ExitCode.GOAL_NOT_MET if found.differences else ExitCode.GOAL_MET)
+
+
+def _render(criterion: Criterion) -> str:
+    return f"  {criterion.truth}: {criterion.kind} {criterion.text}: {criterion.because}"

@@ -1,0 +1,98 @@
+"""Commands about what a workspace keeps: `evidence verify` and `prune`; `store check`, `repair`, `compact`."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from phyagentos.cli.arguments import choose_newest
+from phyagentos.cli.explaining import Space
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.reply import Reply, list_problems
+from phyagentos.operations import evidence, store
+from phyagentos.operations.evidence import EvidenceCheck
+from phyagentos.operations.store import JournalCheck, JournalRepair
+from phyagentos.store.compaction import Compaction
+from phyagentos.store.retention import RetentionReport
+
+_NEWEST = typer.Argument(
+    metavar="WORKSPACE", default_factory=choose_newest, show_default="the newest", help="Its folder."
+)
+Read = Annotated[Path, _NEWEST]
+Named = Annotated[Path, typer.Argument(metavar="WORKSPACE", help="Folder of the run.")]
+Lane = Annotated[str | None, typer.Option("--lane", help="Which partition, where a workspace has several.")]
+_REFUSED = (
+    "Nothing was changed. Better than a repair is the file from a copy or from version control; else",
+    "end every process on this workspace and add --accept-loss.",
+)
+
+
+def verify(workspace: Space) -> Reply[EvidenceCheck]:
+    """Hash every bundle of an ended session again, and follow what its snapshots point at."""
+    found = evidence.check_evidence(workspace)
+    count, problems = len(found.problems), list_problems(found.problems)
+    said = f"{count} problem{'s' if count != 1 else ''}" if count else "as recorded"
+    text = f"{found.bundles} bundle{'s' if found.bundles != 1 else ''} checked: {said}"
+    return Reply(found, text, problems, ExitCode.GOAL_NOT_MET if count else ExitCode.GOAL_MET)
+
+
+def prune(
+    workspace: Space,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print what would be done, write nothing.")] = False,
+) -> Reply[RetentionReport]:
+    """Thin bundles of succeeded sessions, by `evidence` of runtime_contract.yaml; all others stay whole."""
+    found = evidence.prune_evidence(workspace, dry_run=dry_run)
+    return Reply(found, "\n".join(_describe_pruning(found, dry_run=dry_run)))
+
+
+def check(workspace: Read, partition: Lane = None) -> Reply[JournalCheck]:
+    """Read every byte, archive included, and report every problem; changes nothing. Exit code 1 with damage."""
+    found = store.check_journal(workspace, partition)
+    said = "whole" if found.is_whole else "damaged; see `paos store repair`"
+    note = f"{found.segments} segments, {found.records} records, {said}"
+    code = ExitCode.GOAL_MET if found.is_whole else ExitCode.GOAL_NOT_MET
+    return Reply(found, "\n".join(map(str, found.findings)), [note], code)
+
+
+def repair(
+    workspace: Named,
+    partition: Lane = None,
+    accept_loss: Annotated[bool, typer.Option("--accept-loss", help="Acknowledged records may be gone.")] = False,
+) -> Reply[JournalRepair]:
+    """Cut a torn end; mend damage where --accept-loss is given. Damaged files are kept beside. See docs/journal.md."""
+    found = store.repair_journal(workspace, partition, accept_loss=accept_loss)
+    text = "\n".join(_describe_repair(found)) or "nothing to repair"
+    if found.is_needed and not found.is_done:
+        return Reply(found, text, _REFUSED, ExitCode.GOAL_NOT_MET)
+    return Reply(found, text)
+
+
+def compact(workspace: Named, partition: Lane = None) -> Reply[Compaction]:
+    """Seal and archive every segment that nothing alive needs, and write a fresh checkpoint."""
+    found = store.compact_journal(workspace, partition)
+    text = f"{len(found.archived)} segments archived; checkpoint at record {found.seq}"
+    return Reply(found, text, [f"archived {name}" for name in found.archived])
+
+
+def _describe_pruning(report: RetentionReport, *, dry_run: bool) -> Iterator[str]:
+    would, late, freed = ("would take", "would be sealed", "to free") if dry_run else ("took", "sealed", "freed")
+    yield from (f"{each.session}: {would} {', '.join(each.files)} ({each.rule})" for each in report.thinned)
+    yield from (f"{session}: {late} late, its hashes are those of today" for session in report.sealed_late)
+    yield from (f"{session}: damaged, left alone; see `paos evidence verify`" for session in report.damaged)
+    took_mb, left_mb = (report.bytes_before - report.bytes_after) / 1e6, report.bytes_after / 1e6
+    counts = f"{len(report.thinned)} thinned, {report.whole} whole"
+    yield f"{counts}; {took_mb:.1f} MB {freed}, {left_mb:.1f} MB left"
+    if report.bytes_over:
+        yield f"{report.bytes_over / 1e6:.1f} MB above max_bytes: the rest must be kept, or is damaged"
+
+
+def _describe_repair(done: JournalRepair) -> Iterator[str]:
+    for cut in done.cuts:
+        place, size = f"{cut['segment']}:{cut['offset']}", f"{cut['cut_bytes']} bytes"
+        yield f"{place}: {size}, sha256 {cut['cut_sha256'][:16]}…: {cut['what']}"
+    if done.is_needed and not done.is_only_torn:
+        yield f"records lost: {done.lost}{'' if done.is_exact else ' at least'}"
+        yield f"concerns: {', '.join(done.concerns) or 'nothing that can still be read'}"
+        yield f"segments written again: {', '.join(done.written) or 'none'}"
+    yield from (f"kept as it was: {path}" for path in done.aside)

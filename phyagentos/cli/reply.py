@@ -1,0 +1,47 @@
+"""What a command answers: the struct of its operation, the same for people, and an exit code. `app` prints it."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_result
+from phyagentos.errors import Problem
+
+Found_co = TypeVar("Found_co", covariant=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Reply(Generic[Found_co]):
+    """What a command answers.
+
+    Attributes:
+        found: The struct of its operation, which is all that `--json` prints.
+        text: The same for people on stdout: text, or what rich draws; nothing where it is empty.
+        notes: For people on stderr.
+        code: How the command ends.
+    """
+
+    found: Found_co
+    text: object = ""
+    notes: Sequence[str] = ()
+    code: ExitCode = ExitCode.GOAL_MET
+
+    def print(self, *, as_json: bool) -> ExitCode:
+        """Print it; the exit code."""
+        if as_json:
+            print_json(self.found)
+            return self.code
+        if self.text and isinstance(self.text, str):
+            print_result(self.text)
+        elif self.text:
+            from phyagentos.cli.console import CleanConsole
+
+            CleanConsole(highlight=False).print(self.text)
+        for note in self.notes:
+            print_note(note)
+        return self.code
+
+
+def list_problems(problems: Iterable[Problem]) -> list[str]:
+    """Each problem on a line, duplicates once."""
+    return [str(problem).replace("\n", " ") for problem in dict.fromkeys(problems)]

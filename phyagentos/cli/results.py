@@ -1,0 +1,66 @@
+"""What each command prints with `--json`: the struct of its operation, and its JSON Schema.
+
+The type is that of the command's reply. A command that loads its operation only when it runs, or prints as it goes on,
+names it here.
+"""
+
+import inspect
+import pkgutil
+from collections.abc import Iterator
+from pathlib import Path
+from types import UnionType
+from typing import Any, get_args, get_origin
+
+import msgspec
+
+from phyagentos.cli.app import COMMANDS, GROUPS, SERVERS
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.struct_schema import REFERENCE
+
+LATE = {  # command -> types below phyagentos; the result is one of them
+    "run": ("operations.run:RunReport",),
+    "ask": ("operations.ask:Asked", "operations.ask:NotUnderstood", "agent.planning.planned:Unsolvable"),
+    "agent": ("agent.mission.report:MissionReport",),
+    "plan": ("operations.plan:PlannedGraph", "agent.planning.planned:Unsolvable"),
+    "why": ("operations.why:Explanation",),
+    "graph": ("operations.goal_graph:StandingGraph",),
+    "context": ("agent.context.context:Context",),
+    "logs": ("operations.logs:LogLine",),
+    "init": ("operations.init:NewProject",),
+    "lint": ("operations.lint:LintReport",),
+    "compile": ("operations.compile:CompiledGraph",),
+}
+
+
+def iter_commands() -> Iterator[tuple[str, str]]:
+    """Every command that has a result, as it is typed (`store check`), and its function below `phyagentos.cli`."""
+    places = dict(COMMANDS)
+    for group, (_, module, functions) in GROUPS.items():
+        places |= {f"{group} {each.rstrip('_').replace('_', '-')}": f"{module}:{each}" for each in functions}
+    yield from ((command, place) for command, place in places.items() if command not in SERVERS)
+
+
+def list_types(command: str) -> list[Any]:
+    """The types of a command's result, which is one of them; raises DefinitionError `UNKNOWN_SCHEMA`."""
+    known = dict(iter_commands())
+    if command not in known:
+        raise DefinitionError.unknown("UNKNOWN_SCHEMA", "paos schema", command, known)
+    if command in LATE:
+        return [pkgutil.resolve_name(f"phyagentos.{place}") for place in LATE[command]]
+    function = pkgutil.resolve_name(f"phyagentos.cli.{known[command]}")
+    (found,) = get_args(inspect.signature(function).return_annotation)
+    return list(get_args(found)) if get_origin(found) is UnionType else [found]
+
+
+def build_result_schema(command: str) -> dict[str, Any]:
+    """The JSON Schema of what `paos COMMAND --json` prints; raises DefinitionError `UNKNOWN_SCHEMA`."""
+    types = list_types(command)
+    schemas, definitions = msgspec.json.schema_components(types, schema_hook=_describe_path, ref_template=REFERENCE)
+    own = schemas[0] if len(schemas) == 1 else {"anyOf": list(schemas)}
+    return {"title": f"paos {command} --json", "$defs": definitions, **own}
+
+
+def _describe_path(kind: type) -> dict[str, Any]:
+    if not issubclass(kind, Path):
+        raise NotImplementedError
+    return {"type": "string"}

@@ -1,0 +1,1 @@
+"""The tools and resources of a workspace over the Model Context Protocol."""

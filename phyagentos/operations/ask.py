@@ -1,0 +1,196 @@
+"""A request in words becomes a goal, a plan and a goal graph in a file; what is open or missing comes back instead.
+
+A request lives in the workspace of its run, in `requests/`: the graph, and beside it the goal that was understood.
+"""
+
+import contextlib
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import yaml
+
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.spec import WantedGoal
+from phyagentos.agent.planning.domain import read_wanted
+from phyagentos.agent.planning.planned import Step, Unsolvable, plan_goal
+from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
+from phyagentos.agent.understanding.model import ModelUnderstander, write_answers
+from phyagentos.agent.understanding.understanding import (
+    Ambiguous,
+    Impossible,
+    Lack,
+    LackKind,
+    Question,
+    Understanding,
+)
+from phyagentos.agent.understanding.vocabulary import Vocabulary, find_robot
+from phyagentos.assembly.paths import choose_folder
+from phyagentos.assembly.project import open_library
+from phyagentos.assembly.scene_start import draw_start
+from phyagentos.errors import DefinitionError
+from phyagentos.operations.lint import lint_file
+from phyagentos.operations.plan import PlannedGraph, describe_plan
+from phyagentos.operations.workspaces import FOLDER, REQUESTS, find_workspaces
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.workspace.workspace import Workspace
+
+GOAL_SUFFIX = ".goal.yaml"
+_OF_WORDS = frozenset({LackKind.WORD, LackKind.SENTENCE})  # what a model may understand where the grammar does not
+
+
+class Asked(msgspec.Struct, frozen=True, kw_only=True):
+    """What `paos ask --json` prints of a request that was understood and planned.
+
+    Attributes:
+        goal: As a goal without a plan.
+        reasons: Which words became what.
+        left_out: Objects that the request names and the goal leaves as they are, each with the missing place.
+        unsaid: Words without an effect on the goal, as `carefully`.
+        chosen: Objects that stand for `a cube` or `two of the cubes`, where the choice was left open.
+        sessions: In an order that reaches the goal; empty where it is met already.
+        mermaid: The graph as a flowchart.
+        graph: Its file; None where the goal is met already.
+        workspace: Of the run, where the request lives; None where it was written elsewhere.
+        before: File of the earlier goal that *again* means, and whose scene is the default.
+    """
+
+    understood: bool = True
+    goal: dict[str, Any]
+    reasons: tuple[str, ...]
+    left_out: Mapping[str, str]
+    unsaid: tuple[str, ...]
+    chosen: tuple[str, ...]
+    sessions: tuple[Step, ...]
+    mermaid: str
+    graph: str | None
+    workspace: str | None
+    before: str | None
+
+
+class NotUnderstood(msgspec.Struct, frozen=True, kw_only=True):
+    """What `paos ask --json` prints of a request that leaves something open, or that cannot be met here."""
+
+    understood: bool = False
+    questions: tuple[Question, ...] = ()
+    lacks: tuple[Lack, ...] = ()
+
+
+def ask(
+    request: str,
+    *,
+    scene: str | None = None,
+    robot: str | None = None,
+    answers: Mapping[str, str] | None = None,
+    choose: Callable[[Question], str] | None = None,
+    open_model: Callable[[str], ModelUnderstander | None] = lambda _: None,
+    seed: int = 0,
+    workspace: Path | None = None,
+    output: Path | None = None,
+) -> Asked | NotUnderstood | Unsolvable:
+    """Make a goal of a request, plan it, and write its graph; run nothing.
+
+    `scene` is that of the last request by default, and `robot` that of the scene's goal graphs. `answers` are those to
+    questions, by key; `choose` answers any other one, where all have candidates. `open_model` gives, for a scene, the
+    model that is asked for what the grammar does not know. Files go to the requests of `workspace`, a new one under
+    workspaces/ by default, or else beside `output`.
+
+    Raises DefinitionError for an unknown scene or target, and where the graph has problems.
+    """
+    library = open_library()
+    catalogue = Catalogue.read(library)
+    past = _read_past(workspace, scene, catalogue)
+    vocabulary = _read_vocabulary(library, catalogue, list(past.values()), scene, robot)
+    model = open_model(vocabulary.scene)
+    understood = _understand(request, vocabulary, model, dict(answers or {}), choose)
+    if isinstance(understood, Ambiguous):
+        return NotUnderstood(questions=understood.questions)
+    if isinstance(understood, Impossible):
+        return NotUnderstood(lacks=understood.lacks)
+    goal = understood.goal
+    planned = plan_goal(goal, catalogue, draw_start(library, goal.scene, goal.targets.values(), seed))
+    if isinstance(planned, Unsolvable):
+        return planned
+    if planned.steps and output is None:
+        workspace = workspace or choose_folder(FOLDER, f"{goal.goal}-{seed}")
+        Workspace.create(workspace, library)
+    plan = describe_plan(planned)
+    folder = workspace / REQUESTS if workspace is not None else Path()
+    graph = _write(plan, goal, output or _choose_file(folder, goal.goal, plan.graph)) if planned.steps else None
+    if graph is not None and model is not None and model.kept:
+        write_answers(graph.with_suffix(".answers.json"), request, goal.scene, model)
+    return Asked(
+        goal=goal.model_dump(mode="json"),
+        reasons=understood.reasons,
+        left_out=understood.left_out,
+        unsaid=understood.unsaid,
+        chosen=understood.chosen,
+        sessions=plan.sessions,
+        mermaid=plan.mermaid,
+        graph=str(graph) if graph is not None else None,
+        workspace=str(workspace) if workspace is not None else None,
+        before=str(next(reversed(past))) if past else None,
+    )
+
+
+def _read_vocabulary(
+    library: Library, catalogue: Catalogue, past: Sequence[WantedGoal], scene: str | None, robot: str | None
+) -> Vocabulary:
+    """Scene, robot and past goals; what is not named is that of the last goal, and of the scene's graphs."""
+    if robot is not None and robot not in catalogue.targets:
+        raise DefinitionError.unknown("UNKNOWN_TARGET", "--robot", robot, catalogue.targets)
+    scene = scene or (past[-1].scene if past else "")
+    graphs = [path for root in library.roots for path in sorted((root / "goal_graphs").glob("*.yaml"))]
+    return Vocabulary.read(catalogue, scene, past, robot or find_robot(catalogue, graphs, scene))
+
+
+def _read_past(workspace: Path | None, scene: str | None, catalogue: Catalogue) -> dict[Path, WantedGoal]:
+    """Earlier goals by file, the latest last: those of the given workspace, else of the newest that has any."""
+    for root in (*([workspace] if workspace is not None else ()), *find_workspaces()):
+        past = dict[Path, WantedGoal]()
+        for path in sorted((root / REQUESTS).glob(f"*{GOAL_SUFFIX}"), key=lambda path: path.stat().st_mtime_ns):
+            with contextlib.suppress(DefinitionError):  # its scene or objects may have gone since
+                past[path] = read_wanted(path, catalogue)
+        if past := {path: goal for path, goal in past.items() if scene in (None, goal.scene)}:
+            return past
+    return {}
+
+
+def _understand(
+    request: str,
+    vocabulary: Vocabulary,
+    model: ModelUnderstander | None,
+    answers: dict[str, str],
+    choose: Callable[[Question], str] | None,
+) -> Understanding:
+    """The goal, once every question has its answer; a model is asked for what the grammar does not know."""
+    while True:
+        found = EmbeddedUnderstander().understand(request, vocabulary, answers)
+        lacks = found.lacks if isinstance(found, Impossible) else ()
+        if model is not None and lacks and _OF_WORDS.issuperset(lack.kind for lack in lacks):
+            wider = model.understand(request, vocabulary, answers)
+            found = Impossible(lacks=lacks + wider.lacks) if isinstance(wider, Impossible) else wider
+        questions = found.questions if isinstance(found, Ambiguous) else ()
+        if not questions or choose is None or not all(question.candidates for question in questions):
+            return found
+        answers |= {question.key: choose(question) for question in questions}
+
+
+def _choose_file(folder: Path, name: str, text: str) -> Path:
+    """The file in a folder that holds this text already, else the first of its name that is free."""
+    names = (folder / f"{name}{f'_{number}' if number > 1 else ''}.yaml" for number in itertools.count(1))
+    return next(path for path in names if not path.exists() or path.read_text(encoding="utf-8") == text)
+
+
+def _write(plan: PlannedGraph, goal: WantedGoal, graph: Path) -> Path:
+    """The graph, and the goal beside it, as files; raises DefinitionError where the graph has problems."""
+    graph.parent.mkdir(parents=True, exist_ok=True)
+    graph.write_text(plan.graph, encoding="utf-8")
+    if problems := lint_file(graph):
+        raise DefinitionError(problems)
+    wanted = goal.model_dump(mode="json", exclude_defaults=True)
+    text = yaml.safe_dump(wanted, sort_keys=False, allow_unicode=True, width=1000)
+    graph.with_suffix(GOAL_SUFFIX).write_text(text, encoding="utf-8")
+    return graph

@@ -1,0 +1,212 @@
+"""Check authored files: find the kind of each, check it with the reader that will read it, report every problem.
+
+There is no second parser: each kind is checked by the module that owns it, so that lint and run cannot disagree. What
+is checked may come from elsewhere: the Python of its skills is executed only when asked for.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from phyagentos.assembly.project import FOLDERS, open_library
+from phyagentos.assembly.skill_checks import check_skill
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
+from phyagentos.protocol.capabilities.targets import TARGETS, find_unshared
+from phyagentos.protocol.capabilities.trees import load_tree
+from phyagentos.protocol.documents.schema import read_text, read_yaml
+from phyagentos.protocol.predicates.project_predicates import load_predicates, name_option
+from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
+from phyagentos.store.document_registry import FORMATS, check_document
+
+
+class FileKind(StrEnum):
+    """What an authored file can be."""
+
+    GOAL_GRAPH = "goal graph"
+    WANTED = "goal without a plan"
+    TREE = "tree"
+    SKILL = "skill"
+    SCENE = "scene"
+    TARGET = "target"
+    FAULTS = "faults"
+    SUITE = "suite"
+    SETTINGS = "settings"
+    DOCUMENT = "protocol document"
+
+
+_KEYS = {
+    "goal": FileKind.GOAL_GRAPH,
+    "tree": FileKind.TREE,
+    "scene": FileKind.SCENE,
+    "target": FileKind.TARGET,
+    "faults": FileKind.FAULTS,
+    "draw": FileKind.FAULTS,
+    "suite": FileKind.SUITE,
+}
+_FOLDERS = {
+    "goal_graphs": FileKind.GOAL_GRAPH,
+    "trees": FileKind.TREE,
+    "scenes": FileKind.SCENE,
+    "robots": FileKind.TARGET,
+    "faults": FileKind.FAULTS,
+}
+
+
+Check = Callable[[Path], object]
+
+
+class LintReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What `paos lint --json` prints; a warning names what a sound goal graph leaves undecided."""
+
+    checked: tuple[str, ...]
+    problems: tuple[Problem, ...]
+    warnings: tuple[Problem, ...]
+
+
+def lint_paths(paths: Iterable[Path], *, runs_python: bool = False, check_suite: Check | None = None) -> LintReport:
+    """Check files and, recursively, folders, in the order of `paths`, each file once.
+
+    With `runs_python`, the leaves of skills are executed, so that their ports are checked as well; suites are checked
+    where `check_suite` is given, as by `bench.matrix.compile_suite`.
+    """
+    files = (file for path in paths for file in (iter_authored_files(path) if path.is_dir() else [path]))
+    checked = tuple(dict.fromkeys(files))
+    return LintReport(
+        checked=tuple(map(str, checked)),
+        problems=tuple(
+            each for file in checked for each in lint_file(file, runs_python=runs_python, check_suite=check_suite)
+        ),
+        warnings=tuple(each for file in checked for each in find_warnings(file)),
+    )
+
+
+def iter_authored_files(folder: Path) -> Iterator[Path]:
+    """Every authored file under a folder, sorted; prose, workspaces' data and hidden folders are passed over."""
+    for path in sorted(folder.rglob("*")):
+        hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
+        if not hidden and path.is_file() and path.suffix in {".yaml", ".yml", ".md"} and find_kind(path) is not None:
+            yield path
+
+
+def find_warnings(path: Path) -> list[Problem]:
+    """What a sound goal graph may leave undecided; empty for other files."""
+    from phyagentos.agent.goals.catalogue import Catalogue
+    from phyagentos.agent.goals.graph import read_goal_graph
+
+    try:
+        is_graph = find_kind(path) is FileKind.GOAL_GRAPH
+        return list(read_goal_graph(path, Catalogue.read(open_library(path))).warnings) if is_graph else []
+    except DefinitionError:
+        return []
+
+
+def lint_file(
+    path: Path, *, runs_python: bool = False, library: Library | None = None, check_suite: Check | None = None
+) -> list[Problem]:
+    """Every problem of one file, seen from its project or from a given library; an unknown kind is one."""
+    library = library or open_library(path)
+    try:
+        if runs_python:
+            load_predicates(library.iter_predicates())
+        read_text(path)  # what cannot be read has no kind, and its path may lead nowhere
+        kind = find_kind(path)
+        if kind is None:
+            read_yaml(path)  # a syntax error is the better message
+            keys = _read_keys(path)
+            known = ", ".join(f"{key!r} ({kind})" for key, kind in _KEYS.items())
+            found = f"top-level keys {', '.join(keys) or '(none)'}"
+            expected = f"one of the keys {known}, a SKILL.md, a protocol document or a settings file"
+            hint = next((hint for key in keys if (hint := format_hint(key, _KEYS))), "")
+            return [Problem("UNKNOWN_KIND", f"{path}:1:1", found, expected, hint)]
+        if kind is FileKind.SUITE and check_suite is not None:
+            check_suite(path)
+        return list(_check(kind, path, library, runs_python=runs_python))
+    except DefinitionError as error:
+        return list(name_option(error, library.iter_predicates()).problems)
+
+
+def find_kind(path: Path) -> FileKind | None:
+    """The kind of a file, by its name, then by its first keys, then by its folder."""
+    if path.suffix == ".md":
+        known = {"SKILL.md": FileKind.SKILL} | dict.fromkeys(FORMATS, FileKind.DOCUMENT)
+        return known.get(path.name)
+    if path.name in SETTINGS_FILES:
+        return FileKind.SETTINGS
+    from phyagentos.agent.goals.spec import is_wanted
+
+    keys = _read_keys(path)
+    if is_wanted(dict.fromkeys(keys)):  # without `accept`, a graph that is only begun
+        return FileKind.WANTED
+    found = next((kind for key, kind in _KEYS.items() if key in keys), None)
+    if found is not None:
+        return found
+    whole = path.resolve() if path.exists() else path  # a link to itself leads nowhere
+    parents = [part for part in whole.parts[:-1] if part in FOLDERS]
+    kind = _FOLDERS.get(parents[-1]) if parents else None
+    return None if kind is FileKind.TARGET and path.name != "target.yaml" else kind  # a driver's own settings
+
+
+def find_other_kind(path: Path, wanted: FileKind) -> list[Problem]:
+    """The problem of a file that is of another kind than is asked for; none where its kind is not known."""
+    kind = find_kind(path)
+    if kind in (None, wanted):
+        return []
+    folder = next(name for name, each in _FOLDERS.items() if each is wanted)
+    names = {each.stem for root in open_library(path).roots for each in (root / folder).glob("*.yaml")}
+    return [Problem("WRONG_KIND", f"{path}:1:1", f"a file of kind {kind}", f"{wanted}, as {format_names(names)}")]
+
+
+def _read_keys(path: Path) -> list[str]:
+    try:
+        data: Any = read_yaml(path).data
+    except DefinitionError:
+        return []
+    return [str(key) for key in data] if isinstance(data, dict) else []
+
+
+def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -> Sequence[Problem]:
+    """What its reader finds wrong; raises DefinitionError where that cannot even read it."""
+    from phyagentos.agent.goals.catalogue import Catalogue
+
+    match kind:
+        case FileKind.DOCUMENT:
+            check_document(read_text(path), path.name, str(path))
+            if path.name == TARGETS.file:
+                return find_unshared(list(read_target_registry(path).values()))
+        case FileKind.SETTINGS:
+            check_settings(path)
+        case FileKind.GOAL_GRAPH:
+            from phyagentos.agent.goals.graph import check_goal_graph
+
+            return check_goal_graph(path, Catalogue.read(library))
+        case FileKind.WANTED:
+            from phyagentos.agent.planning.domain import read_wanted
+
+            read_wanted(path, Catalogue.read(library))
+        case FileKind.SKILL:
+            return check_skill(path, library)
+        case FileKind.TREE:
+            from phyagentos.runtime.execution.leaf_registry import build_registry, read_registry
+            from phyagentos.runtime.execution.tree_check import check_loaded_tree
+
+            tree, problems = load_tree(path)
+            registry = build_registry(library) if runs_python else read_registry(library)
+            found = check_loaded_tree(tree, library, registry) if tree is not None else ()
+            return [*problems, *found]
+        case FileKind.SCENE:
+            from phyagentos.runtime.models.scene_start import find_start_problems
+
+            return find_start_problems(path)
+        case FileKind.TARGET:
+            known = {**Catalogue.read(library).targets, (own := read_target(path)).target: own}
+            return [each for each in find_unshared(list(known.values())) if each.address.startswith(f"{own.target}/")]
+        case FileKind.FAULTS:
+            from phyagentos.protocol.world.faults import read_faults
+
+            read_faults(path)
+    return ()

@@ -1,0 +1,73 @@
+"""Plan a goal that says what must come true by the effects of skills: a goal graph, or what is missing."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.planning.domain import read_wanted
+from phyagentos.agent.planning.planned import (
+    PlannedGoal,
+    Step,
+    Unsolvable,
+    plan_goal,
+    render_mermaid,
+    write_graph,
+)
+from phyagentos.assembly.project import open_library
+from phyagentos.assembly.scene_start import draw_start
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.documents.schema import read_text
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import read_environment
+
+
+class PlannedGraph(msgspec.Struct, frozen=True, kw_only=True):
+    """What `paos plan --json` prints.
+
+    Attributes:
+        targets: Role -> target.
+        sessions: In an order that reaches the goal; empty where it is met already.
+        graph: The goal graph as YAML; empty without sessions, and so is `mermaid`, its flowchart.
+    """
+
+    goal: str
+    objective: str
+    targets: Mapping[str, str]
+    sessions: tuple[Step, ...]
+    accept: tuple[str, ...]
+    graph: str
+    mermaid: str
+
+
+def plan(
+    path: Path, *, seed: int = 0, workspace: Path | None = None, library: Library | None = None
+) -> PlannedGraph | Unsolvable:
+    """The plan of a goal without one, from what a workspace last observed, else from the start of its scene.
+
+    Skills and scenes are those of the project of `path`, or of a `library`. Raises DefinitionError with every problem.
+    """
+    library = library or open_library(path)
+    catalogue = Catalogue.read(library)
+    wanted = read_wanted(path, catalogue)
+    if workspace is None:
+        world = draw_start(library, wanted.scene, wanted.targets.values(), seed)
+    else:
+        known = Workspace.open(workspace).environment
+        world = read_environment(read_text(known), str(known))
+    planned = plan_goal(wanted, catalogue, world)
+    return planned if isinstance(planned, Unsolvable) else describe_plan(planned)
+
+
+def describe_plan(planned: PlannedGoal) -> PlannedGraph:
+    """A plan with its goal graph."""
+    return PlannedGraph(
+        goal=planned.wanted.goal,
+        objective=planned.wanted.objective,
+        targets=planned.roles,
+        sessions=planned.steps,
+        accept=planned.wanted.accept,
+        graph=write_graph(planned) if planned.steps else "",
+        mermaid=render_mermaid(planned) if planned.steps else "",
+    )

@@ -1,0 +1,126 @@
+"""Profiles of robots: which there are, what one's model says, what it lacks, how it looks, a draft of a new one."""
+
+import re
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.assembly.project import open_library
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.operations.export import Written
+from phyagentos.protocol.capabilities.targets import is_beside
+from phyagentos.protocol.settings.safety import Safety, read_safety
+
+
+class KnownRobot(msgspec.Struct, frozen=True, kw_only=True):
+    """A profile that can be used here; `state` is `here`, or what its model lacks."""
+
+    robot: str
+    kind: str
+    embodiment: str
+    model: str
+    state: str
+
+
+class RobotDescription(msgspec.Struct, frozen=True, kw_only=True):
+    """What a profile and its model say; `facts` are joints, ranges, hand, fingers, opening, none without a model."""
+
+    robot: str
+    description: str
+    model: str
+    facts: dict[str, str]
+
+
+class ProfileCheck(msgspec.Struct, frozen=True, kw_only=True):
+    """All that a profile lacks before its robot can work."""
+
+    file: Path
+    problems: tuple[Problem, ...]
+
+
+class DraftedProfile(msgspec.Struct, frozen=True, kw_only=True):
+    """A profile that was drafted: where, how many of its lines are guessed, and the model that it names.
+
+    Attributes:
+        models: Folder that PHYAGENTOS_MODELS must name for this model; None where it is found without.
+    """
+
+    robot: str
+    file: Path
+    guessed: int
+    model: str
+    models: Path | None = None
+
+
+def list_robots() -> tuple[KnownRobot, ...]:
+    """Every profile that can be used here."""
+    from phyagentos.runtime.models.robot import read_profile
+    from phyagentos.runtime.models.sources import require_models
+
+    found, library = [], open_library()
+    for name in library.names_of_targets():
+        state = "here"
+        profile, folder = read_profile(library.get_target(name))
+        try:
+            require_models(profile, folder)
+        except DefinitionError as error:
+            state = f"{error.problems[0].found}. {error.problems[0].hint}"
+        facts = {"kind": profile.kind, "embodiment": profile.embodiment, "model": profile.model}
+        found.append(KnownRobot(robot=name, state=state, **facts))
+    return tuple(found)
+
+
+def describe(robot: str) -> RobotDescription:
+    """What a robot's model says; raises DefinitionError `UNKNOWN_TARGET`, or of its model."""
+    from phyagentos.runtime.models.robot import read_profile
+    from phyagentos.runtime.motion.profile_checks import describe_robot
+    from phyagentos.runtime.motion.robot_model import build_robot_model
+
+    profile, folder = read_profile(open_library().get_target(robot))
+    facts = describe_robot(build_robot_model(profile, folder)) if profile.model else {}
+    names = {"robot": profile.target, "description": profile.description, "model": profile.model}
+    return RobotDescription(**names, facts=facts)
+
+
+def check_robot(robot: str) -> ProfileCheck:
+    """Check a profile with the limits that hold for it here."""
+    from phyagentos.runtime.motion.profile_checks import check_profile
+
+    library = open_library()
+    path = library.get_target(robot)
+    files = [root / "protocol" / "safety.yaml" for root in library.roots] + [path.with_name("safety.yaml")]
+    found = [read_safety(each) for each in files if each.is_file()]
+    limits = {name: limits for each in found for name, limits in each.targets.items()}
+    return ProfileCheck(file=path, problems=tuple(check_profile(path, Safety(targets=limits))))
+
+
+def render_robot(robot: str, to: Path) -> Written:
+    """Draw a robot at home, with the frame of its tool; raises DefinitionError of its model, or `NO_GRAPHICS`."""
+    from phyagentos.assembly.robot_picture import draw_robot
+    from phyagentos.runtime.models.robot import read_profile
+
+    to.write_bytes(draw_robot(*read_profile(open_library().get_target(robot))))
+    return Written(file=to)
+
+
+def draft_robot(model: str, folder: Path, name: str = "") -> DraftedProfile:
+    """Draft a profile from a model, named after its file without a name; what it does not say is guessed and marked.
+
+    Raises DefinitionError `MODEL_MISSING`, `MODEL_UNREADABLE`, `WOULD_OVERWRITE`.
+    """
+    from phyagentos.runtime.models.drafting import draft_profile
+    from phyagentos.runtime.models.sources import find_model
+
+    path = find_model(model, Path())
+    if not path.is_file():
+        raise DefinitionError.of("MODEL_MISSING", model, "no such file", "a MJCF or URDF file")
+    target = name or re.sub(r"[^a-z0-9]+", "_", path.stem.lower()).strip("_") or "robot"
+    place = folder / "robots" / target / "target.yaml"
+    if place.exists():
+        raise DefinitionError.of("WOULD_OVERWRITE", str(place), "a profile", "a new name", "Choose one with --name.")
+    hint = f"models:{path.name}" if is_beside(model) else model
+    text = draft_profile(path, hint, target)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.write_text(text)
+    models = path.resolve().parent if is_beside(model) else None
+    return DraftedProfile(robot=target, file=place, guessed=text.count("# check"), model=hint, models=models)

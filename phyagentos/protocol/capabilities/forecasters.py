@@ -1,0 +1,41 @@
+"""The names of forecasters, as goal graphs use them (`lookahead`): what packages announce, and the kit `rollouts`."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from importlib.metadata import EntryPoint
+from importlib.util import find_spec
+from typing import Any, cast
+
+from phyagentos.errors import DefinitionError
+from phyagentos.plugins import Plugins
+from phyagentos.protocol.capabilities.library import find_shipped_root
+
+DEFAULT = "rollouts"  # of a goal that requests look-ahead and names no forecaster
+KIT = "rollout_forecaster.forecaster:open_rollouts"
+FORECASTERS = Plugins[Callable[..., Any]]("phyagentos.forecasters", unknown="UNKNOWN_FORECASTER")
+"""What makes a forecaster: `open(site) -> Forecaster`, see `runtime.lookahead.forecaster`."""
+
+
+def find_forecaster(name: str) -> EntryPoint:
+    """The forecaster of a name, not loaded: an installed one, or the kit `rollouts` on the path of Python.
+
+    Raises:
+        DefinitionError: `UNKNOWN_FORECASTER`, for the kit with the command that installs it; `DUPLICATE_PLUGIN`.
+    """
+    address, is_announced = "lookahead.forecasters", DEFAULT in FORECASTERS.names()
+    if name == DEFAULT and not is_announced and find_spec(KIT.partition(".")[0]) is None:
+        found = f"{name!r}, a kit that is not installed"
+        hint = f"Install it: pip install {find_shipped_root() / 'kits' / DEFAULT}"
+        raise DefinitionError.of("UNKNOWN_FORECASTER", address, found, hint=hint)
+    known = FORECASTERS if is_announced else replace(FORECASTERS, shipped={DEFAULT: KIT})
+    return cast(EntryPoint, known.find(name, address))
+
+
+def check_forecasters(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The names; raises ValueError for one that is no forecaster here."""
+    for name in names:
+        try:
+            find_forecaster(name)
+        except DefinitionError as error:
+            raise ValueError(str(error)) from error
+    return names

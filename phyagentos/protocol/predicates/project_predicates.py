@@ -1,0 +1,52 @@
+"""Predicates in the folder of a project: each `PredicateDefinition` that a file `predicates/*.py` defines.
+
+Such a file is executed by `load_predicates` alone, once its user has consented; whatever only reads a project takes the
+names from the text, and says what would execute it.
+"""
+
+import ast
+from collections.abc import Iterable
+from pathlib import Path
+
+from msgspec.structs import replace
+
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.plugins import read_source, run_file
+from phyagentos.protocol.predicates import meaning, predicate
+from phyagentos.protocol.predicates.library import PredicateDefinition, get_predicate_library
+
+
+def load_predicates(files: Iterable[Path]) -> None:
+    """Execute the files, and let every statement name their predicates, in the place of an earlier project's.
+
+    Raises DefinitionError `BROKEN_PREDICATES`; `DUPLICATE_PLUGIN` for a name that ships or is installed.
+    """
+    for path in files:
+        found = run_file(path, "BROKEN_PREDICATES").values()
+        for definition in {each.name: each for each in found if isinstance(each, PredicateDefinition)}.values():
+            get_predicate_library().admit(definition)
+        for cached in (predicate.has_metric, predicate.read_formula, meaning.read_statement, meaning.list_kinds):
+            cached.cache_clear()
+
+
+def read_predicate_names(path: Path) -> list[str]:
+    """The names in calls `PredicateDefinition(name="…")` of a file; raises DefinitionError `BROKEN_PREDICATES`."""
+    return [
+        str(word.value.value)
+        for node in ast.walk(read_source(path, "BROKEN_PREDICATES"))
+        if isinstance(node, ast.Call)
+        for word in node.keywords
+        if word.arg == "name" and isinstance(word.value, ast.Constant)
+    ]
+
+
+def name_option(error: DefinitionError, files: Iterable[Path]) -> DefinitionError:
+    """The same problems; a predicate that one of the files defines is unknown until an option executes that file."""
+    defined = {repr(name): path for path in files for name in read_predicate_names(path)}
+    return DefinitionError([_name_option(each, defined.get(each.found.partition(" ")[0])) for each in error.problems])
+
+
+def _name_option(problem: Problem, path: Path | None) -> Problem:
+    if problem.code != "UNKNOWN_PREDICATE" or path is None:
+        return problem
+    return replace(problem, hint=f"{path} defines it: read it; --run-python executes it.")
