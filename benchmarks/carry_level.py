@@ -8,9 +8,7 @@ numpy alone: the largest angle between its axis and the apparent gravity while i
 balls are no longer in it. Things that the grip just bears are carried in physics alone: see `carry_grip`.
 """
 
-import argparse
 import json
-import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,11 +17,9 @@ import mujoco
 import numpy as np
 from carry_grip import carry
 from goal_time import ROOT
-from rich.console import Console
-from rich.table import Table
 from scipy.signal import savgol_filter
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run, show
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Spread
 from phyagentos.bench.suite import open_bench
@@ -97,60 +93,50 @@ def count_spilled(model: mujoco.MjModel, folder: Path) -> int:
     return spilled
 
 
-def main() -> int:
+def main(*, seeds: int = 10, grips: int = 60) -> int:
     """Run, show, and exit with whether every asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--grips", type=int, default=60)
-    given = parser.parse_args()
-    carried = {method: [carry(seed, is_shaped=method == "casadi") for seed in range(given.grips)] for method in METHODS}
+    carried = {method: [carry(seed, is_shaped=method == "casadi") for seed in range(grips)] for method in METHODS}
     rides: dict[str, list[Ride]] = {method: [] for method in METHODS}
     with tempfile.TemporaryDirectory(prefix="carry-") as scratch:
         workspace = open_project(Path(scratch) / "w", ROOT)
         with open_bench(workspace, SystemClock()) as agent:
-            for seed in range(given.seeds):
+            for seed in range(seeds):
                 for method in METHODS:
                     overrides = {"sessions.cup.with.method": method}
                     goal = GoalId(f"{method}-{seed}")
                     report = agent.mission.run(GRAPH, seed=seed, overrides=overrides, goal=goal)
                     folder = workspace.evidence_of(report.sessions[0].id)
                     rides[method].append(measure(folder, report.verdict == "success" and len(report.sessions) == 1))
-    table = Table(title="an open cup, carried 0.44 m; things of nine tenths of what the grip bears, carried anywhere")
-    for column in ("", *METHODS):
-        table.add_column(column)
     columns = {
         "worst apparent tilt (rad), median": [Spread.of([r.worst_tilt_rad for r in rides[m]]).median for m in METHODS],
         "worst apparent tilt (rad), largest": [max(r.worst_tilt_rad for r in rides[m]) for m in METHODS],
         "balls spilled, all seeds": [sum(r.spilled for r in rides[m]) for m in METHODS],
         "duration (s), median": [Spread.of([r.duration_s for r in rides[m]]).median for m in METHODS],
-        "goals met at the first attempt": [sum(r.met for r in rides[m]) / given.seeds for m in METHODS],
-        "things that slipped, share": [sum(c.slipped for c in carried[m]) / given.grips for m in METHODS],
+        "goals met at the first attempt": [sum(r.met for r in rides[m]) / seeds for m in METHODS],
+        "things that slipped, share": [sum(c.slipped for c in carried[m]) / grips for m in METHODS],
         "way along the pads (mm), median": [1e3 * float(np.median([c.slip_m for c in carried[m]])) for m in METHODS],
         "duration with a thing (s), median": [Spread.of([c.duration_s for c in carried[m]]).median for m in METHODS],
     }
-    for name, values in columns.items():
-        table.add_row(name, *(f"{value:.3f}" for value in values))
-    Console().print(table)
+    title = "an open cup, carried 0.44 m; objects of nine tenths of what the grip bears, carried anywhere"
+    show(title, ("", *METHODS), ((name, *(f"{value:.3f}" for value in values)) for name, values in columns.items()))
     ratios = [a.worst_tilt_rad / b.worst_tilt_rad for a, b in zip(rides["casadi"], rides["toppra"], strict=True)]
     figures = {
         "casadi_worst_tilt_rad_max": max(ride.worst_tilt_rad for ride in rides["casadi"]),
         "toppra_worst_tilt_rad_max": max(ride.worst_tilt_rad for ride in rides["toppra"]),
         "casadi_spilled": float(sum(ride.spilled for ride in rides["casadi"])),
         "toppra_spilled": float(sum(ride.spilled for ride in rides["toppra"])),
-        "casadi_goals_met": sum(ride.met for ride in rides["casadi"]) / given.seeds,
-        "toppra_goals_met": sum(ride.met for ride in rides["toppra"]) / given.seeds,
+        "casadi_goals_met": sum(ride.met for ride in rides["casadi"]) / seeds,
+        "toppra_goals_met": sum(ride.met for ride in rides["toppra"]) / seeds,
         "tilt_ratio_median": float(np.median(ratios)),
-        "casadi_slips_share": sum(c.slipped for c in carried["casadi"]) / given.grips,
-        "toppra_slips_share": sum(c.slipped for c in carried["toppra"]) / given.grips,
+        "casadi_slips_share": sum(c.slipped for c in carried["casadi"]) / grips,
+        "toppra_slips_share": sum(c.slipped for c in carried["toppra"]) / grips,
         "casadi_slip_median_mm": 1e3 * float(np.median([c.slip_m for c in carried["casadi"]])),
         "toppra_slip_median_mm": 1e3 * float(np.median([c.slip_m for c in carried["toppra"]])),
-        "seeds": float(given.seeds),
-        "grips": float(given.grips),
+        "seeds": float(seeds),
+        "grips": float(grips),
     }
-    line, holds = format_outcome(figures, ASKED)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, ASKED)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -16,7 +16,6 @@ carried out twice, no command is accepted after its session has left `running`, 
 success or in a failure with a coded cause, a success is one in the simulator's last state, no process is left over.
 """
 
-import argparse
 import contextlib
 import json
 import os
@@ -29,13 +28,15 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
 from chaos_planes import Planes, allow_writes, fill, prepare, refuse_writes, small_disk
 from rich.console import Console
 from rich.table import Table
+from typer import Option
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run
 from phyagentos.bench.report import Ask
 from phyagentos.bench.scorers.simulator_state import is_in_tray
 from phyagentos.clock import Clock, SystemClock
@@ -257,8 +258,7 @@ def read_executions(root: Path) -> dict[str, set[tuple[int, int]]]:
 
 def show(cases: Sequence[Case], console: Console) -> None:
     """The table, by victim and attack."""
-    table = Table(title=f"{len(cases)} attacks on a goal of three sessions")
-    for column in (
+    table = Table(
         "time",
         "victim",
         "attack",
@@ -267,8 +267,8 @@ def show(cases: Sequence[Case], console: Console) -> None:
         "failed, attributed",
         "broken promises",
         "s, median",
-    ):
-        table.add_column(column)
+        title=f"{len(cases)} attacks on a goal of three sessions",
+    )
     for mode, victim, kind in sorted({(case.mode, case.victim, case.attack) for case in cases}):
         group = [case for case in cases if (case.mode, case.victim, case.attack) == (mode, victim, kind)]
         met = sum(case.verdict == "success" for case in group)
@@ -280,44 +280,44 @@ def show(cases: Sequence[Case], console: Console) -> None:
     console.print(table)
 
 
-def main() -> int:
+def main(
+    *,
+    runs: int = 200,
+    seed: Annotated[int, Option(help="draws the moments; which is also in each goal's id")] = 0,
+    at_once: Annotated[int, Option("--at-once", "--jobs", help="runs side by side, each in its workspace")] = 2,
+    mode: Annotated[Literal[*MODES, "both"], Option(help="how the worlds keep time")] = "both",
+    only: Annotated[list[str], Option(help="victims or attacks; others are left out")] = (),
+    remote: Annotated[bool, Option(help="a target that another workspace serves over WebSocket")] = False,
+    keep: Annotated[Path | None, Option(help="where workspaces of goals that were not met are copied to")] = None,
+) -> int:
     """Attack, show, and exit with whether every promise was kept."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0, help="draws the moments; which is also in each goal's id")
-    parser.add_argument("--at-once", "--jobs", type=int, default=2, help="runs side by side, each in its workspace")
-    parser.add_argument("--mode", choices=[*MODES, "both"], default="both", help="how the worlds keep time")
-    parser.add_argument("--only", nargs="+", help="victims or attacks; others are left out")
-    parser.add_argument("--remote", action="store_true", help="a target that another workspace serves over WebSocket")
-    parser.add_argument("--keep", type=Path, help="where workspaces of goals that were not met are copied to")
-    given = parser.parse_args()
     console, clock = Console(stderr=True), SystemClock()
-    possible = (*chaos_network.CELLS, *(cell for cell in CELLS if cell[0] != "world")) if given.remote else CELLS
-    cells = [cell for cell in possible if given.only is None or {*given.only} & {*cell}]
-    moments = np.random.default_rng(given.seed).uniform(0.0, 1.0, given.runs)
-    modes = MODES if given.mode == "both" else (given.mode,)
+    possible = (*chaos_network.CELLS, *(cell for cell in CELLS if cell[0] != "world")) if remote else CELLS
+    cells = [cell for cell in possible if not only or {*only} & {*cell}]
+    moments = np.random.default_rng(seed).uniform(0.0, 1.0, runs)
+    modes = MODES if mode == "both" else (mode,)
     cases = []
     for index, moment in enumerate(moments):
         victim, kind = cells[index % len(cells)]
         mode = modes[sum(divmod(index, len(cells))) % len(modes)]  # each cell in every mode, modes side by side
         case = Case(
-            1000 * given.seed + index,
+            1000 * seed + index,
             victim,
             kind,
             mode,
             delay_s=SPREAD_S[mode] * float(moment),
-            is_remote=given.remote,
+            is_remote=remote,
         )
         cases.append(case)
     with tempfile.TemporaryDirectory(prefix="chaos-") as scratch:
 
         def run(case: Case) -> None:
-            run_case(case, Path(scratch) / str(case.number), given.keep, clock)
+            run_case(case, Path(scratch) / str(case.number), keep, clock)
             what = f"{case.attack} on {case.victim}, {case.mode}, after {case.delay_s:.1f} s"
             text = f"{case.number}: {what}: {case.verdict}"
             console.print(text, f"{case.wall_s:.0f} s", *case.causes, *case.notes, sep="  ", markup=False)
 
-        with ThreadPoolExecutor(given.at_once) as pool:
+        with ThreadPoolExecutor(at_once) as pool:
             list(pool.map(run, cases))
     show(cases, Console())
     figures = {name: float(sum(case.problems[name] for case in cases)) for name in ASKED}
@@ -331,10 +331,8 @@ def main() -> int:
         ),
         "commands": float(sum(case.commands for case in cases)),
     }
-    line, holds = format_outcome(figures, ASKED)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, ASKED)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -9,28 +9,28 @@ cannot be relied on. The diagnosis reads evidence alone; what was injected is kn
 objective was met all the same, or whose fault never struck, has no cause and is counted apart.
 """
 
-import argparse
 import json
 import os
 import signal
-import sys
 import tempfile
 import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import yaml
 from rich.console import Console
 from rich.table import Table
+from typer import Option
 
 from benchmarks.diagnosis_parts.cases import CASES, Case
 from benchmarks.diagnosis_parts.drawn import DrawnCase, iter_drawn
 from benchmarks.diagnosis_parts.model import serve_model
 from benchmarks.diagnosis_parts.policies import MANNERS, serve_policies
 from benchmarks.diagnosis_parts.refusals import classify_refusal
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, one_of, run
 from phyagentos.agent.mission.mission import Mission
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
@@ -162,9 +162,7 @@ def run_cases(
 def show(console: Console, findings: Sequence[Finding]) -> None:
     """The confusion table."""
     found = sorted({finding.found for finding in findings if finding.found} | {f.injected for f in findings})
-    table = Table(title="injected cause (rows) and diagnosed class (columns)")
-    for column in ("injected", *found, "met", "right"):
-        table.add_column(column)
+    table = Table("injected", *found, "met", "right", title="injected cause (rows) and diagnosed class (columns)")
     for kind in dict.fromkeys(finding.injected for finding in findings):
         mine = [finding for finding in findings if finding.injected == kind]
         counted = Counter(finding.found for finding in mine)
@@ -172,9 +170,7 @@ def show(console: Console, findings: Sequence[Finding]) -> None:
         rate = Rate(sum(finding.found == kind for finding in told), len(told))
         table.add_row(kind, *(str(counted[each] or "") for each in found), str(counted[""] or ""), str(rate))
     console.print(table)
-    causes = Table(title="by case")
-    for column in ("case", "injected", "causes found"):
-        causes.add_column(column)
+    causes = Table("case", "injected", "causes found", title="by case")
     for case in dict.fromkeys(finding.case for finding in findings):
         mine = [finding for finding in findings if finding.case == case]
         text = ", ".join(f"{cause} {count}" for cause, count in Counter(f.cause for f in mine).most_common())
@@ -182,29 +178,31 @@ def show(console: Console, findings: Sequence[Finding]) -> None:
     console.print(causes)
 
 
-def main() -> int:
+def main(
+    *,
+    seeds: Annotated[int, Option(help="goals of each case")] = 5,
+    first_seed: Annotated[int, Option(help="those below were used while this was made")] = 100,
+    unseen: Annotated[int, Option(help="in drawn rooms instead")] = 0,
+    development: Annotated[bool, Option(help="with --unseen: seeds for development")] = False,
+    cases: Annotated[list[str], Option(callback=one_of(*(case.name for case in CASES)), help="only these")] = (),
+    sense: Annotated[
+        Literal["truth", "perceived"] | None, Option(help="what agent and skills see; else the default")
+    ] = None,
+) -> int:
     """Run, show, and exit with whether the asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=5, help="goals of each case")
-    parser.add_argument("--first-seed", type=int, default=100, help="those below were used while this was made")
-    parser.add_argument("--unseen", type=int, default=0, metavar="CASES", help="in drawn rooms instead")
-    parser.add_argument("--development", action="store_true", help="with --unseen: seeds for development")
-    parser.add_argument("--cases", nargs="*", choices=[case.name for case in CASES], help="only these")
-    parser.add_argument("--sense", choices=("truth", "perceived"), help="what agent and skills see; else the default")
-    given = parser.parse_args()
     console = Console(stderr=True)
-    seeds = range(given.first_seed, given.first_seed + (1 if given.unseen else given.seeds))
-    chosen: list[Case | DrawnCase] = [case for case in CASES if not given.cases or case.name in given.cases]
-    chosen = [case for case in chosen if not case.sense or case.sense == (given.sense or "perceived")]
+    of_each = range(first_seed, first_seed + (1 if unseen else seeds))
+    chosen: list[Case | DrawnCase] = [case for case in CASES if not cases or case.name in cases]
+    chosen = [case for case in chosen if not case.sense or case.sense == (sense or "perceived")]
     findings: list[Finding] = []
     with tempfile.TemporaryDirectory(prefix="diagnosis-") as scratch:
         shared = [case for case in chosen if not (case.settings or case.judge)]
         judged = [case for case in chosen if case.judge]
         groups = [shared, judged, *([case] for case in chosen if case.settings)]
-        if given.unseen:
-            groups = [list(iter_drawn(DEVELOPMENT if given.development else HELD_OUT, given.unseen))]
-        for index, cases in enumerate(group for group in groups if group):
-            findings += run_cases(Path(scratch) / str(index), cases, seeds, given.sense, console)
+        if unseen:
+            groups = [list(iter_drawn(DEVELOPMENT if development else HELD_OUT, unseen))]
+        for index, group in enumerate(filter(None, groups)):
+            findings += run_cases(Path(scratch) / str(index), group, of_each, sense, console)
     show(Console(width=WIDTH), findings)
     told = [finding for finding in findings if finding.found]
     figures = {
@@ -223,10 +221,8 @@ def main() -> int:
         "classes_injected": float(len({finding.injected for finding in findings})),
         "met_all_the_same": float(len(findings) - len(told)),
     }
-    line, holds = format_outcome(figures, ASKED)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, ASKED)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

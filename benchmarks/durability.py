@@ -8,16 +8,14 @@ acknowledged, and what was lost. A figure that must be 0 counts broken promises.
 does not sync, lock or check) must be caught, each time.
 """
 
-import argparse
-import sys
 from collections import Counter
 from pathlib import Path
+from typing import Annotated
 
 import pytest
-from rich.console import Console
-from rich.table import Table
+from typer import Option
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run, show
 from phyagentos.bench.report import Ask
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,26 +40,19 @@ class Collector:
             self.told.setdefault(name, Counter()).update(told)
 
 
-def main() -> int:
+def main(*, nightly: Annotated[bool, Option(help="large counts")] = False) -> int:
     """Run, show, and exit with whether every promise was kept."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--nightly", action="store_true", help="large counts")
-    given = parser.parse_args()
     collector = Collector()
-    options = ["--nightly"] if given.nightly else []
+    options = ["--nightly"] if nightly else []
     code = pytest.main([str(ROOT / "tests" / "durability"), f"--rootdir={ROOT}", "-q", *options], plugins=[collector])
 
-    table = Table(title="faults, and what became of what was acknowledged", show_lines=True)
-    table.add_column("test", ratio=2)
-    table.add_column("figures", ratio=3)
     totals: Counter[str] = Counter(dict.fromkeys(TOLD, 0))
     controls: Counter[str] = Counter(runs=0, caught=0)
-    for name, told in sorted(collector.told.items()):
-        if told:
-            table.add_row(name, ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in told.items()))
+    for told in collector.told.values():
         chosen = controls if "caught" in told else totals
         chosen.update({key: value for key, value in told.items() if key in chosen})
-    Console(width=140).print(table)
+    rows = ((name, ", ".join(f"{key} {value}" for key, value in told.items())) for name, told in collector.told.items())
+    show("faults, and what became of what was acknowledged", ("test", "figures"), sorted(rows), width=140)
 
     figures = {name: float(value) for name, value in totals.items()}
     figures |= {f"controls_{name}": float(value) for name, value in controls.items()}
@@ -69,10 +60,8 @@ def main() -> int:
     never = Ask(0, at_least=False)
     asked = {"tests_failed": never, **dict.fromkeys(BROKEN_PROMISES, never)}
     asked["controls_caught"] = Ask(max(1, controls["runs"]), at_least=True)
-    line, holds = format_outcome(figures, asked)
-    print(line)
-    return 0 if holds and code == 0 else 1
+    return finish(figures, asked) or int(code)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -16,6 +16,7 @@ ROBOTS = Path(__file__).resolve().parents[1] / "robots"
 GAP_M = 0.006  # between what rests on each other, contact softness and a small tilt included
 LEVEL_COS = 0.985  # ten degrees
 FLOOR_SLACK_M = 0.004
+TOUCH_M = 0.004  # between a bottom and the top that carries it
 POSED_RAD, POSED_S, REST_RAD_S = 0.05, 0.9, 0.05  # of a posture: how near, how long before the end, how still
 BASE_JOINTS = ["base_x", "base_y", "base_yaw"]
 
@@ -40,14 +41,13 @@ def is_in_place(folder: Path, thing: str, place: str, center_m: Sequence[float],
         half_m: (3,) half extents of the interior [m].
     """
     model, data = read_end(folder)
-    body, base, half = model.body(thing), model.body(place), np.array(half_m)
-    geom, dof = body.geomadr[0], body.dofadr[0]
+    base, half, geom = model.body(place), np.array(half_m), model.body(thing).geomadr[0]
     corners = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, 8) * model.geom_size[geom][:, None]
     world = data.geom_xpos[geom][:, None] + data.geom_xmat[geom].reshape(3, 3) @ corners
     local = data.xmat[base.id].reshape(3, 3).T @ (world - data.xpos[base.id][:, None]) - np.array(center_m)[:, None]
     within = np.all(np.abs(local[:2].mean(axis=1)) < half[:2])
-    at_rest = np.linalg.norm(data.qvel[dof : dof + 3]) < REST_SPEED_M_S
-    return bool(within and -half[2] - FLOOR_SLACK_M < local[2].min() < half[2] and at_rest)
+    within &= -half[2] - FLOOR_SLACK_M < local[2].min() < half[2]
+    return bool(within) and _is_at_rest(model, data, thing)
 
 
 def is_posed(
@@ -83,13 +83,13 @@ def is_standing(folder: Path, body: str, least_m: float, place: str = "", ahead_
     pairs = model.geom_bodyid[data.contact.geom[: data.ncon]]
     roots = {int(model.body_rootid[each]) for pair in pairs if model.body("floor").id in pair for each in pair}
     stands = R[2, 2] > np.cos(np.radians(10)) and own.xpos[2] >= least_m and model.body(body).id in roots
-    still = float(np.linalg.norm(data.qvel[model.body_dofadr[model.body(body).id] :][:3])) < REST_SPEED_M_S
+    stands &= _is_at_rest(model, data, body)
     if not place:
-        return bool(stands and still)
+        return bool(stands)
     to_place = (data.body(place).xpos - own.xpos)[:2]
     turned = np.arctan2(*(R[1::-1, 0])) - np.arctan2(to_place[1], to_place[0])
     faces = abs(np.remainder(turned + np.pi, 2 * np.pi) - np.pi) < np.radians(6)
-    return bool(stands and still and faces and abs(np.linalg.norm(to_place) - ahead_m) < 0.07)
+    return bool(stands and faces and abs(np.linalg.norm(to_place) - ahead_m) < 0.07)
 
 
 def is_parked(folder: Path, body: str, mount_wxyz: Sequence[float], place: str, at_m: Sequence[float]) -> bool:
@@ -102,8 +102,8 @@ def is_parked(folder: Path, body: str, mount_wxyz: Sequence[float], place: str, 
     mujoco.mju_quat2Mat(mount, np.array(mount_wxyz, dtype=float))
     turned = there.xmat.reshape(3, 3).T @ own.xmat.reshape(3, 3) @ mount.reshape(3, 3).T
     away = there.xmat.reshape(3, 3).T @ (own.xpos - there.xpos) - at_m
-    still = float(np.linalg.norm(data.qvel[model.body_dofadr[model.body(body).id] :][:3])) < REST_SPEED_M_S
-    return bool(still and np.linalg.norm(away[:2]) < 0.05 and turned[0, 0] > np.cos(np.radians(6)))
+    is_there = np.linalg.norm(away[:2]) < 0.05 and turned[0, 0] > np.cos(np.radians(6))
+    return bool(is_there) and _is_at_rest(model, data, body)
 
 
 def is_held_up(folder: Path, thing: str, supports: Sequence[str]) -> bool:
@@ -120,9 +120,8 @@ def is_held_up(folder: Path, thing: str, supports: Sequence[str]) -> bool:
         while model.body_weldid[body] and model.body_weldid[model.body_parentid[body]]:
             body = int(model.body_parentid[body])
         fingers |= {body} if model.body_weldid[body] else set()
-    dof = model.body_dofadr[own]
-    at_rest = float(np.linalg.norm(data.qvel[dof : dof + 3])) < REST_SPEED_M_S
-    return at_rest and len(fingers) >= 2 and not touching & {model.body(name).id for name in supports}
+    is_free = not touching & {model.body(name).id for name in supports}
+    return is_free and len(fingers) >= 2 and _is_at_rest(model, data, thing)
 
 
 def is_in_posture(
@@ -143,3 +142,30 @@ def is_within(folder: Path, thing: str, middle_m: Sequence[float], half_m: Seque
     """Whether the origin of a free body is within a box (3,) along the axes of the world."""
     _, data = read_end(folder)
     return bool((np.abs(data.body(thing).xpos - middle_m) <= half_m).all())
+
+
+def is_on(folder: Path, upper: str, lower: str) -> bool:
+    """Whether one box rests on the top of another: its centre over it, its bottom at that top, at rest."""
+    model, data = read_end(folder)
+    high, low = model.body(upper).id, model.body(lower).id
+    bottom_m = data.xpos[high][2] - _half_height(model, data, high)
+    top_m = data.xpos[low][2] + _half_height(model, data, low)
+    reach = float(model.geom_size[model.body_geomadr[low]][:2].min())
+    is_over = np.all(np.abs(data.xpos[high][:2] - data.xpos[low][:2]) < reach)
+    return bool(abs(bottom_m - top_m) < TOUCH_M and is_over) and _is_at_rest(model, data, upper)
+
+
+def is_in_box(folder: Path, name: str, middle_m: Sequence[float], half_m: Sequence[float]) -> bool:
+    """Whether the centre of a free body is over a level rectangle (2,), (2,) along the axes of the world, at rest."""
+    model, data = read_end(folder)
+    inside = np.all(np.abs(data.body(name).xpos[:2] - np.array(middle_m)) <= np.array(half_m))
+    return bool(inside) and _is_at_rest(model, data, name)
+
+
+def _half_height(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> float:
+    geom = model.body_geomadr[body]
+    return float(np.abs(data.geom_xmat[geom].reshape(3, 3)[2]) @ model.geom_size[geom])
+
+
+def _is_at_rest(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> bool:
+    return float(np.linalg.norm(data.qvel[model.body_dofadr[model.body(name).id] :][:3])) < REST_SPEED_M_S

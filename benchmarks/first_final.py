@@ -38,8 +38,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
 
-from benchmarks.outcome import format_outcome
 from benchmarks.recovery_parts.baselines import BlindRestart, BlindRetry
+from benchmarks.runner import finish
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.repair.looking import propose_looking
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
@@ -298,9 +298,7 @@ def main() -> int:
         records = [msgspec.json.decode(line, type=Record) for line in lines]
         run_arms(given, base, records, Console(stderr=True))
         figures = show(Console(width=WIDE), records)
-    line, holds = format_outcome(figures, ASKED)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, ASKED)
 
 
 if __name__ == "__main__":

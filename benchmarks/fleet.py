@@ -7,18 +7,18 @@ Success is what the suite's scorer says of the recorded states. Planning is that
 that the guard changed, and lines are those of the body's own folder below `robots/`.
 """
 
-import argparse
 import json
 import statistics
-import sys
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 from rich.console import Console
 from rich.table import Table
+from typer import Argument
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run
 from phyagentos.bench.records import EpisodeRecord, read_records
 from phyagentos.bench.report import Ask, Rate
 from phyagentos.protocol.capabilities.library import Library
@@ -60,17 +60,15 @@ def add_row(table: Table, body: str, records: Sequence[tuple[Path, EpisodeRecord
     return rate
 
 
-def main() -> int:
+def main(runs: Annotated[list[Path], Argument(help="folders of runs of arms and bodies")]) -> int:
     """Show every body, and tell whether ten arms, and every other body, do 95 % of their task."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("runs", nargs="+", type=Path, help="folders of runs of arms and bodies")
     table = Table(*COLUMNS, title="the fleet")
     groups: dict[tuple[str, str], list[tuple[Path, EpisodeRecord]]] = defaultdict(list)
     false_successes, bodies = 0, {}
-    for run in parser.parse_args().runs:
-        for record in read_records(run):
+    for folder in runs:
+        for record in read_records(folder):
             key = (record.task, record.setting)
-            groups[key].append((run, record))
+            groups[key].append((folder, record))
             false_successes += record.is_false_success
             if record.sessions:
                 bodies[key] = record.sessions[0].target
@@ -87,10 +85,8 @@ def main() -> int:
         "others_below_95_percent": Ask(0, at_least=False),
         "false_successes": Ask(0, at_least=False),
     }
-    line, holds = format_outcome(figures, asked)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, asked)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -9,16 +9,17 @@ Both are then asked about the sessions of the held-out seeds, from their recorde
 worker asks. The base rate is the share of successes among the training sessions.
 """
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
+from typing import Annotated
 
 from rich.console import Console
+from typer import Option
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.planes import start_watch
@@ -98,19 +99,21 @@ def _plain(request: LookaheadRequest) -> Mapping[str, object]:
     return {"samples": request.samples, "threshold": request.threshold, "seed": request.seed}
 
 
-def main() -> int:
+def main(
+    *,
+    seeds: Annotated[int, Option(help="of the sessions that are learned from")] = 60,
+    held_out: Annotated[int, Option(help="further seeds, of the sessions that are foreseen")] = 20,
+    keep: Annotated[
+        Path | None, Option(help="folder that keeps the sessions; one that holds them is gone on from")
+    ] = None,
+) -> int:
     """Run, learn, ask, show; exit with whether each forecaster is better than the base rate."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=60, help="of the sessions that are learned from")
-    parser.add_argument("--held-out", type=int, default=20, help="further seeds, of the sessions that are foreseen")
-    parser.add_argument("--keep", type=Path, help="folder that keeps the sessions; one that holds them is gone on from")
-    given = parser.parse_args()
     console = Console(stderr=True)
     with tempfile.TemporaryDirectory(prefix="forecasters-") as scratch:
-        folder = given.keep or Path(scratch)
-        middle = FIRST_SEED + given.seeds
+        folder = keep or Path(scratch)
+        middle = FIRST_SEED + seeds
         training = run_sessions(folder / "training", range(FIRST_SEED, middle), console)
-        unseen = range(middle, middle + given.held_out)
+        unseen = range(middle, middle + held_out)
         cases = read_cases(run_sessions(folder / "held_out", unseen, console), unseen)
         model, trained = train_model([training], seed=0)
         (training.root / MODEL).write_bytes(encode_json(model))
@@ -130,10 +133,8 @@ def main() -> int:
     figures |= {f"skill_of_{name}": 1.0 - figures[f"brier_of_{name}"] / reference for name in ("rollouts", "learned")}
     figures |= {f"ms_of_{name}": fmean(foreseen[name][1]) for name in ("rollouts", "learned")}
     figures |= {"learned_from": float(len(trained.bundles)), "foreseen": float(len(cases)), "base_rate": base_rate}
-    line, holds = format_outcome(figures, ASKED)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, ASKED)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -7,19 +7,17 @@ simulated time, from the recorded initial states, taken while the plane waits fo
 same machine. The first goal warms the plane up and is left out. Success is a figure of the suite `tabletop`.
 """
 
-import argparse
-import sys
 import tempfile
 import time
 from datetime import datetime
 from pathlib import Path
+from typing import Literal
 
 import mujoco
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run, show
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Spread
@@ -72,18 +70,14 @@ def time_goals(workspace: Workspace) -> dict[str, float]:
     return spent_s
 
 
-def main() -> int:
+def main(*, seeds: int = 12, sense: Literal["perceived", "truth"] = "perceived") -> int:
     """Run, show, and exit with whether every asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=12)
-    parser.add_argument("--sense", choices=("perceived", "truth"), default="perceived")
-    given = parser.parse_args()
     physics_s: dict[str, float] = {}
     stages: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory(prefix="goal-time-") as scratch:
         workspace = open_project(Path(scratch), ROOT)
-        with open_bench(workspace, SystemClock(), sense=Sensing(given.sense)) as agent:
-            for seed in range(given.seeds):
+        with open_bench(workspace, SystemClock(), sense=Sensing(sense)) as agent:
+            for seed in range(seeds):
                 report = agent.mission.run(GRAPH, seed=seed)
                 physics_s[report.goal] = time_physics(workspace, report)
                 for session in report.sessions:
@@ -91,28 +85,22 @@ def main() -> int:
                         stages.setdefault(stage, []).append(ms)
                 Console(stderr=True).print(f"seed {seed}: {report.verdict}", style="dim")
         goals_s = dict(list(time_goals(workspace).items())[1:])
-    table = Table(title="where the time goes [ms]")
-    for column in ("", "count", "median", "95 %"):
-        table.add_column(column)
-    rows = {
+    spreads = {
         "goal, claim to finish": [1e3 * value for value in goals_s.values()],
         "goal, physics alone": [1e3 * physics_s[goal] for goal in goals_s],
         **{f"session: {stage}": stages[stage] for stage in sorted(stages)},
     }
-    for name, values in rows.items():
-        spread = Spread.of(values)
-        table.add_row(name, str(spread.count), f"{spread.median:.2f}", f"{spread.p95:.2f}")
-    Console().print(table)
+    spent = ((name, Spread.of(values)) for name, values in spreads.items())
+    rows = ((name, each.count, f"{each.median:.2f}", f"{each.p95:.2f}") for name, each in spent)
+    show("where the time goes [ms]", ("", "count", "median", "95 %"), rows)
     figures = {
         "goal_runtime_s_median": Spread.of([*goals_s.values()]).median,
         "goal_over_physics_alone_median": Spread.of([goals_s[goal] / physics_s[goal] for goal in goals_s]).median,
         "planning_per_pick_and_place_s_median": Spread.of([ms / 1e3 for ms in stages["planning"]]).median,
-        "seeds": float(given.seeds),
+        "seeds": float(seeds),
     }
-    line, holds = format_outcome(figures, ASKED)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, ASKED)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

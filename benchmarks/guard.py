@@ -6,8 +6,6 @@ Legitimate commands are those of `tidy_table`, run here in the simulator without
 clock. Hostile ones are made of them: one number changed, or the whole command. The collision stage is timed apart.
 """
 
-import argparse
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -15,10 +13,8 @@ from collections.abc import Iterator, Sequence
 import msgspec
 import numpy as np
 from recorded import Recording, Robot, open_robot, record_tidy_table
-from rich.console import Console
-from rich.table import Table
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run, show, show_figures
 from phyagentos.bench.report import Ask
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange, describe_target_space
 from phyagentos.protocol.capabilities.library import find_shipped_root
@@ -151,14 +147,12 @@ def time_chain(robot: Robot, count: int = 2000) -> tuple[BridgeChain, float]:
     return chain, float(np.median(costs)) / len(bridged.rows)
 
 
-def main() -> int:
+def main(*, seeds: int = 10) -> int:
     """Print the table and the closing line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=10)
-    seeds = range(1, parser.parse_args().seeds + 1)
+    numbers = range(1, seeds + 1)
     robot = open_robot()
-    plain = record_tidy_table(robot, seeds)
-    faulty = record_tidy_table(robot, seeds, read_faults(FAULTS))
+    plain = record_tidy_table(robot, numbers)
+    faulty = record_tidy_table(robot, numbers, read_faults(FAULTS))
     recordings = [*plain, *faulty]
     refused, passed, sent, costs = judge_recordings(robot, recordings)
     false_refusals, collision_us = judge_collisions(robot, plain)
@@ -175,20 +169,10 @@ def main() -> int:
         "collision_false_refusals": float(false_refusals),
         "bridges_us_per_command": chain_us,
     }
-    table = Table(title="Safety guard, one command of ten rows and seven joints")
-    table.add_column("figure")
-    table.add_column("found", justify="right")
-    table.add_column("asked", justify="right")
-    for name, value in figures.items():
-        table.add_row(name, f"{value:.4g}", str(ASKED[name]) if name in ASKED else "")
-    table.add_row(f"hostile kinds: {', '.join(sorted(sent))}", str(len(sent)), "")
-    console = Console()
-    console.print(table)
-    console.print(f"bridges timed: {chain}", markup=False)
-    line, holds = format_outcome(figures, ASKED)
-    print(line)
-    return 0 if holds else 1
+    show_figures("Safety guard, one command of ten rows and seven joints", figures, ASKED)
+    show("not among the figures", ("", ""), (("hostile kinds", ", ".join(sorted(sent))), ("bridges timed", chain)))
+    return finish(figures, ASKED)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -45,7 +45,7 @@ from rich.table import Table
 
 from benchmarks.libero_parts.served import Server, serve
 from benchmarks.libero_parts.tasks import open_workspace, read_profile, write_project, write_project_of_words
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.repair.looking import propose_looking
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
@@ -99,9 +99,7 @@ def main() -> int:
     show(Console(), chosen, given.suites, of)
     figures = compute_figures(chosen) | {"missing": len(keys) - len(chosen)}
     asked = {name: ask for name, ask in ASKED.items() if name in figures} | {"missing": Ask(0.0, at_least=False)}
-    line, holds = format_outcome(figures, asked)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, asked)
 
 
 def parse_arguments() -> argparse.Namespace:

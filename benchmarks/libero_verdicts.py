@@ -27,7 +27,7 @@ from rich.console import Console
 from benchmarks.libero import PRO, SUITES, TASKS
 from benchmarks.libero_parts.moment_cases import Record, judge_again, judge_suite, open_verifier
 from benchmarks.libero_parts.verdict_figures import ASKED, Case, compute_figures, read_case, read_run, show
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish
 from phyagentos.errors import DefinitionError, ExecutionError
 
 SEED = 20_261_125
@@ -51,9 +51,7 @@ def main() -> int:
     cases += [case for path in given.with_runs for case in read_runs(path)]
     show(Console(), cases, given.seed)
     figures = compute_figures(cases, given.seed) | {"missing": sum(key not in known for key in wanted)}
-    line, holds = format_outcome(figures, ASKED)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, ASKED)
 
 
 def run_suite(given: argparse.Namespace, suite: str, console: Console) -> None:

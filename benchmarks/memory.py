@@ -7,9 +7,7 @@ scenes, each with a correction that helps or does not. Nothing is simulated; wha
 `paos bench run evolution`.
 """
 
-import argparse
 import shutil
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -17,10 +15,8 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run, show
 from phyagentos.agent.memory.episodes import Episode, Features
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.memory.scopes import compute_scope
@@ -136,13 +132,10 @@ def time_ms(action: object, *, times: int = 1) -> float:
     return float(np.median(spent))
 
 
-def main() -> int:
+def main(*, episodes: int = EPISODES) -> int:
     """Run, show, and exit with whether every asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--episodes", type=int, default=EPISODES)
-    given = parser.parse_args()
     rng = np.random.default_rng(compute_seed(5, "memory benchmark"))
-    episodes = list(iter_episodes(given.episodes, rng))
+    known_episodes = list(iter_episodes(episodes, rng))
     extra = iter(list(iter_episodes(20 * GOAL_SESSIONS, np.random.default_rng(9))))
     with tempfile.TemporaryDirectory(prefix="memory-") as scratch:
         folder = Path(scratch) / "memory"
@@ -151,8 +144,8 @@ def main() -> int:
             return Memory(folder, clock=SystemClock(), by="bench", durable=False)
 
         memory = open_it()
-        fill_s = fill(memory, episodes)
-        spent_ms, unverified, answers = ask(memory, episodes, rng)
+        fill_s = fill(memory, known_episodes)
+        spent_ms, unverified, answers = ask(memory, known_episodes, rng)
         lessons, facts = memory.experience.list_lessons(), memory.experience.list_facts()
         text = render_lessons(lessons)
         sizes = [len(read_document(text, LESSONS).blocks), len(facts)]
@@ -170,10 +163,7 @@ def main() -> int:
         bytes_of_truth = sum(path.stat().st_size for path in folder.rglob("*.md"))
         memory.close()
     spread = Spread.of(spent_ms)
-    table = Table(title=f"{len(episodes)} episodes, {KINDS} kinds, {PLACES} places, {SCENES} scenes")
-    for column in ("", "measured"):
-        table.add_column(column)
-    for name, value in (
+    rows = (
         ("ask what holds in a case, median / p95", f"{spread.median:.2f} / {spread.p95:.2f} ms, {answers} answers"),
         ("remember a goal of four sessions and what follows", f"{record_ms:.1f} ms"),
         ("begin with the cache", f"{warm_ms:.0f} ms"),
@@ -183,11 +173,10 @@ def main() -> int:
         ("lessons known / in LESSONS.md, facts in KNOWLEDGE.md", f"{known} / {sizes[0]}, {sizes[1]}"),
         ("LESSONS.md", f"{len(text.encode()) / 1e3:.0f} kB"),
         ("records on the disk", f"{bytes_of_truth / 1e6:.0f} MB"),
-    ):
-        table.add_row(name, value)
-    Console().print(table)
+    )
+    show(f"{episodes} episodes, {KINDS} kinds, {PLACES} places, {SCENES} scenes", ("", "measured"), rows)
     figures = {
-        "episodes": float(len(episodes)),
+        "episodes": float(episodes),
         "recall_ms_median": spread.median,
         "recall_ms_p95": spread.p95,
         "recall_ms_worst": max(spent_ms),
@@ -199,10 +188,8 @@ def main() -> int:
         "unverified_recalled": float(unverified),
         "lost_without_cache": lost,
     }
-    line, holds = format_outcome(figures, ASKED)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, ASKED)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -8,7 +8,6 @@ rendered; agent and runtime in processes of their own. Peers run tasks that do n
 to the last verdict, without starting processes. `--quick` is a smoke test: few sessions, no peers.
 """
 
-import argparse
 import json
 import os
 import subprocess
@@ -17,12 +16,14 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from orchestration_shapes import build_edges
 from rich.console import Console
 from rich.table import Table
+from typer import Option
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, one_of, run
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.process_tuning import collect_rarely
@@ -133,11 +134,18 @@ def measure_sync_ms(folder: Path) -> float:
     return 1e3 * Spread.of(seconds).median
 
 
-def show(results: list[Result], n: int, sync_ms: float, console: Console) -> None:
+def show_rates(results: list[Result], n: int, sync_ms: float, console: Console) -> None:
     """The table."""
-    table = Table(title=f"{n} tasks without work; an append that waits for the disk takes {sync_ms:.2f} ms")
-    for column in ("system", "layered/s", "chain/s", "layered ms", "chain ms", "durable", "workers"):
-        table.add_column(column)
+    table = Table(
+        "system",
+        "layered/s",
+        "chain/s",
+        "layered ms",
+        "chain ms",
+        "durable",
+        "workers",
+        title=f"{n} tasks without work; an append that waits for the disk takes {sync_ms:.2f} ms",
+    )
     for result in results:
         rates = [result.compute_rate(shape, n) if result.seconds[shape] else None for shape in SHAPES]
         cells = [f"{rate:.0f}" if rate else "-" for rate in rates] + [
@@ -160,49 +168,47 @@ def compare(ours: Result, peers: list[Result], n: int) -> tuple[dict[str, float]
     return figures, asked
 
 
-def main() -> int:
+def main(
+    *,
+    sessions: int = 1000,
+    repeats: int = 3,
+    peers: Annotated[list[str], Option(callback=one_of(*PEERS))] = tuple(PEERS),
+    peers_python: Annotated[str, Option(help="interpreter that has the peers")] = sys.executable,
+    no_constancy: Annotated[bool, Option(help="leave out the run of 10 000 sessions")] = False,
+    scratch: Annotated[Path | None, Option(help="folder on the disk to measure; the system's own by default")] = None,
+    quick: bool = False,
+) -> int:
     """Run, show, and exit with whether every asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sessions", type=int, default=1000)
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--peers", nargs="*", choices=list(PEERS), default=list(PEERS))
-    parser.add_argument("--peers-python", default=sys.executable, help="interpreter that has the peers")
-    parser.add_argument("--no-constancy", action="store_true", help="leave out the run of 10 000 sessions")
-    parser.add_argument("--scratch", type=Path, help="folder on the disk to measure; the system's own by default")
-    parser.add_argument("--quick", action="store_true")
-    given = parser.parse_args()
-    n, repeats = (100, 1) if given.quick else (given.sessions, given.repeats)
+    n, turns = (100, 1) if quick else (sessions, repeats)
     console = Console()
     collect_rarely()
     # one folder for all, removed at the end: ext4 skips inodes that were freed a moment ago, one by one
-    with tempfile.TemporaryDirectory(prefix="orchestration-", dir=given.scratch) as name:
-        scratch = Path(name)
+    with tempfile.TemporaryDirectory(prefix="orchestration-", dir=scratch) as name:
+        folder = Path(name)
         ours = Result("phyagentos", {shape: [] for shape in SHAPES}, "journal, 1 fsync a session", "1")
-        peers = [Result(peer, {shape: [] for shape in SHAPES}) for peer in ([] if given.quick else given.peers)]
+        others = [Result(peer, {shape: [] for shape in SHAPES}) for peer in ([] if quick else peers)]
         os.environ["TMPDIR"] = name
-        sync_ms = measure_sync_ms(scratch)
-        for turn in range(repeats):
+        sync_ms = measure_sync_ms(folder)
+        for turn in range(turns):
             runs = [(shape, n) for shape in SHAPES]
-            for shape, seconds in zip(SHAPES, time_ours(scratch / f"ours-{turn}", runs), strict=True):
+            for shape, seconds in zip(SHAPES, time_ours(folder / f"ours-{turn}", runs), strict=True):
                 ours.seconds[shape].append(seconds)
                 console.print(f"phyagentos, {shape}: {n / seconds:.0f}/s")
-            for peer in peers:
+            for peer in others:
                 if turn == 0 or peer.name not in SLOW:
                     for shape in SHAPES:
-                        time_peer(peer.name, given.peers_python, shape, n, peer, console)
-        figures, asked = compare(ours, peers, n)
-        if not given.quick and not given.no_constancy:
+                        time_peer(peer.name, peers_python, shape, n, peer, console)
+        figures, asked = compare(ours, others, n)
+        if not quick and not no_constancy:
             small, large = CONSTANT_SIZES
-            seconds = time_ours(scratch / "constancy", [*[("layered", small)] * 5, ("layered", large)])
+            seconds = time_ours(folder / "constancy", [*[("layered", small)] * 5, ("layered", large)])
             figures["cost_ratio_10000_to_100"] = (seconds[-1] / large) / (Spread.of(seconds[:-1]).median / small)
             figures["ms_per_session_10000"] = 1e3 * seconds[-1] / large
             asked["cost_ratio_10000_to_100"] = Ask(1.3, at_least=False)
-    show([ours, *peers], n, sync_ms, console)
+    show_rates([ours, *others], n, sync_ms, console)
     figures |= {f"{shape}_per_s": ours.compute_rate(shape, n) for shape in SHAPES}
-    line, holds = format_outcome(figures | {"sessions": float(n), "sync_ms": sync_ms}, asked)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures | {"sessions": float(n), "sync_ms": sync_ms}, asked)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

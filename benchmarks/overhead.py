@@ -12,28 +12,25 @@ stands the share over a loop that leaves them out, too. All take turns, a round 
 Where other programs want the processors, `chrt -r 5` keeps them out of it.
 """
 
-import argparse
 import json
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 import yaml
-from rich.console import Console
-from rich.table import Table
+from typer import Option
 from typing_extensions import override
 
 from benchmarks.libero_parts import tasks as libero
 from benchmarks.libero_parts.served import KIT, serve
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, one_of, run, show_figures
 from phyagentos.bench.report import Ask
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
@@ -260,13 +257,13 @@ def _make_session(target: str, scene: Scene, steps: int) -> Session:
     )
 
 
-def measure(name: str, given: argparse.Namespace) -> dict[str, float]:
+def measure(name: str, environments: Path, rounds: int, steps: int) -> dict[str, float]:
     """The figures of one world; the rounds of both take turns."""
     bare, path, blind = list[float](), list[float](), list[float]()
-    with tempfile.TemporaryDirectory() as folder, OPENERS[name](given.environments, Path(folder)) as world:
-        for number in range(given.rounds):
+    with tempfile.TemporaryDirectory() as folder, OPENERS[name](environments, Path(folder)) as world:
+        for number in range(rounds):
             (where := Path(folder) / f"round{number}").mkdir()
-            took_ms, rows = time_path(world, given.steps, number, where)
+            took_ms, rows = time_path(world, steps, number, where)
             path += took_ms
             bare += time_bare(name, world, rows, number)
             blind += time_bare(name, world, rows, number, is_whole=False) if name == "libero" else []
@@ -284,24 +281,20 @@ def _quantile(values: Sequence[float], at: str) -> float:
     return float(np.quantile(values, int(at[1:]) / 100))
 
 
-def main() -> int:
+def main(
+    *,
+    environments: Path = Path("build"),
+    worlds: Annotated[list[str], Option(callback=one_of(*OPENERS))] = tuple(OPENERS),
+    rounds: Annotated[int, Option(help="in turn with the bare loop, as a machine drifts")] = 10,
+    steps: Annotated[int, Option(help="of a round")] = 140,
+) -> int:
     """Print the table and the closing line; exit with whether every asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--environments", type=Path, default=Path("build"))
-    parser.add_argument("--worlds", nargs="+", choices=list(OPENERS), default=list(OPENERS))
-    parser.add_argument("--rounds", type=int, default=10, help="in turn with the bare loop, as a machine drifts")
-    parser.add_argument("--steps", type=int, default=140, help="of a round")
-    given = parser.parse_args()
-    figures = {key: value for name in given.worlds for key, value in measure(name, given).items()}
+    measured = (measure(name, environments, rounds, steps) for name in worlds)
+    figures = {key: value for each in measured for key, value in each.items()}
     asked = {key: ask for key, ask in ASKED.items() if key in figures}
-    table = Table("figure", "found", "asked", title="A control step on the path, beside a bare loop")
-    for key, value in figures.items():
-        table.add_row(key, f"{value:.3f}", str(asked.get(key, "")))
-    Console().print(table)
-    line, holds = format_outcome(figures, asked)
-    print(line)
-    return 0 if holds else 1
+    show_figures("A control step on the path, beside a bare loop", figures, asked)
+    return finish(figures, asked)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

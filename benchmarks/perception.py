@@ -11,23 +11,23 @@ is a name that ends up on another thing. Frozen pictures come with new stamps wh
 still scene gives equal pictures, too. Nothing of the pipeline sees the truth.
 """
 
-import argparse
-import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 import mujoco
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from typer import Option
 
-from benchmarks.outcome import format_outcome
 from benchmarks.perception_parts.reliability import Stated, compare
 from benchmarks.perception_parts.stage import Stage, World
 from benchmarks.perception_parts.table import render_table
+from benchmarks.runner import finish, one_of, run
 from benchmarks.unseen_parts.files import write_project
 from benchmarks.unseen_parts.goals import draw_case
 from benchmarks.unseen_parts.rooms import Thing
@@ -251,9 +251,7 @@ def count_names(stage: Stage, real: dict[str, str], what: str, tally: Tally) -> 
 
 def show(console: Console, tallies: dict[str, Tally], scenes: int) -> None:
     """The tables, and what went wrong."""
-    table = Table(title=f"the embedded pipeline on {scenes} scenes, median / 95th percentile")
-    for column in ("", *tallies):
-        table.add_column(column)
+    table = Table("", *tallies, title=f"the embedded pipeline on {scenes} scenes, median / 95th percentile")
     rows = {
         "position (mm)": "position_mm",
         "turn of boxes (deg)": "yaw_deg",
@@ -283,9 +281,7 @@ def show(console: Console, tallies: dict[str, Tally], scenes: int) -> None:
 
 def tabulate_reliability(tallies: dict[str, Tally]) -> Table:
     """Shares of truths within one and within two stated deviations."""
-    table = Table(title="reliability: share within 1 / within 2 stated deviations (count)")
-    for column in ("", *tallies):
-        table.add_column(column)
+    table = Table("", *tallies, title="reliability: share within 1 / within 2 stated deviations (count)")
     for number in list_numbers(tallies.values()):
         cells = []
         for tally in tallies.values():
@@ -298,9 +294,13 @@ def tabulate_reliability(tallies: dict[str, Tally]) -> Table:
 
 def tabulate_priors(priors: dict[Prior, Tally]) -> Table:
     """What is found, and how exactly, by what was known before."""
-    table = Table(title=f"movable things by prior knowledge, {PRIOR_LEVEL} noise")
-    for column in ("prior", "seen where they are", "position (mm)", "one look (ms)"):
-        table.add_column(column)
+    table = Table(
+        "prior",
+        "seen where they are",
+        "position (mm)",
+        "one look (ms)",
+        title=f"movable things by prior knowledge, {PRIOR_LEVEL} noise",
+    )
     for prior, tally in priors.items():
         place, time = Spread.of(tally.position_mm), Spread.of(tally.ms)
         rows = (f"{tally.things - len(tally.missed)} of {tally.things}", f"{place.median:.2f} / {place.p95:.2f}")
@@ -318,16 +318,14 @@ def measure_share(stated: Sequence[Stated], deviations: float) -> float:
     return sum(each.is_within(deviations) for each in stated) / max(len(stated), 1)
 
 
-def run_worlds(
-    library: Library, given: argparse.Namespace, tallies: dict[str, Tally], priors: dict[Prior, Tally]
-) -> int:
+def run_worlds(library: Library, seeds: int, rooms: int, tallies: dict[str, Tally], priors: dict[Prior, Tally]) -> int:
     """All scenes and rooms at all levels; returns their number."""
     sensors = read_sensors(ROOT / "protocol" / "sensors.yaml")
     scenes = sorted(path.stem for path in (ROOT / "scenes" / "tabletop").glob("*.yaml"))
     worlds: list[tuple[str, int, dict[str, Thing]]] = [
-        (f"tabletop/{name}", seed, {}) for seed in range(given.seeds) for name in scenes
+        (f"tabletop/{name}", seed, {}) for seed in range(seeds) for name in scenes
     ]
-    for case in map(draw_case, range(ROOMS_FROM, ROOMS_FROM + given.rooms)):
+    for case in map(draw_case, range(ROOMS_FROM, ROOMS_FROM + rooms)):
         plain = [thing for thing in case.room.movable if thing.form.kind in PLAIN and thing.on == "table"]
         worlds.append((f"unseen/{case.name}", case.seed, {thing.name: thing for thing in plain[-1:]}))
     for scene, seed, unnamed in worlds:
@@ -337,7 +335,7 @@ def run_worlds(
             score_scene(Stage(world, sensors, level, unnamed), f"{scene}, seed {seed}", tally, unnamed)
         for prior, tally in priors.items() if seed < PRIOR_SEEDS or unnamed else ():
             score_prior(world, sensors, prior, tally)
-    for seed in range(given.seeds):
+    for seed in range(seeds):
         world = World(library, "bench/twins", seed)
         for level, tally in tallies.items():
             run_sequences(world, sensors, level, tally)
@@ -345,20 +343,20 @@ def run_worlds(
     return len(worlds)
 
 
-def main() -> int:
+def main(
+    *,
+    seeds: Annotated[int, Option(help="of each scene")] = 12,
+    rooms: Annotated[int, Option(help="drawn as for the suite unseen")] = 24,
+    levels: Annotated[list[str], Option(callback=one_of(*LEVELS))] = tuple(LEVELS),
+) -> int:
     """Run, show, and exit with whether every asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=12, help="of each scene")
-    parser.add_argument("--rooms", type=int, default=24, help="drawn as for the suite unseen")
-    parser.add_argument("--levels", nargs="+", default=list(LEVELS))
-    given = parser.parse_args()
-    tallies = {level: Tally() for level in given.levels}
+    tallies = {level: Tally() for level in levels}
     with tempfile.TemporaryDirectory(prefix="perception-") as scratch:
-        write_project([draw_case(ROOMS_FROM + index) for index in range(given.rooms)], Path(scratch))
+        write_project([draw_case(ROOMS_FROM + index) for index in range(rooms)], Path(scratch))
         (Path(scratch) / "scenes" / "bench").mkdir(parents=True)
         (Path(scratch) / "scenes" / "bench" / "twins.yaml").write_text(render_table("bench/twins", TWINS))
         priors = {prior: Tally() for prior in Prior}
-        scenes = run_worlds(Library.open(Path(scratch)), given, tallies, priors)
+        scenes = run_worlds(Library.open(Path(scratch)), seeds, rooms, tallies, priors)
     show(Console(), tallies, scenes)
     Console().print(tabulate_priors(priors))
     figures, asked = {"scenes_looked_at": float(scenes)}, dict(ASKED)
@@ -387,10 +385,8 @@ def main() -> int:
             f"prior_{prior}_found": 1.0 - len(tally.missed) / max(tally.things, 1),
             f"prior_{prior}_position_mm_median": Spread.of(tally.position_mm).median,
         }
-    line, holds = format_outcome(figures, asked)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, asked)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

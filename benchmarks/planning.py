@@ -10,9 +10,7 @@ thread; wall time stands beside them. VAMP's are of another machine, measured on
 its registry does not hold.
 """
 
-import argparse
 import gc
-import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -20,18 +18,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from resource import RUSAGE_CHILDREN, getrusage
 from time import perf_counter, process_time
-from typing import Any
+from typing import Annotated, Any
 from unittest.mock import patch
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from typer import Argument, Option
 from typing_extensions import override
 
-from benchmarks.outcome import format_outcome
 from benchmarks.planning_parts.peer import OmplPeer
 from benchmarks.planning_parts.query_sets import Query, draw_clutter_queries, draw_shelf_queries, record_queries
 from benchmarks.recorded import Robot, open_robot
+from benchmarks.runner import finish, run
 from phyagentos.bench.report import Ask, Spread
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
@@ -178,9 +177,18 @@ def measure_first_plan(query: Query, path: Path) -> tuple[float, float]:
 
 def build_table(sets: Mapping[str, Answers]) -> Table:
     """Who solved how many of each set, how fast, how far."""
-    table = Table(title="from a query to a verified, timed trajectory, ms of the processor")
-    for column in ("set", "planner", "solved", "median", "p95", "wall", "path alone", "p95", "length, rad"):
-        table.add_column(column, justify="left" if column in {"set", "planner"} else "right")
+    table = Table(
+        "set",
+        "planner",
+        "solved",
+        "median",
+        "p95",
+        "wall",
+        "path alone",
+        "p95",
+        "length, rad",
+        title="from a query to a verified, timed trajectory, ms of the processor",
+    )
     for name, answers in sets.items():
         for title, prefix, whole in (
             ("ours, goals found first", "", "ms"),
@@ -210,20 +218,20 @@ def build_shares(sets: Mapping[str, Answers]) -> Table:
     return table
 
 
-def main() -> int:
+def main(
+    arms: Annotated[list[str], Argument()] = ARMS,
+    *,
+    count: Annotated[int, Option(help="queries of each set on each arm")] = 24,
+    seed: int = 0,
+) -> int:
     """Measure, show, and tell whether every asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("arms", nargs="*", default=ARMS)
-    parser.add_argument("--count", type=int, default=24, help="queries of each set on each arm")
-    parser.add_argument("--seed", type=int, default=0)
-    chosen = parser.parse_args()
     console = Console(highlight=False, width=150)
     sets: dict[str, Answers] = {name: [] for name in SETS}
     firsts: list[tuple[Query, Path]] = []
-    for arm in chosen.arms:
+    for arm in arms:
         try:
             robot = open_robot(arm)
-            query = measure_arm(robot, chosen.count, chosen.seed, sets, console)
+            query = measure_arm(robot, count, seed, sets, console)
         except DefinitionError as error:
             console.print(f"left out: {arm}: {error}", style="yellow")
             continue
@@ -249,10 +257,8 @@ def main() -> int:
         "first_plan_s": Ask(1, at_least=False),
         **{f"{name}_path_times_as_fast": Ask(5, at_least=True) for name in SETS},
     }
-    line, holds = format_outcome(figures, asked)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, asked)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

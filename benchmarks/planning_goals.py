@@ -9,7 +9,6 @@ known. Time is that of the whole answer: facts, operators, plan, order, or proof
 `--execute`, goal graphs that take a closed drawer for an open one are run as well: the rest has to be planned anew.
 """
 
-import argparse
 import statistics
 import subprocess
 import sys
@@ -17,13 +16,13 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from time import perf_counter
+from typing import Annotated
 
-from rich.console import Console
-from rich.table import Table
+from typer import Option
 
-from benchmarks.outcome import format_outcome
 from benchmarks.planning_goals_parts.kinematics import find_fault
 from benchmarks.planning_goals_parts.worlds import SOLVABLE, UNSOLVABLE, Task, write_forgotten, write_task
+from benchmarks.runner import finish, run, show
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.bench.report import Ask
@@ -34,21 +33,21 @@ FORGOTTEN = 3  # goal graphs that take a closed drawer for an open one
 Planned = tuple[Path, Task]
 
 
-def main() -> int:
+def main(
+    *,
+    count: Annotated[int, Option(help="goals; a fifth of them cannot be reached")] = 60,
+    execute: Annotated[int, Option(help="plans that are run on physics as well")] = 0,
+    seed: Annotated[int, Option(help="of the first goal of each family")] = 0,
+    verbose: Annotated[bool, Option("-v", "--verbose", help="a line for each goal")] = False,
+) -> int:
     """Exit code 0 where every asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=60, help="goals; a fifth of them cannot be reached")
-    parser.add_argument("--execute", type=int, default=0, help="plans that are run on physics as well")
-    parser.add_argument("--seed", type=int, default=0, help="of the first goal of each family")
-    parser.add_argument("-v", "--verbose", action="store_true", help="a line for each goal")
-    options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="planning_goals_") as folder:
-        return run(Path(folder), options)
+        return measure(Path(folder), count, seed, runs=execute, verbose=verbose)
 
 
-def run(folder: Path, options: argparse.Namespace) -> int:
+def measure(folder: Path, count: int, first_seed: int, *, runs: int, verbose: bool) -> int:
     """Draw, answer, judge, and run some; print the table and the outcome."""
-    tasks = list(draw_tasks(options.count, options.seed, folder))
+    tasks = list(draw_tasks(count, first_seed, folder))
     rows, times, graphs = {}, [], []
     for task in tasks:
         row = rows.setdefault(task.family, {"goals": 0, "answered": 0, "valid": 0, "sessions": []})
@@ -58,15 +57,15 @@ def run(folder: Path, options: argparse.Namespace) -> int:
         row["answered"] += answered
         row["valid"] += answered and not fault
         row["sessions"] += [sessions] if sessions else []
-        if options.verbose or fault or not answered:
+        if verbose or fault or not answered:
             said = fault or ("" if answered else "wrong answer")
             print(f"{task.wanted.goal:<14} {elapsed_s:6.3f} s  {sessions:>2} sessions  {said}", flush=True)
-    executed = [execute(graph, task.seed) for graph, task in spread(graphs, options.execute)]
-    table = Table("family", "goals", "answered rightly", "valid", "sessions")
-    for family, row in rows.items():
-        span = f"{min(row['sessions'])} to {max(row['sessions'])}" if row["sessions"] else ""
-        table.add_row(family, *(str(row[key]) for key in ("goals", "answered", "valid")), span)
-    Console().print(table)
+    executed = [execute(graph, task.seed) for graph, task in spread(graphs, runs)]
+    spans = {
+        family: row["sessions"] and f"{min(row['sessions'])} to {max(row['sessions'])}" for family, row in rows.items()
+    }
+    shown = ((family, row["goals"], row["answered"], row["valid"], spans[family] or "") for family, row in rows.items())
+    show("", ("family", "goals", "answered rightly", "valid", "sessions"), shown)
     figures = {
         "goals": float(len(tasks)),
         "solved": mean(row["answered"] / row["goals"] for family, row in rows.items() if family in SOLVABLE),
@@ -82,9 +81,7 @@ def run(folder: Path, options: argparse.Namespace) -> int:
         again = [execute(write_forgotten(seed, folder), seed) for seed in range(FORGOTTEN)]
         figures |= {"executed": float(len(executed)), "met_on_physics": mean(executed), "met_anew": mean(again)}
         asked |= {name: Ask(1.0, at_least=True) for name in ("met_on_physics", "met_anew")}
-    line, holds = format_outcome(figures, asked)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, asked)
 
 
 def draw_tasks(count: int, seed: int, folder: Path) -> Iterator[Task]:
@@ -146,4 +143,4 @@ def mean(values: Iterable[float]) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -7,17 +7,18 @@ the real world process said of the scene. Sound goal graphs are examined in fres
 with the dry run of every session. The clock runs as in a worker: settings and planner are warm.
 """
 
-import argparse
 import sys
 import tempfile
 from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 from rich.console import Console
 from rich.table import Table
+from typer import Option
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run
 from phyagentos.bench.report import Ask, Spread
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -127,22 +128,26 @@ def note(sound: Sound, outcome: Outcome, graph: str, world: str) -> None:
 
 def show(console: Console, tallies: dict[str, Tally], sound: Sound) -> None:
     """Two tables."""
-    table = Table(title="seeded misconfigurations")
-    for column in ("side", "cases", "rejected", "right code", "by lint or compilation", "by preflight"):
-        table.add_column(column, justify="left" if column == "side" else "right")
+    table = Table(
+        "side",
+        "cases",
+        "rejected",
+        "right code",
+        "by lint or compilation",
+        "by preflight",
+        title="seeded misconfigurations",
+    )
     for side, tally in tallies.items():
         numbers = (tally.cases, tally.rejected, tally.right, tally.stages["lint"], tally.stages["preflight"])
         table.add_row(side, *map(str, numbers))
     console.print(table)
-    table = Table(title="goal graphs that fit")
-    for column in ("examined sessions", "refused by design", "wrong", "motions tried", "undecided"):
-        table.add_column(column, justify="right")
+    table = Table(
+        "examined sessions", "refused by design", "wrong", "motions tried", "undecided", title="goal graphs that fit"
+    )
     numbers = (sound.sessions, sound.by_design, len(sound.rejected), sound.trials, sound.undecided)
     table.add_row(*map(str, numbers))
     console.print(table)
-    table = Table(title="cost of one session in ms, scene loaded and planner warm")
-    for column in ("", "median", "p95", "sessions"):
-        table.add_column(column, justify="right")
+    table = Table("", "median", "p95", "sessions", title="cost of one session in ms, scene loaded and planner warm")
     for name, values in (
         ("later ones: no dry run", sound.later_ms),
         ("the first of an episode: grasp and place tried", sound.first_ms),
@@ -155,11 +160,8 @@ def show(console: Console, tallies: dict[str, Tally], sound: Sound) -> None:
         console.print(f"wrong: {line}", style="red")
 
 
-def main() -> int:
+def main(*, seeds: Annotated[int, Option(help="worlds for each goal graph that fits")] = 20) -> int:
     """Run both and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=20, help="worlds for each goal graph that fits")
-    seeds = parser.parse_args().seeds
     local = MotionPlanner.open(Library.open().get_target("panda"))
     local.warm_up()
     planner = LocalPlanner(local)
@@ -177,10 +179,8 @@ def main() -> int:
         "first_session_ms_median": Spread.of(sound.first_ms).median,
         "thorough_ms_median": Spread.of(sound.thorough_ms).median,
     }
-    line, holds = format_outcome(figures, ASKED)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, ASKED)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

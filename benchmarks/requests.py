@@ -9,21 +9,20 @@ step. Not right and safe is a question or refusal where there is a goal; silentl
 expected one, or any where there is none.
 """
 
-import argparse
 import re
-import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import yaml
 from rich.console import Console
 from rich.table import Table
+from typer import Argument, Option
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
@@ -114,22 +113,22 @@ def measure(folder: Path) -> Iterator[tuple[Case, Understanding, Grade]]:
         yield case, answer, grade(answer, case.expected)
 
 
-def main() -> int:
+def main(
+    folder: Annotated[Path | None, Argument()] = None,
+    *,
+    wrong: Annotated[bool, Option(help="print every request that is not right")] = False,
+) -> int:
     """Print the table and the closing line; 0 where every asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", nargs="?", type=Path)
-    parser.add_argument("--wrong", action="store_true", help="print every request that is not right")
-    arguments = parser.parse_args()
-    sets = SETS if arguments.folder is None else {arguments.folder.name: arguments.folder}
+    sets = SETS if folder is None else {folder.name: folder}
     table = Table("requests", "number", *Grade, "right [%]")
     figures: dict[str, float] = {}
-    for name, folder in sets.items():
-        results = list(measure(folder))
+    for name, path in sets.items():
+        results = list(measure(path))
         counts = Counter(grade for _, _, grade in results)
         share = counts[Grade.RIGHT] / len(results)
         figures |= {f"{name}_right": share, f"{name}_silently_wrong": counts[Grade.WRONG]}
         table.add_row(name, str(len(results)), *(str(counts[each]) for each in Grade), f"{100 * share:.1f}")
-        for case, answer, found in results if arguments.wrong else ():
+        for case, answer, found in results if wrong else ():
             if found is not Grade.RIGHT:
                 Console().print(f"{found}: {case.say}\n    {answer}", markup=False, highlight=False)
     Console().print(table)
@@ -137,10 +136,8 @@ def main() -> int:
         key: Ask(0.0, at_least=False) if key.endswith("wrong") else Ask(LEAST.get(key, LEAST_UNSEEN), at_least=True)
         for key in figures
     }
-    line, holds = format_outcome(figures, asked)
-    Console().print(line, markup=False, highlight=False, soft_wrap=True)
-    return 0 if holds else 1
+    return finish(figures, asked)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -9,16 +9,16 @@ that shares no code with what limits (`safety_parts/observed_world.py`). The sto
 alone: several would compete for the processor and measure that.
 """
 
-import argparse
-import sys
 import tempfile
 from pathlib import Path
+from typing import Annotated, Literal
 
 from rich.console import Console
 from rich.table import Table
+from typer import Option
 
-from benchmarks.outcome import format_outcome
 from benchmarks.recorded import Robot, open_robot, record_tidy_table
+from benchmarks.runner import finish, run, show_figures
 from benchmarks.safety_parts.campaign import Tally, attack
 from benchmarks.safety_parts.stops import measure_stops
 from phyagentos.bench.report import Ask
@@ -61,9 +61,7 @@ def run_attack(robot: Robot, commands: int, seeds: range, console: Console, *, i
 
 def _tabulate(tally: Tally) -> Table:
     """What was sent and what became of it."""
-    table = Table(title="Hostile commands")
-    for name in ("what", "count"):
-        table.add_column(name, justify="right" if name == "count" else "left")
+    table = Table("what", "count", title="Hostile commands")
     for title, counter in (
         ("way in", tally.sent),
         ("kind", tally.kinds),
@@ -77,37 +75,30 @@ def _tabulate(tally: Tally) -> Table:
     return table
 
 
-def main() -> int:
+def main(
+    *,
+    commands: Annotated[int, Option(help="Hostile ones.")] = 100000,
+    trials: Annotated[int, Option(help="Emergency stops.")] = 1000,
+    seeds: Annotated[int, Option(help="Runs of tidy_table that go on meanwhile.")] = 10,
+    only: Annotated[Literal["attack", "stops"] | None, Option(help="One half.")] = None,
+    remote: Annotated[bool, Option(help="By the driver `remote`, over WebSocket.")] = False,
+    quick: Annotated[bool, Option(help="600 commands, 6 stops, one run.")] = False,
+) -> int:
     """Print the tables and the closing line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--commands", type=int, default=100_000, help="Hostile ones.")
-    parser.add_argument("--trials", type=int, default=1000, help="Emergency stops.")
-    parser.add_argument("--seeds", type=int, default=10, help="Runs of tidy_table that go on meanwhile.")
-    parser.add_argument("--only", choices=("attack", "stops"), help="One half.")
-    parser.add_argument("--remote", action="store_true", help="By the driver `remote`, over WebSocket.")
-    parser.add_argument("--quick", action="store_true", help="600 commands, 6 stops, one run.")
-    given = parser.parse_args()
-    commands, trials, seeds = (600, 6, 1) if given.quick else (given.commands, given.trials, given.seeds)
+    commands, trials, seeds = (600, 6, 1) if quick else (commands, trials, seeds)
     robot, console = open_robot(), Console()
     figures: dict[str, float] = {}
     asked: dict[str, Ask] = {}
-    if given.only != "stops":
-        figures |= run_attack(robot, commands, range(1, seeds + 1), console, is_remote=given.remote)
+    if only != "stops":
+        figures |= run_attack(robot, commands, range(1, seeds + 1), console, is_remote=remote)
         asked |= ASKED_OF_ATTACK | {"hostile": Ask(float(commands), at_least=True)}
-    if given.only != "attack":
+    if only != "attack":
         with tempfile.TemporaryDirectory() as folder:
-            figures |= measure_stops(Path(folder), robot.profile, trials, is_remote=given.remote)
+            figures |= measure_stops(Path(folder), robot.profile, trials, is_remote=remote)
         asked |= ASKED_OF_STOPS | {"stops": Ask(float(trials), at_least=True)}
-    table = Table(title="Safety: one control period is 20 ms")
-    for name in ("figure", "found", "asked"):
-        table.add_column(name, justify="left" if name == "figure" else "right")
-    for name, value in figures.items():
-        table.add_row(name, f"{value:.6g}", str(asked.get(name, "")))
-    console.print(table)
-    line, holds = format_outcome(figures, asked)
-    print(line)
-    return 0 if holds else 1
+    show_figures("Safety: one control period is 20 ms", figures, asked)
+    return finish(figures, asked)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

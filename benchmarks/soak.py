@@ -8,7 +8,6 @@ set, from /proc; its slope is that of a straight line through all samples after 
 read at the end, after a last clean-up: the length of all files of the workspace, and the blocks that they occupy.
 """
 
-import argparse
 import os
 import subprocess
 import sys
@@ -21,7 +20,7 @@ from orchestration import HERE, write_graph
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask
@@ -64,11 +63,8 @@ def measure_disk(root: Path) -> tuple[float, float]:
     return float(sum(sizes)), float(sum(blocks))
 
 
-def main() -> int:
+def main(*, sessions: int = 20000) -> int:
     """Run, show, and tell whether memory is flat and a session small."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sessions", type=int, default=20_000)
-    chosen = parser.parse_args()
     console = Console()
     samples: dict[str, list[tuple[int, float]]] = defaultdict(list)
     with tempfile.TemporaryDirectory(prefix="soak-", ignore_cleanup_errors=True) as scratch:
@@ -77,7 +73,7 @@ def main() -> int:
         workspace.runtime_contract.write_text(rules)
         write_graph(workspace.root / "layered.yaml", "layered", GOAL)
         with open_bench(workspace, SystemClock(), memory_use=MemoryUse.NONE) as agent:
-            for number in range(1, chosen.sessions // GOAL + 1):
+            for number in range(1, sessions // GOAL + 1):
                 report = agent.mission.run(workspace.root / "layered.yaml", seed=0, goal=f"soak-{number}")
                 if report.verdict != "success":
                     sys.exit(f"{report.goal}: {report.verdict}, {report.reason}")
@@ -90,9 +86,9 @@ def main() -> int:
         prune = [sys.executable, "-m", "phyagentos", "evidence", "prune", "--workspace", str(workspace.root)]
         subprocess.run(prune, check=True, stdout=subprocess.DEVNULL)
         length, blocks = measure_disk(workspace.root)
-    figures = {"thinned_by_plane": float(thinned_in_run), "sessions": float(chosen.sessions)}
-    figures |= {"disk_kb_session": length / chosen.sessions / 1e3, "blocks_kb_session": blocks / chosen.sessions / 1e3}
-    table = Table("process", "MB after 2000", "MB at the end", "kB a session", title=f"{chosen.sessions} sessions")
+    figures = {"thinned_by_plane": float(thinned_in_run), "sessions": float(sessions)}
+    figures |= {"disk_kb_session": length / sessions / 1e3, "blocks_kb_session": blocks / sessions / 1e3}
+    table = Table("process", "MB after 2000", "MB at the end", "kB a session", title=f"{sessions} sessions")
     for name, each in samples.items():
         late = np.array([sample for sample in each if sample[0] >= SETTLED])
         slope_kb = 1e3 * float(np.polyfit(late[:, 0], late[:, 1], 1)[0])
@@ -101,9 +97,7 @@ def main() -> int:
     console.print(table)
     asked = {f"{name}_kb_session": Ask(SLOPE_MAX_KB, at_least=False) for name in samples}
     asked |= {"disk_kb_session": Ask(DISK_MAX_KB, at_least=False), "thinned_by_plane": Ask(1.0, at_least=True)}
-    line, holds = format_outcome(figures, asked)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, asked)
 
 
 if __name__ == "__main__":

@@ -8,21 +8,19 @@ CPU and start are the least of several tries: what others do on the machine only
 the working directory, because the temporary one may be held in memory.
 """
 
-import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
-from rich.console import Console
-from rich.table import Table
 from store_parts.claims import CLAIMERS, measure_claims
 from store_parts.cost import count_waits, measure_cpu
 from store_parts.events import measure_events
 from store_parts.sessions import open_pair, scratch, store_many
 from store_parts.start import measure_life, measure_start, measure_statechart
 from store_parts.transitions import measure_transitions
+from typer import Option
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run, show, show_figures
 from phyagentos.bench.report import Ask
 
 ASKED = {
@@ -84,28 +82,16 @@ def measure(size: Size) -> tuple[dict[str, float], list[Sequence[str]]]:
     return figures, rows
 
 
-def main() -> int:
+def main(*, quick: Annotated[bool, Option(help="Small numbers; only the counts mean anything.")] = False) -> int:
     """Measure, show, and exit with whether every asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="Small numbers; only the counts mean anything.")
-    size = QUICK if parser.parse_args().quick else FULL
+    size = QUICK if quick else FULL
     figures, rows = measure(size)
-    table = Table(title="durable transitions", caption=f"bare fdatasync p50: {figures['fdatasync_p50_ms']:.3f} ms")
-    for column in ("sessions stored", "p50 (ms)", "p50 (bare waits)", "p99 (bare waits)"):
-        table.add_column(column, justify="right")
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)
-    table = Table(title=f"the store; {CLAIMERS} claimers, {size.claimed} sessions, {max(size.stored)} archived")
-    for column in ("figure", "measured", "asked"):
-        table.add_column(column)
-    for name, value in figures.items():
-        table.add_row(name, f"{value:.3f}", str(ASKED.get(name, "")))
-    Console().print(table)
-    line, holds = format_outcome(figures, ASKED)
-    print(line)
-    return 0 if holds else 1
+    columns = ("sessions stored", "p50 (ms)", "p50 (bare waits)", "p99 (bare waits)")
+    show(f"durable transitions; bare fdatasync p50: {figures['fdatasync_p50_ms']:.3f} ms", columns, rows)
+    title = f"the store; {CLAIMERS} claimers, {size.claimed} sessions, {max(size.stored)} archived"
+    show_figures(title, figures, ASKED)
+    return finish(figures, ASKED)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

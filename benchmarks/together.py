@@ -8,20 +8,18 @@ the seeds that both met. The recorded joint positions of both robots are put int
 near they came. Success, contacts and bits are figures of the suite.
 """
 
-import argparse
 import statistics
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import mujoco
 import numpy as np
 import yaml
-from rich.console import Console
-from rich.table import Table
+from typer import Argument, BadParameter
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run, show
 from phyagentos.bench.records import EpisodeRecord, read_records
 from phyagentos.bench.report import Ask
 from phyagentos.protocol.capabilities.targets import BASE_JOINTS
@@ -113,18 +111,14 @@ def find_owner(folder: Path) -> str:
     return str(yaml.load((folder / "contract.yaml").read_text(), Loader=yaml.CSafeLoader)["session"]["target"])
 
 
-def main() -> int:
+def main(run: Annotated[Path, Argument(help="folder of a run of two_arms or fetch_and_sort")]) -> int:
     """Measure, show, and tell whether the robots are quick together."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("run", type=Path, help="folder of a run of two_arms or fetch_and_sort")
-    run = parser.parse_args().run
     records = [record for record in read_records(run) if record.ended == "over"]
     if not records or records[0].task not in EXAMPLES:
         found = records[0].task if records else "no episode that ended"
-        parser.error(f"{run} holds {found}; expected a run of {' or '.join(EXAMPLES)}")
+        raise BadParameter(f"{run} holds {found}; expected a run of {' or '.join(EXAMPLES)}")
     example = EXAMPLES[records[0].task]
     spans: dict[str, dict[int, float]] = {"together": {}, "in_turn": {}}
-    table = Table("seed", "together, s", "in turn, s", "nearest, mm", title=records[0].task)
     nearest: dict[int, float] = {}
     for record in records:
         way = record.setting or record.phase
@@ -135,11 +129,12 @@ def main() -> int:
             nearest[record.seed] = measure_distance(
                 folders, {each: find_owner(each) for each in folders}, example.robots
             )
-    for seed, near_m in sorted(nearest.items()):
-        cells = (f"{times[seed]:.1f}" if seed in times else "-" for times in spans.values())
-        table.add_row(str(seed), *cells, f"{1e3 * near_m:.0f}")
-    Console().print(table)
     together, in_turn = spans["together"], spans["in_turn"]
+    rows = (
+        (seed, *(f"{times[seed]:.1f}" if seed in times else "-" for times in spans.values()), f"{1e3 * near_m:.0f}")
+        for seed, near_m in sorted(nearest.items())
+    )
+    show(records[0].task, ("seed", "together, s", "in turn, s", "nearest, mm"), rows)
     both = sorted(together.keys() & in_turn.keys())
     figures = {
         "nearest_mm": 1e3 * min(nearest.values()),
@@ -149,10 +144,8 @@ def main() -> int:
         "worst_share": max(together[seed] / in_turn[seed] for seed in both),
         "pairs": float(len(both)),
     }
-    line, holds = format_outcome(figures, {"share_of_serial": Ask(example.share, at_least=False)})
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, {"share_of_serial": Ask(example.share, at_least=False)})
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

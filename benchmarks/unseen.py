@@ -23,16 +23,16 @@ make, volumes hidden under covers, and predicates on metrics.
 The suite runs the goals; this judges every session of a run, and weighs it against what was feasible.
 """
 
-import argparse
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 from rich.console import Console
+from typer import Argument
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run
 from benchmarks.unseen_parts.drawn import read_case
 from benchmarks.unseen_parts.figures import ASKED, Tally
 from benchmarks.unseen_parts.records import GoalRecord, Recorder, begin_record
@@ -42,16 +42,11 @@ from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.session import GoalId
 
 
-def main() -> int:
+def main(run: Annotated[Path, Argument(help="folder of a run of unseen, unseen_slick or unseen_grippy")]) -> int:
     """Judge, show everything, and exit with whether every asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path, help="folder of a run of unseen, unseen_slick or unseen_grippy")
-    run = parser.parse_args().run
     tally = Tally(judge(run / record.folder, record) for record in read_records(run))
     tally.show(Console(), str(run))
-    line, holds = format_outcome(tally.build_figures(), ASKED)
-    print(line)
-    return 0 if holds else 1
+    return finish(tally.build_figures(), ASKED)
 
 
 def judge(folder: Path, record: EpisodeRecord) -> GoalRecord:
@@ -76,4 +71,4 @@ def iter_tracebacks(logs: Path) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

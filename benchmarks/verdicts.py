@@ -12,22 +12,22 @@ counts as a false failure, after the further looks that the verdict asked for, a
 number of processes nor the other sensings change what it says.
 """
 
-import argparse
 import math
 import multiprocessing
 import os
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from rich.console import Console
+from typer import Option
 
-from benchmarks.outcome import format_outcome
 from benchmarks.recorded import Robot, open_robot
+from benchmarks.runner import finish, one_of, run
 from benchmarks.verdict_parts.cases import FAILURES, SUCCESS, UNPLANNED, Kind
 from benchmarks.verdict_parts.eye import Eye
 from benchmarks.verdict_parts.recordings import Recorded, Studio, list_jobs
@@ -62,25 +62,21 @@ class Plan:
     levels: tuple[str, ...]
 
 
-def main() -> int:
+def main(
+    *,
+    cases: Annotated[int, Option(help="of all classes, half of them successes")] = 2000,
+    seed: Annotated[int, Option(help="of the generator")] = HELD_OUT_SEED,
+    scenes: Annotated[int, Option(help="recorded sessions of each skill")] = SCENES,
+    sensing: Annotated[list[str], Option(callback=one_of(*LEVELS))] = tuple(LEVELS),
+    jobs: Annotated[int, Option(help="processes side by side, each with scenes of its own")] = 1,
+) -> int:
     """Run, show, and exit with whether every asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=2000, help="of all classes, half of them successes")
-    parser.add_argument("--seed", type=int, default=HELD_OUT_SEED, help="of the generator")
-    parser.add_argument("--scenes", type=int, default=SCENES, help="recorded sessions of each skill")
-    parser.add_argument("--sensing", nargs="+", choices=LEVELS, default=list(LEVELS))
-    parser.add_argument("--jobs", type=int, default=1, help="processes side by side, each with scenes of its own")
-    given = parser.parse_args()
-    quota = math.ceil(given.cases / 2 / (given.scenes * len(list_jobs(0))))
-    plans = [
-        Plan(scene=scene, seed=given.seed, quota=quota, levels=tuple(given.sensing)) for scene in range(given.scenes)
-    ]
-    outcomes = list(judge_all(plans, given.jobs, Console(stderr=True)))
-    show(Console(), outcomes, given.sensing)
-    figures = build_figures(outcomes, given.sensing)
-    line, holds = format_outcome(figures, {k: ask for k, ask in ASKED.items() if k in figures})
-    print(line)
-    return 0 if holds else 1
+    quota = math.ceil(cases / 2 / (scenes * len(list_jobs(0))))
+    plans = [Plan(scene=scene, seed=seed, quota=quota, levels=tuple(sensing)) for scene in range(scenes)]
+    outcomes = list(judge_all(plans, jobs, Console(stderr=True)))
+    show(Console(), outcomes, sensing)
+    figures = build_figures(outcomes, sensing)
+    return finish(figures, {k: ask for k, ask in ASKED.items() if k in figures})
 
 
 def judge_all(plans: Sequence[Plan], jobs: int, console: Console) -> Iterator[Outcome]:
@@ -168,4 +164,4 @@ def judge_case(world: World, eye: Eye, kind: Kind, sensings: Sequence[Sensing], 
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

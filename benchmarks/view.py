@@ -8,7 +8,6 @@ physics, alone and with a server whose eight streams one client reads, in turns;
 Server and client give way (nice 10), as `paos view` does by itself.
 """
 
-import argparse
 import os
 import subprocess
 import sys
@@ -20,10 +19,9 @@ from pathlib import Path
 from statistics import median
 
 from rich.console import Console
-from rich.table import Table
 from view_parts.thousand import measure_refreshes
 
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish, run, show
 from phyagentos.bench.report import Ask
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -101,29 +99,26 @@ def time_pairs(scratch: Path, pairs: int) -> tuple[list[dict[str, tuple[float, f
     return found, read[1:], spent_s[1:], root
 
 
-def main() -> int:
+def main(*, pairs: int = 8) -> int:
     """Measure, show, and exit with whether every asked figure holds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pairs", type=int, default=8)
-    given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="view-") as folder:
-        pairs, read, server_s, root = time_pairs(Path(folder), given.pairs)
+        timed, read, server_s, root = time_pairs(Path(folder), pairs)
         spent_ms = measure_refreshes(Path(folder) / "thousand", root, REFRESHES)
-    table = Table(title=f"a refresh of a goal of a thousand nodes [ms], {REFRESHES} times")
-    for column in ("", "median", "worst", "CPU, median"):
-        table.add_column(column)
-    for name, each in spent_ms.items():
-        table.add_row(name, f"{median(each.wall_ms):.1f}", f"{max(each.wall_ms):.1f}", f"{median(each.cpu_ms):.1f}")
-    Console().print(table)
-    table = Table(title=f"a run alone and with {VIEWERS} viewers, {given.pairs} pairs in turns [s]")
-    for column in ("", "alone", "watched", "ratio of a pair, median"):
-        table.add_column(column)
-    ratios = {}
+    show(
+        f"a refresh of a goal of a thousand nodes [ms], {REFRESHES} times",
+        ("", "median", "worst", "CPU, median"),
+        (
+            (name, f"{median(each.wall_ms):.1f}", f"{max(each.wall_ms):.1f}", f"{median(each.cpu_ms):.1f}")
+            for name, each in spent_ms.items()
+        ),
+    )
+    ratios, rows = {}, []
     for index, name in enumerate(("wall", "cpu")):
-        alone, beside = ([pair[kind][index] for pair in pairs] for kind in ("alone", "watched"))
+        alone, beside = ([pair[kind][index] for pair in timed] for kind in ("alone", "watched"))
         ratios[name] = median(b / a for a, b in zip(alone, beside, strict=True))
-        table.add_row(name, f"{median(alone):.2f}", f"{median(beside):.2f}", f"{ratios[name]:.4f}")
-    Console().print(table)
+        rows.append((name, f"{median(alone):.2f}", f"{median(beside):.2f}", f"{ratios[name]:.4f}"))
+    title = f"a run alone and with {VIEWERS} viewers, {pairs} pairs in turns [s]"
+    show(title, ("", "alone", "watched", "ratio of a pair, median"), rows)
     figures = {
         "first_ms": spent_ms["first"].wall_ms[0],
         "page_ms_median": median(spent_ms["page"].wall_ms),
@@ -134,12 +129,10 @@ def main() -> int:
         "viewers": float(VIEWERS),
         "server_cpu_s": median(server_s),
         "bytes_a_viewer": median(read) / VIEWERS,
-        "pairs": float(given.pairs),
+        "pairs": float(pairs),
     }
-    line, holds = format_outcome(figures, ASKED)
-    print(line)
-    return 0 if holds else 1
+    return finish(figures, ASKED)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -153,9 +153,17 @@ def compute_figures(cases: Sequence[Case], seed: int) -> dict[str, float]:
 
 def show(console: Console, cases: Sequence[Case], seed: int, most: int = 40) -> None:
     """A row for each kind of moment, each suite, all, and who always says the same; then what was wrong."""
-    table = Table(title="Verdicts against LIBERO's predicate, sensing: state; intervals clustered by episode")
-    for column in ("", "failures", "false successes", "unknown", "successes", "false failures", "unknown ", "balanced"):
-        table.add_column(column)
+    table = Table(
+        "",
+        "failures",
+        "false successes",
+        "unknown",
+        "successes",
+        "false failures",
+        "unknown ",
+        "balanced",
+        title="Verdicts against LIBERO's predicate, sensing: state; intervals clustered by episode",
+    )
     for name, of, is_last in _group(cases):
         table.add_row(name, *_describe(of, seed), end_section=is_last)
     met, missed = _split(cases)

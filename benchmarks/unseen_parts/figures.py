@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
 
+from benchmarks.runner import show
 from benchmarks.unseen_parts.records import GoalRecord, NodeRecord, SessionRecord, iter_findings
 from phyagentos.bench.report import Ask
 
@@ -94,9 +95,7 @@ class Tally:
 
     def show(self, console: Console, title: str) -> None:
         """The tables, every finding, and the reasons of failures by code."""
-        table = Table(title=title)
-        for column in ("", "count", "share [95 % interval, Clopper-Pearson]"):
-            table.add_column(column)
+        table = Table("", "count", "share [95 % interval, Clopper-Pearson]", title=title)
         figures = self.build_figures()
         rows = (
             ("feasible goals met", [goal.is_met for goal in self.feasible]),
@@ -131,12 +130,11 @@ class Tally:
         causes = Counter(
             find_code(s) for goal in self.feasible for s in goal.sessions if s.verdict not in {"", "success"}
         )
-        table = Table(title="sessions of feasible goals that were not met, by skill, code and cause")
-        table.add_column("reason")
-        table.add_column("sessions", justify="right")
-        for name, count in causes.most_common():
-            table.add_row(name, str(count))
-        console.print(table)
+        show(
+            "sessions of feasible goals that were not met, by skill, code and cause",
+            ("reason", "sessions"),
+            ((name, str(count)) for name, count in causes.most_common()),
+        )
         for goal in self.feasible:
             if not goal.is_met and goal.ended == "over":
                 console.print(f"seed {goal.seed}: {goal.reason[:220]}", style="dim", highlight=False, markup=False)

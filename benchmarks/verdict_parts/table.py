@@ -101,10 +101,7 @@ def show(console: Console, outcomes: Sequence[Outcome], levels: Sequence[str]) -
 
 
 def _make_table(title: str, first: str, levels: Sequence[str]) -> Table:
-    table = Table(title=title)
-    for column in (first, *levels, "controller returned ok"):
-        table.add_column(column)
-    return table
+    return Table(first, *levels, "controller returned ok", title=title)
 
 
 def _add_row(

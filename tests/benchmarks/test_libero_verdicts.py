@@ -17,7 +17,7 @@ from benchmarks.libero_parts.verdict_figures import (
     share,
 )
 from benchmarks.libero_verdicts import append, read_results
-from benchmarks.outcome import format_outcome
+from benchmarks.runner import finish
 
 
 def case(success, said, episode=0, kind="met"):
@@ -123,11 +123,11 @@ def test_a_label_that_held_at_a_step_of_the_look_and_not_at_the_last_is_told_apa
 
 
 @pytest.mark.parametrize(("said", "holds"), [("failure", True), ("success", False)])
-def test_one_false_success_among_a_thousand_fails_the_benchmark(said, holds):
+def test_one_false_success_among_a_thousand_fails_the_benchmark(said, holds, capsys):
     cases = [case(False, "failure", episode=number % 300) for number in range(999)] + [case(False, said)]
     cases += [case(True, "success", episode=number % 300) for number in range(1000)]
 
-    line, found = format_outcome(compute_figures(cases, seed=1) | {"missing": 0.0}, ASKED)
+    code = finish(compute_figures(cases, seed=1) | {"missing": 0.0}, ASKED)
 
-    assert found is holds
-    assert json.loads(line)["holds"] is holds
+    assert code == (0 if holds else 1)
+    assert json.loads(capsys.readouterr().out)["holds"] is holds

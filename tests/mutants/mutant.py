@@ -23,8 +23,9 @@ class Edit:
 
     @property
     def path(self) -> Path:
-        """The file whose reading is bent, never the file itself."""
-        return ROOT / (self.module.replace(".", "/") + ".py")
+        """The file, of this project or of one of its kits, whose reading is bent, never the file itself."""
+        relative = self.module.replace(".", "/") + ".py"
+        return next(ROOT.glob(f"kits/*/{relative}"), ROOT / relative)
 
     def apply(self, source: str) -> str:
         """The bent source.
