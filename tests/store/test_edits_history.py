@@ -93,5 +93,3 @@ def test_a_large_journal_is_read_from_its_checkpoint(story, open_history, open_j
     assert render_page(late.find_page(120)) == texts[120]
     page = late.find_page(30)
     assert page is None or render_page(page) == texts[30]
-
-
