@@ -35,9 +35,9 @@ from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.preflight.arguments import iter_contradictions, iter_name_problems
+from phyagentos.testing import make_contract
 from tests.agent.test_diagnosis import make_bundle
 from tests.agent.test_repair import HEMMED_IN, ROOT, failed_before, make_box, make_case, make_table_world, met
-from tests.contracts import make_contract
 
 OTHER_NAMES = {
     "inside": "within",
@@ -55,7 +55,7 @@ OTHER_NAMES = {
     "fallen": "toppled",
 }
 CACHES = (
-    predicate._parse,
+    predicate.read_formula,
     predicate.has_metric,
     meaning.read_statement,
     meaning.list_kinds,
