@@ -11,7 +11,6 @@ from typing import Any
 import msgspec
 import pytest
 from rollout_forecaster.playback import Rollout, find_cause
-from tests.contracts import make_contract
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
@@ -36,6 +35,7 @@ from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.preflight.arguments import iter_contradictions, iter_name_problems
+from phyagentos.testing import make_contract
 from tests.agent.test_diagnosis import make_bundle
 from tests.agent.test_repair import HEMMED_IN, ROOT, failed_before, make_box, make_case, make_table_world, met
 
@@ -55,7 +55,7 @@ OTHER_NAMES = {
     "fallen": "toppled",
 }
 CACHES = (
-    predicate._parse,
+    predicate.read_formula,
     predicate.has_metric,
     meaning.read_statement,
     meaning.list_kinds,

@@ -252,7 +252,9 @@ class PredicateLibrary:
 def get_predicate_library() -> PredicateLibrary:
     """The built-in predicates and those that installed packages announce; raises DefinitionError as `Plugins.load`."""
     library = PredicateLibrary()
-    for found in PREDICATES.load_all().values():
+    every = PREDICATES.load_all()
+    for name in sorted(every, key=lambda name: name not in PREDICATES.shipped):  # what ships is written for a meaning
+        found = every[name]
         for definition in (found,) if isinstance(found, PredicateDefinition) else found:
             library.register(definition)
     return library

@@ -27,8 +27,10 @@ def load_predicates(files: Iterable[Path]) -> None:
         found = run_file(path, "BROKEN_PREDICATES").values()
         for definition in {each.name: each for each in found if isinstance(each, PredicateDefinition)}.values():
             get_predicate_library().admit(definition)
-        for cached in (*_CACHED, predicate.has_metric, predicate.read_formula):
+        for cached in (predicate.has_metric, predicate.read_formula):
             cached.cache_clear()
+        for read in (meaning.read_statement, meaning.list_kinds, meaning.normalize, meaning.state):
+            read.cache_clear()
 
 
 def read_predicate_names(path: Path) -> list[str]:
