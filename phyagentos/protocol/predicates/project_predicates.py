@@ -15,7 +15,7 @@ from phyagentos.plugins import read_source, run_file
 from phyagentos.protocol.predicates import meaning, predicate
 from phyagentos.protocol.predicates.library import PredicateDefinition, get_predicate_library
 
-_CACHED = (meaning.read_statement, meaning.normalize, meaning.list_kinds, meaning.state)
+_OF_MEANING = (meaning.read_statement, meaning.normalize, meaning.list_kinds, meaning.state)
 
 
 def load_predicates(files: Iterable[Path]) -> None:
@@ -27,10 +27,8 @@ def load_predicates(files: Iterable[Path]) -> None:
         found = run_file(path, "BROKEN_PREDICATES").values()
         for definition in {each.name: each for each in found if isinstance(each, PredicateDefinition)}.values():
             get_predicate_library().admit(definition)
-        for cached in (predicate.has_metric, predicate.read_formula):
+        for cached in (*_OF_MEANING, predicate.has_metric, predicate.read_formula):
             cached.cache_clear()
-        for read in (meaning.read_statement, meaning.list_kinds, meaning.normalize, meaning.state):
-            read.cache_clear()
 
 
 def read_predicate_names(path: Path) -> list[str]:
