@@ -26,7 +26,7 @@ ELSEWHERE = {  # the same word for something else
     "agent/goals/checks.py": OF_TYPES,
     "agent/judging/diagnosis.py": {"metric"},  # the kind of a criterion
     "agent/planning/operators.py": {"posture"},
-    "cli/schemas.py": {"object"},  # of JSON Schema
+    "operations/schema_fields.py": {"object"},  # of JSON Schema
     "export/mcap_log.py": {"at"},  # when a line was written
     "protocol/capabilities/skill_runtimes.py": OF_TYPES,
     "protocol/documents/body_codec.py": {"on"},  # a truth value of YAML 1.1
