@@ -109,11 +109,14 @@ def lint_file(
     path: Path, *, runs_python: bool = False, library: Library | None = None, check_suite: Check | None = None
 ) -> list[Problem]:
     """Every problem of one file, seen from its project or from a given library; an unknown kind is one."""
+    try:
+        read_text(path)  # what cannot be read has no kind, and its path may lead nowhere
+    except DefinitionError as error:
+        return list(error.problems)
     library = library or open_library(path)
     try:
         if runs_python:
             load_predicates(library.iter_predicates())
-        read_text(path)  # what cannot be read has no kind, and its path may lead nowhere
         kind = find_kind(path)
         if kind is None:
             read_yaml(path)  # a syntax error is the better message

@@ -180,7 +180,9 @@ def test_a_skills_own_leaves_are_loaded_from_its_folder(tmp_path):
     assert registry.names() == ["nod"]
 
 
-@pytest.mark.parametrize(("text", "reason"), [("x = 1", "AttributeError"), ("import nothing_at_all", "ModuleNotFound")])
+@pytest.mark.parametrize(
+    ("text", "reason"), [("x = 1", "no such function"), ("import nothing_at_all", "ModuleNotFound")]
+)
 def test_a_broken_behaviours_file_is_named_with_the_reason(tmp_path, text, reason):
     path = tmp_path / "behaviours.py"
     path.write_text(text)
