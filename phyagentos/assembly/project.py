@@ -57,15 +57,22 @@ def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
     return {key if key.startswith(PREFIX) else f"parameters.{key}.default": value for key, _, value in pairs}
 
 
-def admit_python(root: Path, *sources: Path, is_trusted: bool, announce: Callable[[str], object] = str) -> None:
+def admit_python(
+    root: Path,
+    *sources: Path,
+    is_trusted: bool,
+    announce: Callable[[str], object] = str,
+    find: Callable[[Workspace, Library], list[Path]] = find_foreign_python,
+) -> None:
     """Name the Python of an existing workspace that neither the projects of `sources` nor the working folder hold.
 
-    Then execute the predicates of the workspace, or, before there is one, of these projects.
+    Then execute the predicates of the workspace, or, before there is one, of these projects. `find` gives what needs
+    consent: a plane that executes no leaf asks for predicates alone.
 
     Raises DefinitionError `UNTRUSTED_PYTHON` unless it `is_trusted`; `LEADS_OUT`; as `load_predicates`.
     """
     library, workspace = open_library(*sources), Workspace.open(root) if (root / MARKER).is_file() else None
-    found = find_foreign_python(workspace, library) if workspace is not None else ()
+    found = find(workspace, library) if workspace is not None else ()
     if found and not is_trusted:
         expected = "a skill as in this project, in an installed package or as shipped"
         hint = "Read it; --trust-python lets it run."

@@ -14,6 +14,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.settings.perception import Prior, Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.settings.verification_mode import VerificationMode
+from phyagentos.protocol.workspace.foreign_python import find_foreign_predicates
 
 _GOAL_HELP = "Id of the goal. One that has its verdict is only reported, so a restart does nothing twice."
 _GRAPH = "A goal graph: a file, or a name of `paos list graphs`."
@@ -48,7 +49,7 @@ def agent(
     about = f"agent of {workspace}: submits, judges; `paos watch -w {workspace}` carries out; Ctrl-C ends"
     _prepare(with_parent, about)
     file, overrides = get_file(graph, "goal_graphs"), parse_overrides(set_)
-    admit_python(workspace, file, is_trusted=trust_python, announce=print_note)
+    admit_python(workspace, file, is_trusted=trust_python, announce=print_note, find=find_foreign_predicates)
     report = run_agent(workspace, file, seed, overrides=overrides, goal=goal, verify=verify, memory=memory)
     text = f"goal {report.goal}: {report.verdict}  {report.reason}"
     return Reply(report, text, code=ExitCode(report.exit_code))

@@ -38,7 +38,7 @@ def test_a_hemmed_in_cube_and_a_carton_too_wide_are_had_by_clearing_and_by_pushi
 
 def test_a_hand_and_a_slip_are_told_apart():
     command = [sys.executable, str(ROOT / "benchmarks" / "diagnosis.py"), "--seeds", "1", "--sense", "truth"]
-    command += ["--cases", "moved", "dropped"]
+    command += ["--cases", "moved", "--cases", "dropped"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     figures = json.loads(done.stdout.splitlines()[-1])["figures"]
 

@@ -16,15 +16,24 @@ def find_foreign_python(workspace: Workspace, known: Library) -> list[Path]:
 
     And each file of predicates that none of these holds. Libraries inside the workspace do not count as known.
     """
-    roots = [root for root in known.roots if not root.is_relative_to(workspace.root)]
-    copies = workspace.library()
+    roots = _list_roots(workspace, known)
     leaves = [
         path
-        for path in copies.iter_behaviours()
+        for path in workspace.library().iter_behaviours()
         if not any(_is_part_of(path.parent, root / "skills" / path.parent.name) for root in roots)
     ]
+    return [*leaves, *find_foreign_predicates(workspace, known)]
+
+
+def find_foreign_predicates(workspace: Workspace, known: Library) -> list[Path]:
+    """Each file of predicates of the copies that no known library holds; the agent executes these alone."""
+    roots = _list_roots(workspace, known)
     known_bytes = [path.read_bytes() for root in roots for path in Library((root,)).iter_predicates()]
-    return [*leaves, *(path for path in copies.iter_predicates() if path.read_bytes() not in known_bytes)]
+    return [path for path in workspace.library().iter_predicates() if path.read_bytes() not in known_bytes]
+
+
+def _list_roots(workspace: Workspace, known: Library) -> list[Path]:
+    return [root for root in known.roots if not root.is_relative_to(workspace.root)]
 
 
 def _is_part_of(folder: Path, other: Path) -> bool:

@@ -209,7 +209,8 @@ class TargetSessionHandle:
             self._refuse(ruling)
         self._sequence += 1
         self._rests = not ruling.command.qd_rad_s[-1].any()
-        self._send(ruling.command)
+        self._check_permitted(OPERATIONS[wire.Command])
+        self.link.send(ruling.command)
 
     def collect(self) -> wire.Step:
         """The report of the oldest command that was sent.
@@ -230,7 +231,8 @@ class TargetSessionHandle:
 
     def request_frames(self, capture: wire.Capture) -> None:
         """Request the frames at the end of the command that was sent last; `collect_frames` returns them."""
-        self._send(capture)
+        self._check_permitted(OPERATIONS[wire.Capture])
+        self.link.send(capture)
 
     def collect_frames(self) -> wire.Frames:
         """The frames that were requested behind the command whose report was collected last."""
@@ -320,10 +322,6 @@ class TargetSessionHandle:
     def _ask(self, request: wire.RequestFor[ReplyT]) -> ReplyT:
         self._check_permitted(VERBS[type(request)].operation)
         return self._expect(type(request), self.link.ask(request))
-
-    def _send(self, request: wire.Command | wire.Capture) -> None:
-        self._check_permitted(VERBS[type(request)].operation)
-        self.link.send(request)
 
     def _expect(self, kind: type[wire.RequestFor[ReplyT]], reply: wire.Reply) -> ReplyT:
         if isinstance(reply, wire.Refused):

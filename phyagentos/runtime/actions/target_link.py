@@ -56,10 +56,11 @@ class TargetLink:
 
     def send(self, request: wire.Command | wire.Capture) -> None:
         """Send one request; `collect` returns its reply."""
-        if self._local is None:
-            wire.send_request(self.connection, request)
-        else:
+        if self._local is not None:
             self._local.send_ahead(request)
+        else:
+            with wire.closed_means_lost():
+                self.connection.send_bytes(wire.REQUESTS.encode(request))
         self._sent.append(request)
 
     def collect(self) -> wire.Reply:

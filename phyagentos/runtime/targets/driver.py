@@ -94,7 +94,12 @@ class TargetDriver(TargetPort):
 
     @override
     def carry_out(self, request: wire.RequestFor[wire.ReplyT]) -> wire.ReplyT:
-        return wire.require(type(request), VERBS[type(request)].method(self, request))
+        if isinstance(request, wire.Command):  # every control period
+            stopped, step = self.apply(request), self.report()
+            reply: wire.Reply = msgspec.structs.replace(step, stopped=stopped) if stopped else step
+        else:
+            reply = VERBS[type(request)].method(self, request)
+        return wire.require(type(request), reply)
 
     @abstractmethod
     def describe(self) -> wire.Description:
@@ -225,12 +230,6 @@ def _begin(driver: TargetDriver, request: wire.Begin) -> wire.Ack:
     return wire.Ack()
 
 
-def _command(driver: TargetDriver, request: wire.Command) -> wire.Step:
-    stopped = driver.apply(request)
-    step = driver.report()
-    return msgspec.structs.replace(step, stopped=stopped) if stopped else step
-
-
 def _halt(driver: TargetDriver, request: wire.Halt) -> wire.Step:
     driver.halt(request.category)
     return driver.report()
@@ -256,7 +255,7 @@ VERBS: Mapping[type[wire.Request], Verb] = {
     wire.LoadScene: Verb(lambda driver, request: driver.load(request), traits=Trait.SLOW),
     wire.Begin: Verb(_begin, traits=Trait.MOVES),
     wire.Announce: Verb(lambda driver, request: wire.Admission(driver.announce(request)), Need.COMMANDING, Trait.MOVES),
-    wire.Command: Verb(_command, Need.COMMANDING, Trait.MOVES, "apply"),
+    wire.Command: Verb(TargetDriver.carry_out, Need.COMMANDING, Trait.MOVES, "apply"),
     wire.Halt: Verb(_halt, Need.SESSION, Trait.MOVES, "halt"),
     wire.Settle: Verb(_settle, Need.SESSION, Trait.MOVES, "settle"),
     wire.End: Verb(_end, Need.SESSION, Trait.MOVES),

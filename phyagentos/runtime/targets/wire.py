@@ -5,7 +5,8 @@ Arrays travel in C order with their shape: float64, pictures as uint8, depth as 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, Generic, TypeVar, get_args
 
 import msgspec
@@ -369,16 +370,19 @@ def exchange(connection: Channel, request: Request, timeout_s: float) -> Reply:
     return await_reply(connection, timeout_s)
 
 
-def send_request(connection: Channel, request: Request) -> None:
-    """Send one request; replies come in the order of requests.
-
-    Raises:
-        ExecutionError: `TARGET_LOST` when the target is gone.
-    """
+@contextmanager
+def closed_means_lost() -> Iterator[None]:
+    """Around a use of a connection to a target: raises ExecutionError `TARGET_LOST` where the target has closed it."""
     try:
-        connection.send_bytes(REQUESTS.encode(request))
+        yield
     except OSError as error:
         raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
+
+
+def send_request(connection: Channel, request: Request) -> None:
+    """Send one request; replies come in the order of requests. Raises ExecutionError `TARGET_LOST`."""
+    with closed_means_lost():
+        connection.send_bytes(REQUESTS.encode(request))
 
 
 def await_reply(
