@@ -22,7 +22,7 @@ from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Frames, Unconvertible
 from phyagentos.runtime.actions.bridges.chain import BridgeChain, compile_chain
 from phyagentos.runtime.actions.violations import Intervention, Violation, ViolationCode
-from phyagentos.runtime.policies.server import Policy, answer, serve_policy
+from phyagentos.runtime.policies.policy_server import Policy, answer, serve_policy
 from phyagentos.runtime.policies.transport import PolicyService
 from phyagentos.runtime.policies.wire import (
     Array,

@@ -11,7 +11,7 @@ import numpy as np
 
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
-from phyagentos.runtime.policies.server import serve_policy
+from phyagentos.runtime.policies.policy_server import serve_policy
 from phyagentos.runtime.policies.wire import Infer, Start
 
 SKILL = Path(__file__).parents[2] / "examples" / "projects" / "03_policy_server" / "skills" / "imitate" / "SKILL.md"

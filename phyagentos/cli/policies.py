@@ -7,7 +7,7 @@ import typer
 from phyagentos.cli.explaining import Space
 from phyagentos.cli.outcome import ExitCode, print_result
 from phyagentos.cli.reply import Reply
-from phyagentos.operations import policies
+from phyagentos.operations import policy_sessions
 from phyagentos.runtime.policies.exchanges import Answer
 
 
@@ -17,7 +17,7 @@ def serve(
     endpoint: Annotated[str, typer.Option(help="Where to listen, instead of the declared endpoint.")] = "",
 ) -> None:
     """Serve a policy of your own until Ctrl-C: over openpi's protocol (`openpi://`), or this project's (`tcp://`)."""
-    policies.serve(skill, model, lambda where: print_result(f"serving at {where}"), endpoint=endpoint)
+    policy_sessions.serve(skill, model, lambda where: print_result(f"serving at {where}"), endpoint=endpoint)
 
 
 def replay(
@@ -27,7 +27,7 @@ def replay(
     timeout_s: Annotated[float, typer.Option(help="Longest wait for one chunk [s].")] = 10.0,
 ) -> Reply[tuple[Answer, ...]]:
     """Show a policy once more what one was shown in a session, and compare the answers. Exit 1 where they differ."""
-    found = policies.replay(workspace, session, endpoint=endpoint, timeout_s=timeout_s)
+    found = policy_sessions.replay(workspace, session, endpoint=endpoint, timeout_s=timeout_s)
     differing = sum(not each.is_same for each in found)
     lines = [f"chunk {each.sequence:>4}  at {each.time_s:8.3f} s  {each}" for each in found]
     text = "\n".join([*lines, f"{len(found)} chunks, {differing} answered differently"])

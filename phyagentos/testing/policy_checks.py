@@ -8,7 +8,7 @@ from phyagentos.protocol.capabilities.action_spaces import describe_target_space
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged, compile_chain
 from phyagentos.runtime.actions.bridges.tool_poses import describe_frames
-from phyagentos.runtime.policies.server import Policy
+from phyagentos.runtime.policies.policy_server import Policy
 from phyagentos.runtime.policies.wire import Array, Infer, Start
 from phyagentos.testing.skill_stand import ROBOT, read_robot
 

@@ -61,7 +61,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
-from phyagentos.runtime.policies.server import serve_policy
+from phyagentos.runtime.policies.policy_server import serve_policy
 
 class Lifter:
     def start(self, request):

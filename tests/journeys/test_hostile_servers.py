@@ -19,7 +19,7 @@ from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.segmentation import Palette
 from phyagentos.runtime.policies import wire
-from phyagentos.runtime.policies.server import answer
+from phyagentos.runtime.policies.policy_server import answer
 from tests.hostile_server import WAYS, HostileServer
 
 pytestmark = pytest.mark.journey

@@ -18,7 +18,7 @@ from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.policies.exchanges import read_arrays, read_exchanges
-from phyagentos.runtime.policies.server import serve_policy
+from phyagentos.runtime.policies.policy_server import serve_policy
 
 pytestmark = pytest.mark.journey
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
-from phyagentos.runtime.policies.server import serve_policy
+from phyagentos.runtime.policies.policy_server import serve_policy
 from phyagentos.runtime.policies.wire import Infer, Start
 
 CHUNK = 25  # rows: half a second at 50 Hz

@@ -1,4 +1,4 @@
-"""Serves a trained policy: ONNX behind `phyagentos.runtime.policies.server`, its rows followed within limits.
+"""Serves a trained policy: ONNX behind `phyagentos.runtime.policies.policy_server`, its rows followed within limits.
 
     python server.py weights/state.onnx       # for the skill pick_by_state
     python server.py weights/image.onnx       # for pick_by_image
@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
-from phyagentos.runtime.policies.server import serve_policy
+from phyagentos.runtime.policies.policy_server import serve_policy
 from phyagentos.runtime.policies.wire import Infer, Start
 
 MODEL_S, PERIOD_S = 0.04, 0.02  # between rows of the model, and between those of an answer

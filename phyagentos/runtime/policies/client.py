@@ -20,7 +20,7 @@ from phyagentos.network.deadline import Deadline
 from phyagentos.protocol.capabilities.policy_descriptors import MODEL_SCHEME, POLICY_WIRES, PolicyDescriptor, Stream
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.model_inputs import arrange
-from phyagentos.runtime.policies.server import Policy, answer
+from phyagentos.runtime.policies.policy_server import Policy, answer
 from phyagentos.runtime.policies.transport import PolicyService, Transport, open_transport
 
 ASK_S = 3.0  # a server that needs longer for its descriptor will not keep a control rate

@@ -20,7 +20,7 @@ from websockets.sync.server import ServerConnection, serve
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import openpi_codec, wire
-from phyagentos.runtime.policies.server import Policy
+from phyagentos.runtime.policies.policy_server import Policy
 
 HEALTH = "/healthz"
 MESSAGE_MAX_BYTES = 2**26  # some pictures

@@ -16,7 +16,7 @@ from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient
 from phyagentos.runtime.policies.openpi_server import serve_openpi
-from phyagentos.runtime.policies.server import serve_policy
+from phyagentos.runtime.policies.policy_server import serve_policy
 
 CLOCK = SystemClock()
 STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}

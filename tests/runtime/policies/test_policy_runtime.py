@@ -20,7 +20,7 @@ from phyagentos.runtime.actions.chunks import iter_periods
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.policies.policy_runtime import Policies
-from phyagentos.runtime.policies.server import serve_policy
+from phyagentos.runtime.policies.policy_server import serve_policy
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget

@@ -13,7 +13,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient, ask_policy
-from phyagentos.runtime.policies.server import answer, serve_policy
+from phyagentos.runtime.policies.policy_server import answer, serve_policy
 from tests.hostile_server import HostileServer
 
 CLOCK = SystemClock()

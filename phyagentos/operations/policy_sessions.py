@@ -14,7 +14,7 @@ from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.runtime.policies.exchanges import Answer, replay_exchanges
 
 if TYPE_CHECKING:
-    from phyagentos.runtime.policies.server import Policy
+    from phyagentos.runtime.policies.policy_server import Policy
 
 MODEL_SUFFIX = ".onnx"
 
@@ -32,7 +32,7 @@ def serve(skill: str, model: str, on_begun: Callable[[str], None], *, endpoint: 
         raise DefinitionError.of("POLICY_UNDECLARED", str(path), "no `policy`", "a skill of kind `policy`")
     descriptor = PolicyDescriptor.model_validate(declared.model_dump() | {"endpoint": endpoint or declared.endpoint})
     from phyagentos.runtime.policies.openpi_server import serve_openpi
-    from phyagentos.runtime.policies.server import serve_policy
+    from phyagentos.runtime.policies.policy_server import serve_policy
 
     serve_at = {"openpi": serve_openpi, "tcp": serve_policy}.get(descriptor.endpoint.partition(":")[0])
     if serve_at is None:
