@@ -15,6 +15,7 @@ from phyagentos.testing import ManualClock
 pytestmark = pytest.mark.fast
 
 
+@pytest.mark.slow
 def test_this_machine_keeps_every_promise_and_nothing_is_left_behind(tmp_path, paos):
     result = paos("doctor", tmp_path, "--json")
     findings = json.loads(result.out)
@@ -72,6 +73,7 @@ def test_a_full_disk_and_a_shared_file_system_are_seen(tmp_path, monkeypatch):
     assert doctor.check_file_system(tmp_path, ManualClock()).grade is Grade.WEAK
 
 
+@pytest.mark.slow
 def test_a_folder_that_cannot_be_written_is_broken_and_the_other_checks_go_on(tmp_path, monkeypatch):
     def refuse(*_arguments, **_keywords):
         raise PermissionError(13, "Permission denied")

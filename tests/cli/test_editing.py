@@ -101,6 +101,7 @@ def test_an_edit_that_was_saved_without_paos_edit_is_found_too(pending, paos):
     assert "priority: 9" in file.read_text()
 
 
+@pytest.mark.slow
 def test_it_waits_for_another_one_to_finish(pending, paos):
     lock = pending.workspace.edits / ".lock"
     lock.parent.mkdir()

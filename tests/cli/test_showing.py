@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -13,18 +14,9 @@ import yaml
 
 from phyagentos.cli import schemas
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMAS = ROOT / "protocol" / "schemas"
-
-
-def test_the_statechart_that_is_printed_is_the_table(paos):
-    result = paos("lifecycle", "--mermaid")
-    assert result.out.startswith("stateDiagram-v2\n")
-    arrows = re.findall(r"^    (\w+) --> (\w+): (\w+)", result.out, re.MULTILINE)
-    expected = {(source, row.dest, row.trigger) for row in SESSION_TRANSITIONS for source in row.sources}
-    assert set(arrows) == {(str(source), str(dest), trigger) for source, dest, trigger in expected}
 
 
 def test_the_statechart_in_the_docs_is_the_table(paos):
@@ -90,12 +82,6 @@ def test_a_tree_that_contains_itself_is_not_drawn_for_ever(paos, tmp_path):
 KINDS = [*schemas.names_of_schemas(), *schemas.names_of_results()]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_shipped_schema_is_up_to_date(kind):
-    shipped = (SCHEMAS / f"{kind}.schema.json").read_text(encoding="utf-8")
-    assert shipped == schemas.render_schema(kind), "run `make schemas`"
-
-
 def test_no_schema_is_shipped_that_nothing_makes():
     shipped = SCHEMAS.rglob("*.schema.json")
     assert {path.relative_to(SCHEMAS).as_posix().removesuffix(".schema.json") for path in shipped} == set(KINDS)
@@ -120,16 +106,21 @@ class EditorLoader(yaml.SafeLoader):
     }
 
 
+@cache
+def make_validator(kind):
+    return jsonschema.Draft202012Validator(json.loads(schemas.render_schema(kind)))
+
+
 @pytest.mark.parametrize(("path", "kind"), AUTHORED, ids=lambda value: getattr(value, "stem", value))
 def test_an_editor_accepts_what_the_reader_accepts(path, kind):
     data = yaml.load(path.read_text(encoding="utf-8"), EditorLoader)
-    jsonschema.validate(data, json.loads(schemas.render_schema(kind)))
+    make_validator(kind).validate(data)
 
 
 def test_an_editor_refuses_an_unknown_key():
     data = yaml.safe_load((ROOT / "goal_graphs/tidy_table.yaml").read_text(encoding="utf-8")) | {"colour": "red"}
     with pytest.raises(jsonschema.ValidationError, match="'colour' was unexpected"):
-        jsonschema.validate(data, json.loads(schemas.render_schema("goal_graph")))
+        make_validator("goal_graph").validate(data)
 
 
 def test_an_unknown_schema_names_the_nearest(paos):

@@ -29,6 +29,7 @@ def test_a_whole_journal_is_said_to_be_whole(paos, replanned):
     assert paos("store", "repair", replanned.workspace.root).out == "nothing to repair\n"
 
 
+@pytest.mark.slow
 def test_every_problem_is_told_with_its_place_and_the_exit_code_is_1(paos, replanned):
     path = segment_of(replanned)
     places = [spoil(path, 4), spoil(path, 9)]

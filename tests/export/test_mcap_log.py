@@ -137,6 +137,7 @@ def test_whole_pictures_of_recording_and_looks_are_there_once_with_their_stamps(
     assert (schema.name, value["frame_id"], value["format"]) == ("foxglove.CompressedImage", "top", "png")
 
 
+@pytest.mark.slow
 def test_every_message_fits_its_schema_and_no_number_is_missing_in_it(log):
     for messages in log[0].values():
         for schema, _, value in messages:
