@@ -11,6 +11,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.operations import doctor
 from phyagentos.operations.doctor import Grade, iter_findings
 from phyagentos.testing import ManualClock
+from tests.command_line import assert_refused
 
 pytestmark = pytest.mark.fast
 
@@ -27,10 +28,7 @@ def test_this_machine_keeps_every_promise_and_nothing_is_left_behind(tmp_path, p
 
 
 def test_a_folder_that_does_not_exist_is_a_mistake_of_the_caller(tmp_path, paos):
-    result = paos("doctor", tmp_path / "nowhere")
-
-    assert result.code == 2
-    assert "UNKNOWN_FOLDER" in result.err
+    assert_refused(paos("doctor", tmp_path / "nowhere"), "UNKNOWN_FOLDER")
 
 
 def test_packages_that_are_missing_or_too_old_are_all_named(monkeypatch):

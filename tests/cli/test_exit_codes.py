@@ -14,6 +14,7 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.results import iter_commands
 from phyagentos.clock import SystemClock
 from phyagentos.operations import listing
+from tests.command_line import assert_refused
 
 
 def test_help_and_version_succeed(paos):
@@ -142,10 +143,11 @@ def test_problems_of_lint_are_json(paos, tmp_path):
 @pytest.mark.parametrize("command", [("init",), ("run", "tidy_table", "-w"), ("watch", "-w")])
 def test_a_place_that_cannot_be_written_is_a_user_error(paos, tmp_path, command):
     (tmp_path / "file").write_text("")
-    result = paos(*command, tmp_path / "file" / "below")
-    assert result.code == ExitCode.INVALID_INPUT
-    assert f"{tmp_path / 'file' / 'below'}" in result.err
-    assert "name a place that can be read and written" in result.err
+    assert_refused(
+        paos(*command, tmp_path / "file" / "below"),
+        f"{tmp_path / 'file' / 'below'}",
+        "name a place that can be read and written",
+    )
 
 
 def test_ctrl_c_while_the_program_is_imported_leaves_no_traceback(tmp_path):
@@ -160,16 +162,12 @@ def test_a_parameter_is_given_by_its_name_and_a_bad_value_is_invalid_input(paos)
     given = paos("compile", "put_away", "--set", "thing=carton")
     assert "carry: pick_and_place(object=carton, destination=green_tray)" in given.out
     assert "push: push(object=carton, to=[0.4, -0.1, 0.02]) on panda  after carry on failure" in given.out
-    refused = paos("compile", "put_away", "--set", "thing=cartn")
-    assert refused.code == ExitCode.INVALID_INPUT
-    assert "--set thing:1:1: UNKNOWN_ENTITY: found 'cartn'" in refused.err
+    assert_refused(
+        paos("compile", "put_away", "--set", "thing=cartn"), "--set thing:1:1: UNKNOWN_ENTITY: found 'cartn'"
+    )
 
 
 def test_a_robot_whose_model_is_not_here_is_named_before_anything_starts(paos, tmp_path, monkeypatch):
     monkeypatch.delenv("PHYAGENTOS_MODELS", raising=False)
-    result = paos("run", "drive_and_pick", "-w", tmp_path / "w")
-
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "MODEL_MISSING: found" in result.err
-    assert "Set PHYAGENTOS_MODELS" in result.err
+    assert_refused(paos("run", "drive_and_pick", "-w", tmp_path / "w"), "MODEL_MISSING: found", "Set PHYAGENTOS_MODELS")
     assert not (tmp_path / "w").exists()

@@ -5,10 +5,23 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations.init import Extension
+from phyagentos.protocol.predicates.library import get_predicate_library
+from phyagentos.protocol.predicates.project_predicates import load_predicates
+from tests.command_line import assert_refused
 
 ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def own_predicates():
+    """What a project brings is known to its test alone."""
+    yield
+    get_predicate_library.cache_clear()
+    load_predicates([])
 
 
 def test_a_new_place_lints_clean_and_compiles(paos, tmp_path):
@@ -36,9 +49,7 @@ def test_a_new_place_brings_a_graph_a_scene_and_a_skill(paos, tmp_path):
 
 def test_init_never_overwrites(paos, tmp_path):
     (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
-    result = paos("init", tmp_path)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "WOULD_OVERWRITE: found a folder that is not empty" in result.err
+    assert_refused(paos("init", tmp_path), "WOULD_OVERWRITE: found a folder that is not empty")
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
@@ -55,6 +66,8 @@ def test_the_scaffold_uses_the_skill_of_the_first_example_unchanged(paos, tmp_pa
         assert mine == (ROOT / "examples/projects/01_yaml_skill" / name).read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("own_predicates")
 def test_extensions_come_with_tests_that_pass_until_something_is_broken_and_files_that_lint_clean(paos, tmp_path):
     place = tmp_path / "mine"
     made = paos("init", place, *(word for extension in Extension for word in ("--with", extension)))

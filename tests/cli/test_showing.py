@@ -14,6 +14,7 @@ import yaml
 
 from phyagentos.cli import schemas
 from phyagentos.cli.outcome import ExitCode
+from tests.command_line import assert_refused
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMAS = ROOT / "protocol" / "schemas"
@@ -65,18 +66,14 @@ def test_a_tree_as_svg_is_well_formed_and_names_every_leaf(paos, tmp_path):
 
 
 def test_an_unknown_tree_names_the_nearest(paos):
-    result = paos("tree", "show", "pick_and_plaec")
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "Did you mean 'pick_and_place'?" in result.err
+    assert_refused(paos("tree", "show", "pick_and_plaec"), "Did you mean 'pick_and_place'?")
 
 
 def test_a_tree_that_contains_itself_is_not_drawn_for_ever(paos, tmp_path):
     path = tmp_path / "trees" / "loop.yaml"
     path.parent.mkdir()
     path.write_text("tree: loop\ndescription: Round.\nroot: {subtree: {tree: loop}}\n", encoding="utf-8")
-    result = paos("tree", "show", path)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert f"{path}:3:8: CYCLE: found loop -> loop" in result.err
+    assert_refused(paos("tree", "show", path), f"{path}:3:8: CYCLE: found loop -> loop")
 
 
 KINDS = [*schemas.names_of_schemas(), *schemas.names_of_results()]
@@ -124,9 +121,7 @@ def test_an_editor_refuses_an_unknown_key():
 
 
 def test_an_unknown_schema_names_the_nearest(paos):
-    result = paos("schema", "goal_grap")
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "Did you mean 'goal_graph'?" in result.err
+    assert_refused(paos("schema", "goal_grap"), "Did you mean 'goal_graph'?")
 
 
 def test_the_module_is_the_command():

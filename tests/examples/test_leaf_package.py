@@ -30,6 +30,7 @@ def paos(environment, folder, *arguments):
     )
 
 
+@pytest.mark.slow
 def test_its_graph_skill_tree_and_leaf_are_found(installed, tmp_path):
     compiled = paos(installed, tmp_path, "compile", "nearest")
     assert compiled.returncode == 0, compiled.stderr

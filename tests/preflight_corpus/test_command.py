@@ -15,6 +15,7 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadResult
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Entry, Journal
+from tests.command_line import assert_refused
 
 from .corpus import compile_sessions
 
@@ -72,10 +73,7 @@ def test_a_goal_graph_that_does_not_compile_is_invalid_input(tmp_path, paos, mon
     graph = (Library.open().roots[-1] / "goal_graphs" / "tidy_table.yaml").read_text(encoding="utf-8")
     (tmp_path / "goal_graphs/broken.yaml").write_text(graph.replace("skill: pick_and_place", "skill: pick_and_plaice"))
 
-    done = paos("preflight", "goal_graphs/broken.yaml")
-
-    assert done.code == 2
-    assert "UNKNOWN_SKILL" in done.err
+    assert_refused(paos("preflight", "goal_graphs/broken.yaml"), "UNKNOWN_SKILL")
 
 
 def test_a_session_of_a_workspace_is_examined_as_it_was_submitted(tmp_path, workspace):
@@ -101,7 +99,4 @@ def test_a_session_of_a_workspace_is_examined_as_it_was_submitted(tmp_path, work
 
 
 def test_what_is_neither_graph_nor_session_is_told_with_what_there_is(workspace, paos):
-    done = paos("preflight", "tidy_tabel", "--workspace", workspace.root)
-
-    assert done.code == 2
-    assert "no such session" in done.err
+    assert_refused(paos("preflight", "tidy_tabel", "--workspace", workspace.root), "no such session")

@@ -166,6 +166,7 @@ def test_a_whole_chain_speaks_the_targets_language_and_its_set_point_leads_back(
 PAIRED = [kind for kind in list_bridges() if kind is not ToolPoseBridge]  # which needs an arm: test_tool_poses.py
 
 
+@pytest.mark.slow
 def test_every_kind_of_bridge_is_needed_by_some_pair_of_spaces():
     found = {kind: [] for kind in PAIRED}
 
