@@ -4,7 +4,7 @@ import pytest
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
-from phyagentos.protocol.capabilities.trees import read_tree
+from phyagentos.protocol.capabilities.trees import iter_short_references, read_tree
 from phyagentos.runtime.execution.tree_check import check_tree
 
 
@@ -28,6 +28,35 @@ def test_a_sound_tree_has_no_problem(check):
     assert check(["locate: {object: $object}", "open_gripper"]) == []
 
 
+@pytest.mark.parametrize("reference", ["$object", '"${object}"'])
+def test_a_reference_of_before_means_the_same_as_one_in_braces(check, tmp_path, reference):
+    assert check([f"locate: {{object: {reference}}}"]) == []
+    found = [str(each) for each in iter_short_references(read_tree(tmp_path / "trees" / "mine.yaml"))]
+    warned = ['mine.yaml:7:18: OLD_REFERENCE: found $object; expected "${object}"'] if reference == "$object" else []
+    assert [each.rpartition("/")[2].rstrip(".") for each in found] == warned
+
+
+@pytest.mark.parametrize("declares", [True, False])
+def test_a_tree_without_ports_has_those_of_the_skill_of_its_name(check, tmp_path, declares):
+    (tmp_path / "skills" / "mine").mkdir(parents=True)
+    skill = "skill: mine\ndescription: A skill.\nkind: builtin\ntree: mine\n"
+    skill += "parameters: {thing: {type: entity}}\n"
+    (tmp_path / "skills" / "mine" / "SKILL.md").write_text(f"---\n{skill}---\n")
+    header = "inputs: {object: {type: entity}}" if declares else ""
+
+    assert check(['locate: {object: "${object}"}' if declares else 'locate: {object: "${thing}"}'], header) == []
+    assert list(read_tree(tmp_path / "trees" / "mine.yaml").header.inputs) == ["object" if declares else "thing"]
+
+
+def test_a_changed_copy_of_a_shipped_tree_has_the_ports_of_the_shipped_skill(tmp_path):
+    (tmp_path / "trees").mkdir()
+    text = (find_shipped_root() / "trees" / "take.yaml").read_text()
+    (tmp_path / "trees" / "take.yaml").write_text(text)
+
+    assert "inputs:" not in text
+    assert "object" in read_tree(tmp_path / "trees" / "take.yaml").header.inputs
+
+
 OBJECT = "inputs: {object: {type: entity}}"
 LISTS = "inputs: {things: {type: entities}, corners: {type: points}, object: {type: entity}}"
 
@@ -46,23 +75,23 @@ def loop(values, each="$one", child="open_gripper"):
         (["locate"], OBJECT, "mine.yaml:7:9: MISSING_PORT: found locate without 'object'"),
         (["wait: {seconds: soon}"], OBJECT, "mine.yaml:7:16: WRONG_TYPE: found 'soon'; expected type float"),
         (["locate: {object: $objekt}"], OBJECT,
-         "UNWRITTEN_KEY: found '$objekt', which nothing writes; expected $object. Did you mean 'object'?"),
+         "UNWRITTEN_KEY: found '${objekt}', which nothing writes; expected ${object}. Did you mean 'object'?"),
         (["locate: {object: $object, pose: $pose}", "move_linear: {approach: $pose}"], OBJECT,
-         "WRONG_TYPE: found '$pose' of type Pose; expected type Approach"),
+         "WRONG_TYPE: found '${pose}' of type Pose; expected type Approach"),
         (["locate: {object: $object, pose: here}"], OBJECT,
-         "NOT_A_KEY: found 'here'; expected a key such as '$pose' to write to"),
+         "NOT_A_KEY: found 'here'; expected a key such as '${pose}' to write to"),
         (["subtree: {tree: pik, with: {object: $object}}"], OBJECT,
          "mine.yaml:7:19: UNKNOWN_TREE: found 'pik'; expected carry_level"),
         (["open_gripper"], "outputs: {site: {type: point}}", "mine.yaml:3:11: UNWRITTEN_OUTPUT: found 'site'"),
         ([loop("$corners", child="{locate: {object: $one}}")], LISTS,
-         "mine.yaml:7:63: WRONG_TYPE: found '$one' of type tuple; expected type str"),
+         "mine.yaml:7:63: WRONG_TYPE: found '${one}' of type tuple; expected type str"),
         ([loop("$corners", each="$object")], LISTS,
-         "mine.yaml:7:20: WRONG_TYPE: found '$object' of type str; expected type tuple"),
+         "mine.yaml:7:20: WRONG_TYPE: found '${object}' of type str; expected type tuple"),
         ([loop("$object")], LISTS,
-         "mine.yaml:7:32: WRONG_TYPE: found '$object' of type str; expected a list: names of entities"),
+         "mine.yaml:7:32: WRONG_TYPE: found '${object}' of type str; expected a list: names of entities"),
         ([loop("[red_cube, 3]")], LISTS, "mine.yaml:7:32: WRONG_TYPE: found ('red_cube', 3); expected a list"),
         ([loop("$thing")], LISTS,
-         "mine.yaml:7:32: UNWRITTEN_KEY: found '$thing', which nothing writes; expected $corners, $object"),
+         "mine.yaml:7:32: UNWRITTEN_KEY: found '${thing}', which nothing writes; expected ${corners}, ${object}"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_told_with_its_place_and_what_is_possible(check, children, header, message):
