@@ -26,11 +26,11 @@ from typer import Option
 
 from benchmarks.perception_parts.reliability import Stated, compare
 from benchmarks.perception_parts.stage import Stage, World
-from benchmarks.perception_parts.table import render_table
 from benchmarks.runner import finish, one_of, run
-from benchmarks.unseen_parts.files import write_project
-from benchmarks.unseen_parts.goals import draw_case
-from benchmarks.unseen_parts.rooms import Thing
+from benchmarks.worlds.goals import draw_case
+from benchmarks.worlds.projects import write_case
+from benchmarks.worlds.rooms import Thing
+from benchmarks.worlds.table import render_table
 from phyagentos.bench.report import Ask, Spread
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.settings.perception import Prior
@@ -352,7 +352,8 @@ def main(
     """Run, show, and exit with whether every asked figure holds."""
     tallies = {level: Tally() for level in levels}
     with tempfile.TemporaryDirectory(prefix="perception-") as scratch:
-        write_project([draw_case(ROOMS_FROM + index) for index in range(rooms)], Path(scratch))
+        for index in range(rooms):
+            write_case(draw_case(ROOMS_FROM + index), Path(scratch))
         (Path(scratch) / "scenes" / "bench").mkdir(parents=True)
         (Path(scratch) / "scenes" / "bench" / "twins.yaml").write_text(render_table("bench/twins", TWINS))
         priors = {prior: Tally() for prior in Prior}

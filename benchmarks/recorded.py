@@ -2,14 +2,16 @@
 
 import tempfile
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.sessions.session import Ended, GoalId, Limits, Scene, Session, SessionId
+from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, Limits, Scene, Session, SessionId
 from phyagentos.protocol.settings.safety import TargetLimits, read_safety
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.faults import FaultFile
@@ -118,38 +120,48 @@ def record_tidy_table(
     return recordings
 
 
-def _record_seed(robot: Robot, planner: LocalPlanner, seed: int, faults: FaultFile) -> list[Recording]:
+@contextmanager
+def open_runner(
+    robot: Robot, planner: LocalPlanner, faults: FaultFile, folder: Path
+) -> Iterator[tuple[SessionRunner, TargetSessionHandle, TappedConnection]]:
+    """The ordinary runner with its handle and a simulated world, in this process; bundles go below the folder."""
     simulated = SimulatedWorld(robot.library, faults=lambda *episode: FaultInjector(draw_schedule(faults, *episode)))
-    driver = MujocoDriver(simulated, robot.profile, robot.folder)
-    world = ServedTarget(driver, ReceiveLog(None))
+    world = ServedTarget(MujocoDriver(simulated, robot.profile, robot.folder), ReceiveLog(None))
     tap = TappedConnection(world)
     handle = TargetSessionHandle(tap, robot.limits, sees_truth=True)
+    runner = SessionRunner(
+        target=Embodiment(
+            handle=handle,
+            world=GroundTruthWorldModel(robot.profile.target, handle),
+            profile=robot.profile,
+            limits=robot.limits,
+        ),
+        skills=SkillLoader(planner=planner, library=robot.library, registry=build_registry(robot.library)),
+        bundles=Bundles(folder),
+        clock=SystemClock(),
+    )
+    try:
+        yield runner, handle, tap
+    finally:
+        world.close()
+
+
+def carry_out(runner: SessionRunner, handle: TargetSessionHandle, session: Session) -> Execution:
+    """One session in its scene, which is loaded before."""
+    handle.load(session.scene)
+    how: dict[str, Any] = {"cancel": lambda: None, "beat": lambda **_beat: None}
+    return runner.run(session, 1, {"tree": session.skill}, evidence=f"evidence/{session.id}", **how)
+
+
+def _record_seed(robot: Robot, planner: LocalPlanner, seed: int, faults: FaultFile) -> list[Recording]:
     recordings = []
-    with tempfile.TemporaryDirectory() as folder:
-        runner = SessionRunner(
-            target=Embodiment(
-                handle=handle,
-                world=GroundTruthWorldModel(robot.profile.target, handle),
-                profile=robot.profile,
-                limits=robot.limits,
-            ),
-            skills=SkillLoader(planner=planner, library=robot.library, registry=build_registry(robot.library)),
-            bundles=Bundles(Path(folder)),
-            clock=SystemClock(),
-        )
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        open_runner(robot, planner, faults, Path(folder)) as (runner, handle, tap),
+    ):
         for number, color in enumerate(CUBES):
-            session = _make_session(robot.profile.target, seed, number, color)
-            handle.load(session.scene)
-            execution = runner.run(
-                session,
-                1,
-                {"tree": session.skill},
-                evidence=f"evidence/{session.id}",
-                cancel=lambda: None,
-                beat=lambda **_beat: None,
-            )
+            execution = carry_out(runner, handle, _make_session(robot.profile.target, seed, number, color))
             recordings.append(_keep(tap, handle, execution.ended))
-    world.close()
     return recordings
 
 
