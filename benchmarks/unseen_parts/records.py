@@ -3,10 +3,11 @@
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import yaml
 
@@ -25,8 +26,7 @@ LOOK_AGAIN = "EVIDENCE_MISSING"
 STILL_RAD = 0.02  # joints that turn less have not been commanded anywhere
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SessionRecord:
+class SessionRecord(EpisodeSession, frozen=True, kw_only=True):
     """One session and what the recorded world says of it.
 
     Attributes:
@@ -37,14 +37,6 @@ class SessionRecord:
         is_clear: Whether the truth is farther from turning over than cameras may be off.
     """
 
-    id: str
-    node: str
-    skill: str
-    attempt: int
-    verdict: str
-    cause: str
-    code: str
-    reason: str
     truth: str
     against: tuple[str, ...] = ()
     moved: bool = False
@@ -57,7 +49,7 @@ class SessionRecord:
         return bool(self.verdict) and self.truth != ""
 
     @property
-    def is_met(self) -> bool:
+    def is_clearly_met(self) -> bool:
         """Clearly met, and not one that only asked to look again."""
         return self.truth == "met" and self.is_clear and not self.is_open
 
@@ -69,7 +61,7 @@ class SessionRecord:
     @property
     def is_false_failure(self) -> bool:
         """Said at last not to be met, or still not known, and it clearly is met."""
-        return self.is_judged and self.verdict != "success" and self.is_met
+        return self.is_judged and self.verdict != "success" and self.is_clearly_met
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -207,9 +199,8 @@ class Recorder:
             truth, against = decide(judge, asked, self.case.interchangeable)
             named = iter_named(judge, asked, self.case.interchangeable)
             is_clear = max((min(values.values()) for values in named if values), default=0.0) >= CLEAR
-        shown = {name: getattr(told, name) for name in ("id", "node", "skill", "attempt", "verdict", "cause", "code")}
-        moved = has_moved(bundle)
-        return SessionRecord(**shown, reason=told.reason, truth=truth, against=against, moved=moved, is_clear=is_clear)
+        found = {"truth": truth, "against": against, "moved": has_moved(bundle), "is_clear": is_clear}
+        return SessionRecord(**msgspec.structs.asdict(told), **found)
 
     def _record_node(self, node: Node, sessions: tuple[SessionRecord, ...], begun: list[Path]) -> NodeRecord:
         why = "; ".join(list_obstacles(self.case, node))
@@ -247,7 +238,7 @@ def mark_open(sessions: list[SessionRecord]) -> tuple[SessionRecord, ...]:
     later: set[str] = set()
     marked = []
     for session in reversed(sessions):
-        marked.append(replace(session, is_open=session.cause == LOOK_AGAIN and session.node in later))
+        marked.append(msgspec.structs.replace(session, is_open=session.cause == LOOK_AGAIN and session.node in later))
         later |= {session.node} if session.truth else set()
     return tuple(reversed(marked))
 

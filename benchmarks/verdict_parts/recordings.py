@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.oracle.moment import read_state
-from benchmarks.recorded import Robot, carry_out, open_runner
+from benchmarks.recorded import Robot, open_stand
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.predicates.predicate import substitute
 from phyagentos.protocol.sessions.evidence import INITIAL, TERMINAL, Bundle, read_bundle
@@ -192,9 +192,9 @@ class Studio:
 
     def _record(self, job: Job, seed: int) -> Recorded:
         faults = FaultFile.model_validate({"version": 1, "faults": list(job.fault)})
-        with open_runner(self._robot, self._planner, faults, self._folder) as (runner, handle, _):
+        with open_stand(self._robot, self._planner, faults, self._folder) as stand:
             for session in self._iter_sessions(job, seed):
-                execution = carry_out(runner, handle, session)
+                execution = stand.run(session)
         folder = self._folder / execution.evidence
         before, after = (read_state(folder / name) for name in (INITIAL, TERMINAL))
         return Recorded(job, seed, read_bundle(folder, session, execution), before, after)

@@ -187,7 +187,8 @@ def test_one_thing_is_not_in_two_vessels():
 
 
 def make_session(verdict, truth, **rest):
-    told = {"id": "g.n1", "node": "n1", "skill": "pick", "attempt": 0, "cause": "", "code": "", "reason": ""}
+    told = {"id": "g.n1", "node": "n1", "skill": "pick", "attempt": 0}
+    told |= {"target": "panda", "objective": "", "state": "", "bundle": ""}
     return SessionRecord(verdict=verdict, truth=truth, **told | rest)
 
 
