@@ -76,7 +76,7 @@ def main(
     quota = math.ceil(cases / 2 / (scenes * len(list_jobs(0))))
     plans = [Plan(scene=scene, seed=seed, quota=quota, levels=tuple(sensing)) for scene in range(scenes)]
     outcomes = list(judge_all(plans, jobs, Console(stderr=True)))
-    show(Console(), outcomes, sensing)
+    show(outcomes, sensing)
     figures = build_figures(outcomes, sensing)
     return finish(figures, {k: ask for k, ask in ASKED.items() if k in figures})
 

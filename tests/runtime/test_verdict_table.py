@@ -3,6 +3,7 @@
 import pytest
 
 from benchmarks import verdicts
+from benchmarks.oracle.scorers import LET_GO
 from benchmarks.recorded import open_robot
 from benchmarks.verdict_parts.cases import FAILURES, SUCCESS, UNPLANNED
 from benchmarks.verdict_parts.recordings import Studio, list_jobs
@@ -65,3 +66,10 @@ def test_cameras_tell_which_thing_is_in_the_hand(robot, recorded):
     outcomes = [o for kind in kinds for o in verdicts.judge_case(world, eye, kind, sensings, 5)]
     assert [(each.met, each.accepted) for each in outcomes] == [(True, True), (False, False), (False, False)]
     assert {each.attempt.sensing for each in outcomes} == {"perceived"}
+
+
+@pytest.mark.parametrize(("skill", "is_let_go"), [("pick_and_place", True), ("pick", False)])
+def test_an_object_counts_as_put_down_in_its_tray_and_not_while_it_is_held(skill, is_let_go, recorded):
+    bundle = next(one.bundle for one in recorded if one.job.skill == skill and not one.job.fault)
+    asked = {"cube": ["red_cube", "red_tray"]}
+    assert LET_GO.score(asked, bundle.folder.parents[1], bundle.folder) == {"cube": is_let_go}
