@@ -69,7 +69,6 @@ def test_paos_memory_of_a_workspace_shows_the_memory_that_it_has(project, worksp
     chosen = choose_memory(workspace, project)
     memory = Memory(chosen.folder / "memory", clock=SystemClock(), by="test", durable=False)
     memory.record(make_correction())
-    memory.close()
     assert "soap" in paos("memory", "show", "-w", workspace.root).out
     assert "soap" in paos("memory", "show", "-w", chosen.folder).out
 

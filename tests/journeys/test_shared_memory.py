@@ -20,7 +20,6 @@ def test_a_lesson_of_another_workspace_changes_the_session_and_task_md_names_it(
     memory = Memory(tmp_path / "memory", clock=SystemClock(), by="another workspace")
     memory.record(make_correction(thing="cube", scene="tabletop/cubes_and_trays"))
     known = set(memory.experience.corrections)
-    memory.close()
 
     root = plane.workspace.root
     with open_agent(plane.workspace, SystemClock(), by="journey", memory=tmp_path, memory_use=MemoryUse.LEARN) as agent:
