@@ -12,9 +12,12 @@ DEMO_SEED   ?= 7
 DEMO_FAULTS ?= faults/slip.yaml
 DEMO_SPACE  := workspaces/demo
 
+# processes stand side by side: further threads of each would only spin
+export OPENBLAS_NUM_THREADS := 1
+
 FAST  := fast
 BOTH  := -n 2 --dist worksteal
-BY_FILE := -n 2 --dist loadfile  # a file of journeys shares its planes
+BY_FILE := -n 2 --dist loadfile
 OTHERS := peers gymnasium kit openpi libero lerobot
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
 PYTHONS ?= python3.12 python3.13
@@ -71,7 +74,7 @@ test-alone: $(STAMP)
 	@$(BIN)/pytest -q -m alone
 
 test-quick: $(STAMP)
-	@echo "test: fast, motion and simulation; beside them the journeys, which are shown when they have ended"
+	@echo "test: fast, motion and simulation; beside them the journeys, by file, since those of one share planes"
 	@$(BIN)/pytest -q $(BOTH) -m "not journey and not alone"
 
 test-journeys: $(STAMP)

@@ -18,11 +18,6 @@ EXAMPLE = ROOT / "examples" / "projects" / "03_policy_server"
 GRAPH = EXAMPLE / "goal_graphs/imitate.yaml"
 
 
-def paos(*arguments):
-    command = [sys.executable, "-m", "phyagentos", *map(str, arguments)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=300)
-
-
 @contextmanager
 def serve(bundle):
     command = [sys.executable, EXAMPLE / "server.py", bundle]
@@ -58,12 +53,6 @@ def demonstration(mission, workspace, tmp_path_factory):
 def run_imitation(mission, name, seed):
     report = mission.run(GRAPH, seed=seed, goal=name)
     return report.exit_code, report.sessions[0]
-
-
-@pytest.mark.slow
-def test_it_lints_clean():
-    linted = paos("lint", EXAMPLE)
-    assert (linted.returncode, linted.stderr) == (0, "")
 
 
 @pytest.mark.journey

@@ -20,18 +20,11 @@ def test_it_holds_no_python():
     assert not list(EXAMPLE.rglob("*.py"))
 
 
-@pytest.mark.slow
-def test_it_lints_clean():
-    linted = start("lint", EXAMPLE)
-    assert (linted.returncode, linted.stderr) == (0, "")
-
-
-@pytest.mark.slow
-def test_its_tree_is_drawn_with_the_trees_that_ship():
-    drawn = start("tree", "show", EXAMPLE / "trees/show_and_place.yaml")
-    assert drawn.returncode == 0, drawn.stderr
-    assert "plan_grasp" in drawn.stdout
-    assert "hold_up · move_home" in drawn.stdout
+def test_its_tree_is_drawn_with_the_trees_that_ship(paos):
+    drawn = paos("tree", "show", EXAMPLE / "trees/show_and_place.yaml")
+    assert drawn.code == 0, drawn.err
+    assert "plan_grasp" in drawn.out
+    assert "hold_up · move_home" in drawn.out
 
 
 @pytest.mark.journey

@@ -276,9 +276,9 @@ def test_at_one_table_an_arm_that_waits_for_a_paused_one_is_stopped_all_the_same
     assert arms.executions["left"]["ended"] == "completed"
 
 
-@pytest.mark.parametrize("mode", ["lockstep", pytest.param("realtime", marks=pytest.mark.alone)])
-def test_at_one_table_an_emergency_stop_ends_both(one_table, mode):
-    arms = one_table(mode, is_stopped=True)
+@pytest.mark.alone
+def test_at_one_table_an_emergency_stop_ends_both(one_table):
+    arms = one_table("realtime", is_stopped=True)
     arms.signal("estop", "")
     arms.wait_for("left", "finish")
     arms.wait_for("right", "finish")

@@ -216,7 +216,7 @@ CHANGES = st.sampled_from(["none", "cut", "flip", "insert", "delete", "append"])
 
 
 @pytest.mark.slow
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(batches=BATCHES, change=CHANGES, data=st.data())
 def test_both_readers_agree_on_any_history_and_any_change(tmp_path, agree, batches, change, data):
     shutil.rmtree(tmp_path / "sessions", ignore_errors=True)
