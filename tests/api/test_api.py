@@ -74,7 +74,7 @@ def test_sessions_say_how_they_ended_and_what_was_done_differently(demo):
     lost, again = demo["red"], demo[f"{GOAL}.red.r1"]
     assert (lost.parent, lost.children, again.parent) == (None, (again.id,), lost.id)
     assert not lost.strategy
-    assert str(again.strategy) == "avoid grasps yaw+000, speed 0.5"
+    assert str(again.strategy) == "with another grasp (not yaw 0°) at half speed"
     assert (lost.criteria[0].text, lost.criteria[0].truth) == ("inside(red_cube, red_tray)", Truth.FALSE)
     assert lost.evidence == demo.root / "evidence" / lost.id
     assert lost.status.execution.code == "GRASP_LOST"

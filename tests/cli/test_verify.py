@@ -62,7 +62,7 @@ def test_a_judgement_is_added_and_the_verdict_stays(paos, judged):
     before = fold(judged)
     result = paos("verify", "red", "-w", judged.workspace.root, "--with", "predicates,holds")
     assert result.code == ExitCode.GOAL_MET, result.err
-    assert f"{SESSION}: success  acceptance: all 1 criteria are true" in result.out
+    assert f"{SESSION}: success  the criterion holds" in result.out
     assert "added as judgement 2; the verdict stays failure" in result.out
     after = fold(judged)
     assert (after.state, after.updated_at, after.attempts[0]) == (before.state, before.updated_at, before.attempts[0])

@@ -204,7 +204,7 @@ def test_evaluation_never_raises_whatever_the_formula_and_the_world(formula, now
     ("change", "because"),
     [
         ({"visible": False}, "was not visible"),
-        ({"observed_at_s": 3.0}, "last seen 7.0 s before, allowed are 1 s"),
+        ({"observed_at_s": 3.0}, "last seen 7.0 s before; up to 1 s is allowed"),
         ({"observed_at_s": 12.0}, "dated 2.0 s after the snapshot"),
         ({"observed_at_s": math.nan}, "is dated"),
     ],
