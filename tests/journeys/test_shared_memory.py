@@ -28,7 +28,7 @@ def test_a_lesson_of_another_workspace_changes_the_session_and_task_md_names_it(
     task = (root / "TASK.md").read_text()
     (line,) = (line for line in task.splitlines() if line.startswith(f"- **Memory changed {session.id}:**"))
     (lesson,) = (id for id in known if id in line)
-    assert f"speed {SLOW.speed}: lesson {lesson}" in line
+    assert f"{SLOW}: lesson {lesson}" in line
     assert not (root / "memory").exists(), "it is kept in one place"
     found = json.loads(paos("memory", "why", lesson, "-w", tmp_path, "--json").out)
     (episode,) = (each for each in found["episodes"] if each["session"] == session.id)
