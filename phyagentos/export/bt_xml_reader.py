@@ -133,7 +133,7 @@ class _Reader:
         kind, tag = _classify(element)
         key = tag if kind is NodeKind.LEAF else kind.value
         self.marks[address] = self.marks[*address, key] = element.mark
-        body: dict[str, Any] = self._read_values(element, kind)
+        body: dict[str, object] = self._read_values(element, kind)
         name = element.attributes.get("name", default)
         if kind is NodeKind.CONDITION:
             if name != default or body.keys() != {"predicate"}:
@@ -167,7 +167,7 @@ class _Reader:
     def _read_values(self, element: Element, kind: NodeKind) -> dict[str, Any]:
         """Values of the attributes that are ports, as the tree format writes them."""
         own, key = FORMS[kind].number if kind in FORMS else ("", "")
-        values: dict[str, Any] = {}
+        values: dict[str, object] = {}
         for name, text in element.attributes.items():
             if name in _SILENT or text.startswith(f"{{{UNWIRED}") or (name, text) == ("_autoremap", "false"):
                 continue

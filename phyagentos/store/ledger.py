@@ -12,7 +12,8 @@ what it forgot see `history`. Bodies that it reads:
 - `amendment_asked`: `file`, `reason`. `goal_amended`: `file`, `nodes`, `removed`, `accept`, `constraints`, `reason`.
   `amendment_refused`: `file`, `reason`. Files are names of graphs in `goals/`.
 - `node_ready`, `node_done`, `node_blocked`, `node_skipped`, `node_rescued`, `invalidated`, `node_waits`, `child_of`:
-  `reason`; of a begun node the latter three also `child`, `parent`, `relation`, `after`: its next session (`Replan`).
+  `reason`; of a begun node the latter three also `child`, `parent`, `relation`, `after`, `wrong`: its next session
+  (`Replan`).
 - `budget_spent`: `replans` (how many, 1 by default), `reason`.
 - `goal_verdict`: `verdict`, `criteria`, `reason`. `goal_cancelled`: `reason`.
 """
@@ -337,6 +338,7 @@ def read_replan(body: Mapping[str, Any]) -> Replan:
     return Replan(
         session=SessionId(str(body.get("parent", ""))),
         child=SessionId(str(body.get("child", ""))),
+        wrong=str(body.get("wrong", "")),
         reason=str(body.get("reason", "")),
         relation=Relation(body.get("relation", Relation.REPLAN)),
         after=tuple(body.get("after", ())),

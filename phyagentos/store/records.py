@@ -77,7 +77,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         """The body of a `submit` record; raises msgspec.ValidationError for an invalid one."""
         return msgspec.convert(self.body or {}, Session)
 
-    def remember(self, body: dict[str, Any] | None, contract: Session | None) -> None:
+    def remember(self, body: dict[str, object] | None, contract: Session | None) -> None:
         """Keep what the writer knows already, so that it is not parsed again in this process."""
         self.__dict__["body"] = body
         if contract is not None:

@@ -68,7 +68,7 @@ def test_a_graph_is_drawn_while_a_forge_can_draw_it(ledger, nodes, after, is_dra
     assert text.count("| waiting |") == nodes
 
 
-def test_a_replan_is_told_in_two_parts_as_long_as_the_verdict_is_known(ledger):
+def test_a_replan_of_earlier_records_is_split_as_long_as_the_verdict_is_known(ledger):
     attempt = Attempt(verdict=Verdict.REPLAN, criteria=(), cause="GRASP_LOST", reason="the cube slipped.")
     replan = Replan(
         session="a", child="a.r1", reason="GRASP_LOST: the cube slipped; another grasp than yaw+90; slower."
@@ -77,6 +77,11 @@ def test_a_replan_is_told_in_two_parts_as_long_as_the_verdict_is_known(ledger):
 
     ledger.sessions["a"] = make_status("a", attempts=(attempt,))
     assert split_reason(replan, ledger) == ("GRASP_LOST: the cube slipped", "another grasp than yaw+90; slower")
+
+
+def test_a_replan_says_by_itself_what_went_wrong(ledger):
+    replan = Replan(session="a", child="a.r1", wrong="GRASP_LOST: it slipped", reason="slower")
+    assert split_reason(replan, ledger) == ("GRASP_LOST: it slipped", "slower")
 
 
 def test_a_session_is_linked_to_its_evidence_where_it_left_some(ledger):

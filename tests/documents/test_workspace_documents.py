@@ -58,7 +58,8 @@ def test_the_task_tells_what_was_asked_what_went_wrong_and_what_was_done_about_i
     assert {node.state for node in goal.nodes.values()} == {NodeState.DONE}
     (replan,) = goal.nodes["red"].replans
     assert (replan.session, replan.child) == goal.nodes["red"].sessions
-    assert "GRASP_LOST" in replan.reason
+    assert "GRASP_LOST" in replan.wrong
+    assert "another grasp than " in replan.reason
     assert "another grasp than " in text.split("what is done differently")[1]
     for criterion in goal.criteria:
         assert (workspace / criterion.evidence).is_file()

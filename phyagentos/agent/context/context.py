@@ -89,7 +89,7 @@ def build_context(purpose: str, sections: Iterable[Section], budget_tokens: int)
     raise DefinitionError.of("CONTEXT_TOO_LARGE", f"context for {purpose}", found, expected)
 
 
-def select(section: str, entry: msgspec.Struct | Authored, **more: Any) -> dict[str, Any]:
+def select(section: str, entry: msgspec.Struct | Authored, **more: object) -> dict[str, Any]:
     """What a section shows of an entry, and `more`; what has its default value, or is empty, is left out."""
     plain = msgspec.to_builtins(entry) if isinstance(entry, msgspec.Struct) else entry.model_dump(exclude_defaults=True)
     return {name: plain[name] for name in FIELDS.get(section, plain) if name in plain} | {

@@ -112,7 +112,7 @@ def find_graph(workspace: Workspace, goal: GoalStatus) -> Path:
     return workspace.goals / goal.file if goal.file else workspace.goal_file_of(goal.id)
 
 
-def keep_graph(workspace: Workspace, goal: GoalId, authored: Any) -> Path:
+def keep_graph(workspace: Workspace, goal: GoalId, authored: object) -> Path:
     """Keep another graph in `goals/`, as data or as a whole file; the record that takes it over comes later."""
     content = authored if isinstance(authored, bytes) else encode_graph(authored)
     file = workspace.amended_file_of(goal, content)
@@ -120,6 +120,6 @@ def keep_graph(workspace: Workspace, goal: GoalId, authored: Any) -> Path:
     return file
 
 
-def encode_graph(authored: Any) -> bytes:
+def encode_graph(authored: object) -> bytes:
     """A graph as a file."""
     return yaml.safe_dump(authored, sort_keys=False, allow_unicode=True).encode()

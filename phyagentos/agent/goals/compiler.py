@@ -204,7 +204,7 @@ def _wants_state(skill: SkillRuntime, spec: NodeSpec) -> bool:
     return bool(promised) and all(each.is_lasting for each in promised) and not any(map(has_metric, spec.accept))
 
 
-def _check_resolved(parameters: Mapping[str, Any], goal: GoalId, node: str) -> None:
+def _check_resolved(parameters: Mapping[str, object], goal: GoalId, node: str) -> None:
     expected = "an output that the session before left"
     problems = [
         Problem("OUTPUT_MISSING", f"{goal}.{node}: {'.'.join(map(str, path))}", f"no value for {reference}", expected)
@@ -215,7 +215,7 @@ def _check_resolved(parameters: Mapping[str, Any], goal: GoalId, node: str) -> N
         raise DefinitionError(problems)
 
 
-def _describe(skill: str, parameters: Mapping[str, Any]) -> str:
+def _describe(skill: str, parameters: Mapping[str, object]) -> str:
     """A sentence such as `Pick and place: object red_cube, destination red_tray.`."""
     title = skill.replace("_", " ").capitalize()
     arguments = ", ".join(f"{key.replace('_', ' ')} {format_value(value)}" for key, value in parameters.items())

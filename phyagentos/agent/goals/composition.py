@@ -86,7 +86,7 @@ class Composer:
             if path[0] != "sessions" or ".outputs." not in match[1]:
                 self.problems.append(located.unknown("UNKNOWN_REFERENCE", path, match[1], possible, match[0]))
 
-    def _add(self, located: Located, values: Mapping[str, Any], scope: _Scope) -> dict[str, Any]:
+    def _add(self, located: Located, values: Mapping[str, object], scope: _Scope) -> dict[str, Any]:
         """Adds the nodes of a graph; returns its bundle."""
         bundled = dict(located.data["sessions"])
         for name, authored in located.data["sessions"].items():
@@ -107,7 +107,7 @@ class Composer:
                 self._add_node(located, path, full, node, scope)
         return as_dict(located.data) | {"sessions": bundled}
 
-    def _add_node(self, located: Located, path: Address, full: str, node: Any, scope: _Scope) -> None:
+    def _add_node(self, located: Located, path: Address, full: str, node: object, scope: _Scope) -> None:
         """Adds one node, with what its include gives to it."""
         self.flat.data["sessions"][full] = node
         if scope.prefix:
@@ -199,7 +199,7 @@ class Composer:
         scope = replace(scope, holds=(*scope.holds, *holds), defaults={**scope.defaults, **own})
         return self._add(inner, values, scope)
 
-    def _extend(self, owner: dict[str, Any], path: Address, items: Sequence[Item]) -> None:
+    def _extend(self, owner: dict[str, object], path: Address, items: Sequence[Item]) -> None:
         """Adds items to the list at a path, each with the place where it is written."""
         own = owner.get(str(path[-1])) or []
         if items and isinstance(own, list | tuple):
@@ -214,7 +214,7 @@ def _iter_parameters(located: Located) -> Iterator[tuple[str, GraphParameter]]:
             yield str(name), GraphParameter.model_validate(item)
 
 
-def _fill(node: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+def _fill(node: dict[str, object], values: Mapping[str, object]) -> dict[str, Any]:
     """A node with values for parameters; its own variables and arguments come before those of the graph."""
     outer = {key: value for key, value in values.items() if key not in as_dict(node.get("foreach"))}
     inner = {key: value for key, value in outer.items() if key not in as_dict(node.get("with"))}
@@ -233,6 +233,6 @@ def _lengthen(node: dict[str, Any], prefix: str) -> dict[str, Any]:
     return longer
 
 
-def as_dict(value: Any) -> dict[str, Any]:
+def as_dict(value: object) -> dict[str, Any]:
     """The value where it is a mapping, else an empty one; its form is checked elsewhere."""
     return value if isinstance(value, dict) else {}

@@ -40,7 +40,7 @@ class Choice:
 def select(
     skill: str | Promise,
     target: str,
-    arguments: Mapping[str, Any],
+    arguments: Mapping[str, object],
     catalogue: Catalogue,
     *,
     established: Sequence[str] = (),
@@ -93,7 +93,7 @@ def unify(wanted: syntax.Formula, offered: syntax.Formula) -> dict[str, Any] | N
             asked, promised = normalize(wanted), normalize(offered)
             if asked.name != promised.name or len(asked.terms) != len(promised.terms):
                 return None
-            bound: dict[str, Any] = {}
+            bound: dict[str, object] = {}
             for term, pattern in zip(asked.terms, promised.terms, strict=True):
                 if not _unify_term(term, pattern, bound):
                     return None
@@ -109,8 +109,8 @@ def unify(wanted: syntax.Formula, offered: syntax.Formula) -> dict[str, Any] | N
 def bind_guarantee(
     wanted: syntax.Formula,
     runtime: SkillRuntime,
-    parameters: dict[str, Any],
-    bind: Callable[[syntax.Formula, syntax.Formula], dict[str, Any] | None] = unify,
+    parameters: dict[str, object],
+    bind: Callable[[syntax.Formula, syntax.Formula], dict[str, object] | None] = unify,
 ) -> str | None:
     """Add to `parameters` those with which a skill guarantees what is wanted; its guarantee, None without one."""
     for text in runtime.guarantees:
@@ -121,10 +121,10 @@ def bind_guarantee(
     return None
 
 
-def _unify_term(term: syntax.Term, pattern: syntax.Term, bound: dict[str, Any]) -> bool:
+def _unify_term(term: syntax.Term, pattern: syntax.Term, bound: dict[str, object]) -> bool:
     if not isinstance(pattern, syntax.Variable):
         return term == pattern
-    value: Any
+    value: object
     match term:
         case syntax.Name(value) | syntax.Number(value):
             pass
@@ -139,7 +139,7 @@ def _unify_term(term: syntax.Term, pattern: syntax.Term, bound: dict[str, Any]) 
 
 def _iter_skills(
     skill: str | Promise,
-    arguments: Mapping[str, Any],
+    arguments: Mapping[str, object],
     catalogue: Catalogue,
     established: Sequence[str],
     mechanisms: Mapping[str, str],
@@ -166,7 +166,7 @@ def _iter_skills(
             yield runtime, parameters, (f"{name} guarantees {promise}, so {wanted.text} with {bindings}",)
 
 
-def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, Any]) -> tuple[dict[str, Any], str] | str:
+def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, object]) -> tuple[dict[str, Any], str] | str:
     """Parameters and the guarantees that were used, or why the skill does not fit."""
     parameters = dict(arguments)
     used: list[str] = []
@@ -184,7 +184,7 @@ def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, Any])
     return parameters, " and ".join(used)
 
 
-def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, Any], established: Iterable[str]) -> str:
+def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, object], established: Iterable[str]) -> str:
     """What the skill must hold from the start and nothing before it takes hold of; empty where there is none."""
     before = [None, *map(find_held, established)]
     required = (substitute(text, parameters) for text in runtime.requires)
@@ -192,7 +192,7 @@ def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, Any], es
     return next((parse_predicate(text, template=True).text for text in missing), "")
 
 
-def _find_unfit(runtime: SkillRuntime, parameters: Mapping[str, Any], mechanisms: Mapping[str, str]) -> str:
+def _find_unfit(runtime: SkillRuntime, parameters: Mapping[str, object], mechanisms: Mapping[str, str]) -> str:
     """A thing that moves otherwise than the skill presumes; empty where none is known to."""
     for key, parameter in runtime.parameters.items():
         thing = parameters.get(key)

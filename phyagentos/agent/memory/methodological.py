@@ -219,12 +219,12 @@ def join_ways(strategy: Strategy, means: Means) -> str:
 
 def _begin(scope: Scope, means: Means, failure: Failure, child: Episode) -> Correction:
     values, lists = _split(child.strategy)
-    shape: dict[str, Any] = {
+    shape: dict[str, object] = {
         **values,
         **dict.fromkeys(lists, "*"),
     }  # what stands in the lists is counted, not part of its name
     if means:
-        named: dict[str, Any] = msgspec.to_builtins(means)
+        named: dict[str, object] = msgspec.to_builtins(means)
         shape["means"] = named | {"parameters": sorted(means.parameters)}
     return Correction(
         id=compute_id("lesson", scope, failure.cause, shape),
@@ -239,6 +239,6 @@ def _begin(scope: Scope, means: Means, failure: Failure, child: Episode) -> Corr
 
 def _split(strategy: Strategy) -> tuple[dict[str, Any], dict[str, list[str]]]:
     """Single values, and lists of labels, each by its key."""
-    keyed: dict[str, Any] = msgspec.to_builtins(strategy)
+    keyed: dict[str, object] = msgspec.to_builtins(strategy)
     lists = {key: list(value) for key, value in keyed.items() if isinstance(value, list | tuple)}
     return {key: value for key, value in keyed.items() if key not in lists}, lists

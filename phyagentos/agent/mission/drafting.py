@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import msgspec
 
@@ -81,8 +80,10 @@ class Drafter:
             recall=lambda status: self.evidence.read(status) if status.execution is not None else None,
         )
 
-    def submit(self, session: Session, reasons: Iterable[str] = (), relation: Relation | None = None) -> list[Entry]:
-        """The contract; of a child also its relation to its parent, with the reasons of the choice."""
+    def submit(
+        self, session: Session, reasons: Iterable[str] = (), relation: Relation | None = None, wrong: str = ""
+    ) -> list[Entry]:
+        """The contract; of a child also its relation to its parent, what went `wrong`, and the reasons."""
         submission = Entry(session.id, "submit", dict(msgspec.to_builtins(session)))
         if session.parent is None:
             return [submission]
@@ -90,8 +91,8 @@ class Drafter:
             "child": session.id,
             "parent": session.parent,
             "relation": relation or get_relation(session.purpose),
-            "reason": join((*reasons, *session.advice)),
-        }
+            "reason": join((*(each for each in reasons if each != wrong), *session.advice)),
+        } | ({"wrong": wrong.rstrip(".")} if wrong else {})
         return [self._note(session.node, GoalEvent.CHILD_OF, child_of), submission]
 
     def note(self, node: str, event: GoalEvent, reason: str) -> Entry:
@@ -111,7 +112,7 @@ class Drafter:
         body = {"reason": reason, "child": child, "parent": ids[-1], "relation": relation}
         return self._note(node, event, body | ({"after": list(after)} if after else {}))
 
-    def _note(self, node: str, event: GoalEvent, body: Mapping[str, Any]) -> Entry:
+    def _note(self, node: str, event: GoalEvent, body: Mapping[str, object]) -> Entry:
         return Entry(f"{NODE_PREFIX}{self.facts.goal}/{node}", event, dict(body))
 
 

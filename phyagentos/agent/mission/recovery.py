@@ -205,7 +205,7 @@ class Recovery:
         if decision.chosen.kind is not AlternativeKind.LOOK or decision.chosen.revision is None:
             return []
         child = self.drafter.draft(node, decision.chosen.revision)
-        return [] if isinstance(child, str) else self.drafter.submit(child, decision.reasons)
+        return [] if isinstance(child, str) else self.drafter.submit(child, decision.reasons, wrong=miss.explanation)
 
     def _submit(
         self, node: str, revision: Revision, miss: UnmetObjective, reasons: Iterable[str], *, restores: bool
@@ -214,15 +214,16 @@ class Recovery:
         child = self.drafter.draft(node, revision)
         if isinstance(child, str):
             return self.drafter.block(node, child)
+        submitted = self.drafter.submit(child, reasons, wrong=miss.explanation)
         if child.purpose:  # it prepares; only what pursues the objective is paid for as a replan
-            return self.drafter.submit(child, reasons)
+            return submitted
         if restores and miss.world is not None:
             needy = [child, miss.session] if child.skill == miss.session.skill else [child]
             lost = {predicate.text for each in needy for predicate in find_lost_preconditions(each, miss.world)}
             if restorers := self._find_restorers(child.node, lost):
                 return self.reopen(restorers)  # the child is paid for when its turn comes
         spent = self.drafter.note(child.node, GoalEvent.BUDGET_SPENT, f"{miss.cause}: {miss.session.id}")
-        return [spent, *self.drafter.submit(child, reasons)]
+        return [spent, *submitted]
 
     def _restore_for(self, refused: SessionStatus) -> list[Entry]:
         """Reopens finished nodes for a session that preflight refused; empty when none can help."""
@@ -252,7 +253,7 @@ class Recovery:
                 strategy=status.contract.strategy or subject.contract.strategy,
                 requires=revise_requires(miss, find_of_skill(miss.session, catalogue))[0],
                 choice=keep_means(self.facts.graph.choices[node], miss, catalogue),
-                reasons=(f"{miss.cause}: {miss.reason}", f"{status.contract.id} has prepared it"),
+                reasons=(miss.explanation, f"{status.contract.id} has prepared it"),
             )
             return attempt, self._submit(node, revision, miss, revision.reasons, restores=True)
         entries = self._repair(node, miss)

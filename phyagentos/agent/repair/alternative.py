@@ -75,7 +75,7 @@ def propose(
     It costs one session of the time that its skill takes, unless `cost` says how many, and of what simulated time [s].
     """
     sessions, sim_time_s = cost or (1, case.time_of.get(choice.skill, SESSION_S))
-    revision = Revision(parent=case.latest.id, choice=choice, **{"reasons": (case.explanation, because)} | child)
+    revision = Revision(parent=case.latest.id, choice=choice, **{"reasons": (case.miss.explanation, because)} | child)
     return Alternative(
         kind=kind,
         effect=effect,

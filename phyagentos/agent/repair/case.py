@@ -107,6 +107,11 @@ class UnmetObjective:
         return replace(self, bundle=bundle, world=look.after or self.world)
 
     @property
+    def explanation(self) -> str:
+        """`<cause>: <reason>`, the first reason of every revision."""
+        return f"{self.cause}: {self.reason}"
+
+    @property
     def initial(self) -> Environment | None:
         """The world before the session; where nothing was executed, the latest."""
         return (self.bundle.before if self.bundle is not None else None) or self.world
@@ -173,11 +178,6 @@ class Case:
     def world(self) -> Environment | None:
         """As it was seen last."""
         return self.miss.world
-
-    @property
-    def explanation(self) -> str:
-        """`<cause>: <reason>`, the first reason of every revision."""
-        return f"{self.cause}: {self.miss.reason}"
 
     @property
     def latest(self) -> Session:

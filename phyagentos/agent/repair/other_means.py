@@ -58,7 +58,7 @@ def propose_other_skill(case: Case) -> Iterator[Alternative]:
         begins = "begins with what is held already, and " if resumes else ""
         because = f"{name} {begins}promises {'; '.join(skill.guarantees)}, which covers {'; '.join(promised)}"
         choice = Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,))
-        child: dict[str, Any] = {"requires": bind_requires(case, choice)}
+        child: dict[str, object] = {"requires": bind_requires(case, choice)}
         chance, effect, cost = _CHANCE, f"{name} instead of {own}", None
         if resumes:
             chance, effect, cost = _CHANCE_HELD, f"{name} for the rest of {own}", (1, case.time_of.get(own, SESSION_S))
@@ -105,13 +105,13 @@ def bind_requires(case: Case, choice: Choice) -> tuple[str, ...]:
 
 def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -> dict[str, Any] | None:
     """Arguments with which a skill keeps every promise, None without any."""
-    parameters: dict[str, Any] = {}
+    parameters: dict[str, object] = {}
     for wanted in promised:
         if bind_guarantee(parse_predicate(wanted).formula, skill, parameters, partial(_bind, world=world)) is None:
             return None
     parameters.pop("target", None)
-    key, object = (find_parameter(skill, role) for role in (ParameterRole.SUPPORT, ParameterRole.OBJECT))
-    moved = world.find_movable([parameters[object]] if object in parameters else parameters.values())
+    key, acted_on = (find_parameter(skill, role) for role in (ParameterRole.SUPPORT, ParameterRole.OBJECT))
+    moved = world.find_movable([parameters[acted_on]] if acted_on in parameters else parameters.values())
     if key and moved is not None and (support := find_support(world, moved)) is not None:
         parameters = {key: support.name} | parameters
     kinds = {name: entity.kind for name, entity in world.entities.items()}
@@ -139,7 +139,7 @@ def _find_middle(world: Environment, place: str, tolerance_m: float) -> list[flo
     return [round(value, 4) for value in region.pose.position_m]
 
 
-def find_false(skill: SkillRuntime, parameters: dict[str, Any], world: Environment, session: Session) -> str:
+def find_false(skill: SkillRuntime, parameters: dict[str, object], world: Environment, session: Session) -> str:
     """A precondition of the skill that is false now, empty when there is none."""
     view = session.make_view(world, world)
     for text in skill.requires:
@@ -153,7 +153,7 @@ def find_false(skill: SkillRuntime, parameters: dict[str, Any], world: Environme
 
 def _bind_held(case: Case, promised: tuple[str, ...], skill: SkillRuntime) -> dict[str, Any] | None:
     """Arguments with which the skill keeps every promise; those that it shares with the session stay."""
-    found: dict[str, Any] = {}
+    found: dict[str, object] = {}
     for wanted in promised:
         if bind_guarantee(parse_predicate(wanted).formula, skill, found, partial(_choose, skill=skill)) is None:
             return None

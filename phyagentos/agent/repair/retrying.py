@@ -82,7 +82,7 @@ def revise(miss: UnmetObjective, of_skill: Collection[str] = ()) -> Revision:
     """The revision for a cause with the same skill; `of_skill` are preconditions from the skill."""
     parent, cause = miss.session, miss.cause
     strategy = parent.strategy
-    reasons = [f"{cause.value}: {miss.reason}"]
+    reasons = [miss.explanation]
     if cause in _AVOID_GRASP and (grasp := find_label(miss.trace, Role.PLAN_GRASP)):
         strategy = strategy.avoid(grasp=grasp)
         reasons.append(f"another grasp than {grasp}")

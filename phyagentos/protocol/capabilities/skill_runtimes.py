@@ -299,7 +299,7 @@ def find_parameter(skill: SkillRuntime, role: ParameterRole) -> str:
     return declared or (role.value if role is ParameterRole.SUPPORT and role.value in skill.parameters else "")
 
 
-def find_mismatch(parameter: Parameter, value: Any) -> str:
+def find_mismatch(parameter: Parameter, value: object) -> str:
     """What the value of a parameter should have been; empty when it fits."""
     if parameter.type == "point":
         return "" if _is_point(value) else "three numbers [m] in the world frame"
@@ -322,9 +322,9 @@ def find_mismatch(parameter: Parameter, value: Any) -> str:
     return ""
 
 
-def _is_point(value: Any) -> bool:
+def _is_point(value: object) -> bool:
     return isinstance(value, list | tuple) and len(value) == 3 and all(_is_number(item) for item in value)
 
 
-def _is_number(value: Any) -> TypeGuard[float]:
+def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)

@@ -53,7 +53,7 @@ class CallFiles:
             return None
         return None if os.path.lexists(self._get_answer(turn.turn)) else turn
 
-    def answer(self, turn: int, call: dict[str, Any]) -> None:
+    def answer(self, turn: int, call: dict[str, object]) -> None:
         """Answer a turn; raises DefinitionError `TURN_OVER` unless it is the one that awaits an answer."""
         awaited = self.find_turn()
         is_open = awaited is not None and awaited.turn == turn

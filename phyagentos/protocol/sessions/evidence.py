@@ -101,26 +101,26 @@ def refer_to(file: str, data: bytes) -> EvidenceReference:
     return EvidenceReference(file=file, sha256=hashlib.sha256(data).hexdigest())
 
 
-def encode_json(value: Any) -> bytes:
+def encode_json(value: object) -> bytes:
     """Indented JSON."""
     return msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"
 
 
-def write_json(path: Path, value: Any) -> None:
+def write_json(path: Path, value: object) -> None:
     """Write indented JSON."""
     path.write_bytes(encode_json(value))
 
 
-def encode_lines(values: list[Any]) -> bytes:
+def encode_lines(values: list[object]) -> bytes:
     """One JSON value a line."""
     return b"".join([msgspec.json.encode(value) + b"\n" for value in values])
 
 
-def _decode(data: bytes | None, kind: Any) -> Any:
+def _decode(data: bytes | None, kind: object) -> Any:
     return msgspec.json.decode(data, type=kind) if data else None
 
 
-def _decode_lines(data: bytes | None, kind: Any) -> Any:
+def _decode_lines(data: bytes | None, kind: object) -> Any:
     return tuple(msgspec.json.decode(line, type=kind) for line in (data or b"").splitlines())
 
 

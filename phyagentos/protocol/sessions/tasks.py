@@ -59,13 +59,15 @@ class Replan(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         session: Its parent.
         child: The session; it may still be to be submitted.
-        reason: What went wrong, and what is done differently.
+        wrong: What went wrong; in records of before it is the beginning of `reason`.
+        reason: What is done differently.
         relation: How it continues its parent.
         after: Nodes that must be done again before it.
     """
 
     session: SessionId
     child: SessionId
+    wrong: str = ""
     reason: str
     relation: Relation = Relation.REPLAN
     after: tuple[str, ...] = ()

@@ -108,7 +108,7 @@ def read_contract(located: Located, id: str) -> Session:
     return session
 
 
-def read_amendment(located: Located, id: SessionId, values: Mapping[str, Any]) -> AmendRequest:
+def read_amendment(located: Located, id: SessionId, values: Mapping[str, object]) -> AmendRequest:
     """The `limits` and `priority` among the values of a `contract`, which stand at its places in `located`.
 
     Raises DefinitionError with one problem per violation, each at file:line:column.

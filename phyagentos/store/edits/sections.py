@@ -161,7 +161,7 @@ def _amend(edit: Edit, changed: Mapping[_Path, Any], reason: str) -> None:
         edit.requests.append(read_amendment(edit.located, id, wanted))
 
 
-def _flatten(data: Any, path: _Path = ()) -> Iterator[tuple[_Path, Any]]:
+def _flatten(data: object, path: _Path = ()) -> Iterator[tuple[_Path, Any]]:
     """Every leaf with its path; lists and empty mappings are leaves."""
     if isinstance(data, dict) and data:
         for key, each in data.items():
@@ -170,7 +170,7 @@ def _flatten(data: Any, path: _Path = ()) -> Iterator[tuple[_Path, Any]]:
         yield path, data
 
 
-def _is_same(one: Any, other: Any) -> bool:
+def _is_same(one: object, other: object) -> bool:
     """Whether two values are the same in YAML: true is not 1, but 60 is 60.0."""
     return isinstance(one, bool) == isinstance(other, bool) and bool(one == other)
 

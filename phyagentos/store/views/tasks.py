@@ -138,7 +138,9 @@ def _render_replans(goal: tasks.GoalStatus, ledger: Ledger) -> str:
 
 
 def split_reason(replan: tasks.Replan, ledger: Ledger) -> tuple[str, str]:
-    """What went wrong, and what the child does differently; all as the former when they cannot be distinguished."""
+    """What went wrong, and what the child does differently; records of before hold both in one text."""
+    if replan.wrong:
+        return replan.wrong, replan.reason
     parent = ledger.sessions.get(replan.session)
     attempt = parent.decision if parent is not None else None
     if attempt is not None:

@@ -108,7 +108,7 @@ def _build_context(text: str, bundle: Bundle, pictures: tuple[Pictures, Pictures
 
 
 def _build_messages(context: str, pictures: tuple[Pictures, Pictures]) -> list[dict[str, Any]]:
-    content: list[dict[str, Any]] = [{"type": "text", "text": context}]
+    content: list[dict[str, object]] = [{"type": "text", "text": context}]
     for when, shown in zip(("Before the task:", "After the task:"), pictures, strict=True):
         content.append({"type": "text", "text": when})
         urls = (f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}" for png in shown)
