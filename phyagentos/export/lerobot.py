@@ -16,6 +16,7 @@ from phyagentos.errors import needs_extra
 from phyagentos.export.demonstrations import POSE, Choice, Demonstration, Demonstrations
 from phyagentos.export.video import write_mp4
 from phyagentos.protocol.documents.durable_files import require_empty
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.evidence import write_json
 
 STATE, ACTION, WORLD, IMAGES = "observation.state", "action", "observation.environment_state", "observation.images."
@@ -94,7 +95,7 @@ def _join(rows: Sequence[Mapping[str, object]]) -> dict[str, list[Any]]:
 
 def _describe_episode(
     each: Demonstration, table: Table, pixels: Table, place: Mapping[str, int], span_s: tuple[float, ...]
-) -> dict[str, Any]:
+) -> Fields:
     """A row of `meta/episodes`: where its frames and pictures lie, what it shows, and whose word says that it does."""
     first, length = int(table["index"][0]), len(each.state)
     row: dict[str, object] = {"episode_index": int(table["episode_index"][0]), "tasks": [each.task], "length": length}
@@ -111,7 +112,7 @@ def _describe_episode(
     return row | {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
 
 
-def _measure(table: Table) -> dict[str, dict[str, Any]]:
+def _measure(table: Table) -> dict[str, Fields]:
     """Statistics of each feature; of pictures those of sampled pixels (n, 3), in LeRobot's form (3, 1, 1)."""
     found: dict[str, dict[str, object]] = {}
     for key, values in table.items():
@@ -123,7 +124,7 @@ def _measure(table: Table) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _describe_form(data: Demonstrations, choice: Choice, n_tasks: int, table: Table) -> dict[str, Any]:
+def _describe_form(data: Demonstrations, choice: Choice, n_tasks: int, table: Table) -> Fields:
     """`info.json`."""
     poses = [f"{entity}.{number}" for entity in choice.entities for number in POSE]
     names: dict[str, Sequence[str] | None] = {STATE: data.names, ACTION: data.names, WORLD: poses}

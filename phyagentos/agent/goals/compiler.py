@@ -17,6 +17,7 @@ from phyagentos.agent.goals.spec import REFERENCE, NodeSpec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.placed_scenes import name_placed
 from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.predicate import has_metric, parse_predicate, substitute
 from phyagentos.protocol.predicates.syntax import format_value
 from phyagentos.protocol.sessions.calibration import TrackRecord
@@ -117,9 +118,7 @@ class SessionCompiler:
             kept=self.graph.kept if name in self.graph.brought and not purpose else (),
         )
 
-    def _bind(
-        self, name: str, choice: Choice, purpose: str, outputs: Outputs | None
-    ) -> "tuple[dict[str, Any], _Resolver]":
+    def _bind(self, name: str, choice: Choice, purpose: str, outputs: Outputs | None) -> "tuple[Fields, _Resolver]":
         """The arguments of a session in the order of its skill, and what puts them into its predicates."""
         node, own = self.graph.nodes[name], self.graph.choices[name]
         skills = [self.catalogue.skills[choice.skill], *([] if purpose else [self.catalogue.skills[own.skill]])]

@@ -13,6 +13,7 @@ from phyagentos.agent.goals.spec import Promise
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.meaning import find_held, normalize
 from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate, substitute
@@ -86,7 +87,7 @@ def select(
     return Choice(skill=runtime.skill, target=where, parameters=parameters, reasons=reasons, rejected=rejected)
 
 
-def unify(wanted: syntax.Formula, offered: syntax.Formula) -> dict[str, Any] | None:
+def unify(wanted: syntax.Formula, offered: syntax.Formula) -> Fields | None:
     """Values of the variables of `offered` that make it equal to `wanted`, or None."""
     match wanted, offered:
         case syntax.Call(), syntax.Call():
@@ -144,7 +145,7 @@ def _iter_skills(
     established: Sequence[str],
     mechanisms: Mapping[str, str],
     rejected: dict[str, str],
-) -> Iterator[tuple[SkillRuntime, dict[str, Any], tuple[str, ...]]]:
+) -> Iterator[tuple[SkillRuntime, Fields, tuple[str, ...]]]:
     """Skills with their parameters and the reasons for these; those that do not fit go to `rejected`."""
     if isinstance(skill, str):
         if skill in catalogue.skills:
@@ -166,7 +167,7 @@ def _iter_skills(
             yield runtime, parameters, (f"{name} guarantees {promise}, so {wanted.text} with {bindings}",)
 
 
-def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, object]) -> tuple[dict[str, Any], str] | str:
+def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, object]) -> tuple[Fields, str] | str:
     """Parameters and the guarantees that were used, or why the skill does not fit."""
     parameters = dict(arguments)
     used: list[str] = []

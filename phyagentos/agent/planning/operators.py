@@ -15,6 +15,7 @@ from phyagentos.agent.planning.problem import Fact, Operator
 from phyagentos.agent.planning.rooms import Spot, count_room, find_in_lane, is_in_reach
 from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.library import ArgumentKind, Meaning
 from phyagentos.protocol.predicates.meaning import find_definition, list_kinds, read_statement, state
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
@@ -88,7 +89,7 @@ class _Draft:
     skill: SkillRuntime
     target: str
     rank: int
-    parameters: dict[str, Any]
+    parameters: Fields
     effects: tuple[Effect, ...]
     requires: tuple[Effect, ...]
     moved: str

@@ -7,7 +7,6 @@ relations is promised where a parameter chooses among them by name (`relation: {
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 from phyagentos.agent.goals.selector import Choice, begins_with_holding, bind_guarantee, find_lacks, unify
 from phyagentos.agent.judging.causes import Cause
@@ -16,6 +15,7 @@ from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.looking import LEAD
 from phyagentos.agent.repair.retrying import find_of_skill, keep_requires, revise_requires
 from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import Statement, normalize_text, read_meanings, read_statement
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
@@ -103,7 +103,7 @@ def bind_requires(case: Case, choice: Choice) -> tuple[str, ...]:
     return tuple(by_meaning.values())
 
 
-def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -> dict[str, Any] | None:
+def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -> Fields | None:
     """Arguments with which a skill keeps every promise, None without any."""
     parameters: dict[str, object] = {}
     for wanted in promised:
@@ -120,7 +120,7 @@ def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) ->
     return parameters if skill.accepts(parameters) else None
 
 
-def _bind(wanted: Formula, offered: Formula, world: Environment) -> dict[str, Any] | None:
+def _bind(wanted: Formula, offered: Formula, world: Environment) -> Fields | None:
     match read_statement(wanted), read_statement(offered):
         case (
             Statement(Meaning.INSIDE, Name(thing), Name(place)),
@@ -151,7 +151,7 @@ def find_false(skill: SkillRuntime, parameters: dict[str, object], world: Enviro
     return ""
 
 
-def _bind_held(case: Case, promised: tuple[str, ...], skill: SkillRuntime) -> dict[str, Any] | None:
+def _bind_held(case: Case, promised: tuple[str, ...], skill: SkillRuntime) -> Fields | None:
     """Arguments with which the skill keeps every promise; those that it shares with the session stay."""
     found: dict[str, object] = {}
     for wanted in promised:
@@ -162,7 +162,7 @@ def _bind_held(case: Case, promised: tuple[str, ...], skill: SkillRuntime) -> di
     return bound if skill.accepts(bound) else None
 
 
-def _choose(wanted: Formula, offered: Formula, skill: SkillRuntime) -> dict[str, Any] | None:
+def _choose(wanted: Formula, offered: Formula, skill: SkillRuntime) -> Fields | None:
     """Arguments that make a guarantee, or one of its alternatives, the wanted promise."""
     if not isinstance(offered, Or):
         return unify(wanted, offered)

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import pydantic
 
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Authored, Located, read_yaml, salvage, validate
 
 PortType = Literal[
@@ -52,7 +53,7 @@ class TreeHeader(Authored):
     description: str
     inputs: dict[str, TreePort] = {}
     outputs: dict[str, TreePort] = {}
-    root: dict[str, Any] | str = pydantic.Field(description="One node; every node is a mapping with one key.")
+    root: Fields | str = pydantic.Field(description="One node; every node is a mapping with one key.")
 
 
 class CompositeForm(Authored):
@@ -104,7 +105,7 @@ class SubtreeForm(Authored):
     """Body of `subtree`: another tree, its inputs and outputs wired to keys of this one."""
 
     tree: str
-    wiring: dict[str, Any] = pydantic.Field(default={}, alias="with")
+    wiring: Fields = pydantic.Field(default={}, alias="with")
     name: str = ""
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.session import Execution, Session, SessionStatus
 from phyagentos.protocol.sessions.trace import TraceEvent
@@ -45,7 +46,7 @@ class Event(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
     kind: str
     code: str = ""
-    details: dict[str, Any] = {}
+    details: Fields = {}
 
 
 class Bundle(msgspec.Struct, frozen=True, kw_only=True):

@@ -12,12 +12,13 @@ import shutil
 import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 
 from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.documents.durable_files import replace_durably
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.verdicts import Attempt
 
 MANIFEST = "manifest.json"
@@ -49,7 +50,7 @@ class Thinning(msgspec.Struct, frozen=True, kw_only=True):
 
     at: str
     rule: str
-    policy: dict[str, Any]
+    policy: Fields
     files: dict[FileName, FileRecord]
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from phyagentos.errors import DefinitionError, format_names
 from phyagentos.protocol.documents.document import Block, iter_blocks
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Located
 from phyagentos.protocol.sessions.session import SessionId
 from phyagentos.store.edits.rejections import Refused
@@ -146,7 +147,7 @@ def _read(edit: Edit, rendered: Section | None, source: str) -> None:
 def _amend(edit: Edit, changed: Mapping[_Path, Any], reason: str) -> None:
     """Every field that differs from the rendering."""
     id = SessionId(edit.section.name)
-    wanted: dict[str, Any] = {"limits": {}}
+    wanted: Fields = {"limits": {}}
     ends = str(changed.get(("state",))) in _CANCELS
     if ends:
         edit.requests.append(CancelRequest(kind="cancel", session=id, reason=reason))
