@@ -3,8 +3,8 @@
 It is complete without this package: MuJoCo alone loads the scene, numpy the arrays; everything else is JSON or YAML.
 """
 
+import contextlib
 import hashlib
-import os
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +37,6 @@ PICTURE_BEFORE = "before.png"
 PICTURE_AFTER = "after.png"
 POLICY = "policy.jsonl"  # of a policy: one line for each chunk, runtime.policies.exchanges
 POLICY_PREFIX = "policy-"  # of the files that these lines name: what was shown and answered
-_READ_BYTES = 1 << 16  # most files are read at once
 
 
 class Event(msgspec.Struct, frozen=True, kw_only=True):
@@ -81,7 +80,7 @@ def read_bundle(folder: Path, session: Session, execution: Execution, *, with_co
     """
     names = (BEFORE, AFTER, HOLDS, *((TRACE, EVENTS) if with_course else ()))
     try:
-        data = {name: found for name in names if (found := _find_bytes(f"{folder}/{name}"))}  # an empty one is none
+        data = {name: found for name in names if (found := _find_bytes(folder / name))}  # an empty one is none
         return Bundle(
             folder=folder,
             session=session,
@@ -125,15 +124,7 @@ def _decode_lines(data: bytes | None, kind: object) -> Any:
     return tuple(msgspec.json.decode(line, type=kind) for line in (data or b"").splitlines())
 
 
-def _find_bytes(path: str) -> bytes | None:
-    try:
-        fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    except FileNotFoundError:
-        return None
-    try:
-        data = os.read(fd, _READ_BYTES)
-        while part := os.read(fd, _READ_BYTES):
-            data += part
-        return data
-    finally:
-        os.close(fd)
+def _find_bytes(path: Path) -> bytes | None:
+    with contextlib.suppress(FileNotFoundError):
+        return path.read_bytes()
+    return None
