@@ -146,8 +146,7 @@ def main(*, episodes: int = EPISODES) -> int:
         sizes = [len(read_document(text, LESSONS).blocks), len(facts)]
         document_ms = time_ms(lambda: (render_lessons(memory.experience.list_lessons()), render_knowledge(facts)))
         version, known = memory.version, len(memory.experience.corrections)
-        memory.close()
-        warm_ms = time_ms(lambda: open_it().close(), times=5)
+        warm_ms = time_ms(open_it, times=5)
         shutil.rmtree(Path(scratch) / ".cache")
         begin_s = time.perf_counter()
         memory = open_it()
@@ -156,7 +155,6 @@ def main(*, episodes: int = EPISODES) -> int:
         goal = [[episode for episode, _ in zip(extra, range(GOAL_SESSIONS), strict=False)] for _ in range(10)]
         record_ms = Spread.of([time_ms(lambda each=each: memory.record(each)) for each in goal]).median
         bytes_of_truth = sum(path.stat().st_size for path in folder.rglob("*.md"))
-        memory.close()
     spread = Spread.of(spent_ms)
     figures = {
         "episodes": float(episodes),

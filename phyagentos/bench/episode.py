@@ -136,8 +136,7 @@ def run_episode(job: Job, folder: Path, clock: Clock) -> EpisodeRecord:
         wall_s = clock.now_s() - begin_s
     after = ""
     if use is not MemoryUse.NONE:
-        with contextlib.closing(Memory(folder / workspace.memory.name, clock=clock, by="bench")) as left:
-            after = left.version
+        after = Memory(folder / workspace.memory.name, clock=clock, by="bench").version
     scored = score(order, workspace, report, statuses)
     sessions = record_sessions(workspace, report, statuses, scored, Path(job.run))
     is_met = None if scored.parts is None else all(scored.parts.values())
