@@ -101,7 +101,7 @@ def check_that_solvers_are_named(folder):
             solved = {"toppra": "Ok", "casadi": "solved"}  # what is carried is shaped where it is heavy
             assert stages["scaling"]["status"] == solved[stages["scaling"]["solver"]]
             assert (stages["scaling"]["solver"] == "casadi") <= ("unshaped_grip_share" in stages["scaling"])
-            assert stages.get("path", {}).get("planner", "") in ("", "straight", "RRT-Connect on spheres")
+            assert stages.get("path", {}).get("planner", "") in ("", "straight", "OMPL RRT-Connect")
     assert any("grip_share" in stages.get("scaling", {}) for _, stages in answers)
 
 
