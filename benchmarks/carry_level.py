@@ -19,7 +19,7 @@ from carry_grip import carry
 from goal_time import ROOT
 from scipy.signal import savgol_filter
 
-from benchmarks.runner import finish, run, show
+from benchmarks.runner import finish, run, show_figures
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Spread
 from phyagentos.bench.suite import open_bench
@@ -107,18 +107,6 @@ def main(*, seeds: int = 10, grips: int = 60) -> int:
                     report = agent.mission.run(GRAPH, seed=seed, overrides=overrides, goal=goal)
                     folder = workspace.evidence_of(report.sessions[0].id)
                     rides[method].append(measure(folder, report.verdict == "success" and len(report.sessions) == 1))
-    columns = {
-        "worst apparent tilt (rad), median": [Spread.of([r.worst_tilt_rad for r in rides[m]]).median for m in METHODS],
-        "worst apparent tilt (rad), largest": [max(r.worst_tilt_rad for r in rides[m]) for m in METHODS],
-        "balls spilled, all seeds": [sum(r.spilled for r in rides[m]) for m in METHODS],
-        "duration (s), median": [Spread.of([r.duration_s for r in rides[m]]).median for m in METHODS],
-        "goals met at the first attempt": [sum(r.met for r in rides[m]) / seeds for m in METHODS],
-        "things that slipped, share": [sum(c.slipped for c in carried[m]) / grips for m in METHODS],
-        "way along the pads (mm), median": [1e3 * float(np.median([c.slip_m for c in carried[m]])) for m in METHODS],
-        "duration with a thing (s), median": [Spread.of([c.duration_s for c in carried[m]]).median for m in METHODS],
-    }
-    title = "an open cup, carried 0.44 m; objects of nine tenths of what the grip bears, carried anywhere"
-    show(title, ("", *METHODS), ((name, *(f"{value:.3f}" for value in values)) for name, values in columns.items()))
     ratios = [a.worst_tilt_rad / b.worst_tilt_rad for a, b in zip(rides["casadi"], rides["toppra"], strict=True)]
     figures = {
         "casadi_worst_tilt_rad_max": max(ride.worst_tilt_rad for ride in rides["casadi"]),
@@ -135,6 +123,11 @@ def main(*, seeds: int = 10, grips: int = 60) -> int:
         "seeds": float(seeds),
         "grips": float(grips),
     }
+    for method in METHODS:
+        figures[f"{method}_s_median"] = Spread.of([ride.duration_s for ride in rides[method]]).median
+        figures[f"{method}_grip_s_median"] = Spread.of([c.duration_s for c in carried[method]]).median
+    title = "an open cup, carried 0.44 m; objects of nine tenths of what the grip bears, carried anywhere"
+    show_figures(title, figures, ASKED)
     return finish(figures, ASKED)
 
 

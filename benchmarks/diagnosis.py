@@ -26,7 +26,7 @@ from rich.table import Table
 from typer import Option
 
 from benchmarks.diagnosis_parts.cases import CASES, Case
-from benchmarks.diagnosis_parts.drawn import DrawnCase, iter_drawn
+from benchmarks.diagnosis_parts.drawn import iter_drawn
 from benchmarks.diagnosis_parts.model import serve_model
 from benchmarks.diagnosis_parts.policies import MANNERS, serve_policies
 from benchmarks.diagnosis_parts.refusals import classify_refusal
@@ -62,7 +62,7 @@ class Finding:
     support: int
 
 
-def write_faults(cases: Sequence[Case | DrawnCase], folder: Path) -> Path:
+def write_faults(cases: Sequence[Case], folder: Path) -> Path:
     """One fault file for all cases; each fault waits for the goals of its own case."""
     faults = []
     for case in cases:
@@ -87,7 +87,7 @@ def kill_worker(workspace: Workspace, session: str, ended: threading.Event) -> N
             return
 
 
-def run_case(workspace: Workspace, mission: Mission, case: Case | DrawnCase, graph: Path, seed: int) -> Finding:
+def run_case(workspace: Workspace, mission: Mission, case: Case, graph: Path, seed: int) -> Finding:
     """One goal with one injected cause."""
     goal = GoalId(f"{case.name}-{seed}")
     session = SessionId(f"{goal}.move")
@@ -131,7 +131,7 @@ def describe_judges(url: str, manner: str) -> dict[str, object]:
 
 
 def run_cases(
-    root: Path, cases: Sequence[Case | DrawnCase], seeds: Sequence[int], sense: str | None, console: Console
+    root: Path, cases: Sequence[Case], seeds: Sequence[int], sense: str | None, console: Console
 ) -> Iterator[Finding]:
     """Cases that share one runtime plane."""
     clock, project = SystemClock(), root.with_suffix(".project")
@@ -192,7 +192,7 @@ def main(
     """Run, show, and exit with whether the asked figure holds."""
     console = Console(stderr=True)
     of_each = range(first_seed, first_seed + (1 if unseen else seeds))
-    chosen: list[Case | DrawnCase] = [case for case in CASES if not cases or case.name in cases]
+    chosen: list[Case] = [case for case in CASES if not cases or case.name in cases]
     chosen = [case for case in chosen if not case.sense or case.sense == (sense or "perceived")]
     findings: list[Finding] = []
     with tempfile.TemporaryDirectory(prefix="diagnosis-") as scratch:

@@ -1,35 +1,30 @@
 """Forecasters side by side on sessions that none of them has seen: rollouts, learned, and the base rate.
 
-    python -m benchmarks.forecasters --seeds 60 --held-out 20
-    python -m benchmarks.forecasters --seeds 60 --held-out 20 --keep FOLDER     # a second call goes on from it
+    paos bench run forecasts --run runs/forecasts-1
+    python -m benchmarks.forecasters runs/forecasts-1 --held-out 20
 
-The three hard scenes of the suite `lookahead` run without look-ahead, so that nothing is refused and every session has
-a verdict: by cameras, as in a real run. The learned forecaster is trained on the first seeds by the kit's own code.
-Both are then asked about the sessions of the held-out seeds, from their recorded estimates, through the service that a
-worker asks. The base rate is the share of successes among the training sessions.
+The learned forecaster is trained on the first seeds of the run by the kit's own code. Both are then asked about the
+sessions of the held-out seeds, from their recorded estimates, through the service that a worker asks. The base rate is
+the share of successes among the training sessions.
 """
 
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Annotated
 
-from rich.console import Console
-from typer import Option
+from typer import Argument, Option
 
 from benchmarks.runner import finish, run
-from phyagentos.assembly.agent_plane import MemoryUse, open_agent
-from phyagentos.assembly.paths import open_project
-from phyagentos.assembly.planes import start_watch
+from phyagentos.bench.records import read_records
 from phyagentos.bench.report import Ask
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.calibration import Scored, compute_record
 from phyagentos.protocol.sessions.evidence import encode_json, read_bundle
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
-from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.lookahead.forecaster import Case, Forecaster, ForecasterSite, open_forecaster
@@ -43,40 +38,21 @@ from learned_forecaster.forecaster import open_learned  # noqa: E402
 from learned_forecaster.training import train_model  # noqa: E402
 from rollout_forecaster.calibration import calibrate, render  # noqa: E402
 
-TASKS = ("serve", "serve_far", "balance")
-ARM, TREE, MODEL = "panda", "pick_and_place", "model.json"
-PLAIN = {"defaults.lookahead": "null", "defaults.max_replans": "0"}
-FIRST_SEED = 300  # those below were used while look-ahead was made
+ARM, TREE = "panda", "pick_and_place"
 ASKED = {"skill_of_rollouts": Ask(0.0, at_least=True), "skill_of_learned": Ask(0.0, at_least=True)}
 
 
-def run_sessions(root: Path, seeds: Sequence[int], console: Console) -> Workspace:
-    """One session of every task and seed, in one workspace; those that it holds already are only reported."""
-    clock, workspace = SystemClock(), open_project(root, ROOT)
-    with start_watch(workspace, pictures=False).running(clock) as plane:
-        options = {"memory_use": MemoryUse.NONE, "is_runtime_alive": plane.is_alive}
-        with open_agent(workspace, clock, by="bench", **options) as agent:  # type: ignore[arg-type]
-            for seed in seeds:
-                for task in TASKS:
-                    graph = ROOT / "benchmarks" / "lookahead_parts" / f"{task}.yaml"
-                    report = agent.mission.run(graph, seed=seed, goal=GoalId(f"{task}-{seed}"), overrides=PLAIN)
-                    console.print(f"{task} seed {seed}: {report.verdict}", style="dim")
-    return workspace
-
-
-def read_cases(workspace: Workspace, seeds: Sequence[int]) -> list[tuple[Case, bool]]:
-    """The sessions of these seeds as questions, and whether each succeeded."""
-    found = []
+def read_cases(workspace: Workspace) -> Iterator[tuple[Case, bool]]:
+    """The sessions of an episode as questions, and whether each succeeded."""
     for status, outcome in iter_outcomes(workspace):
         session, execution = status.contract, status.execution
-        if session.scene.seed not in seeds or session.purpose or execution is None:
+        if session.purpose or execution is None:
             continue
         before = read_bundle(workspace.evidence_of(session.id), session, execution, with_course=False).before
         if before is not None:
             seed = compute_seed(session.scene.seed, "forecast", session.node)
             request = LookaheadRequest(samples=16, threshold=0.8, seed=seed)
-            found.append((Case(session=session, request=request, tree=TREE, environment=before), not outcome))
-    return found
+            yield Case(session=session, request=request, tree=TREE, environment=before), not outcome
 
 
 def ask(name: str, forecaster: Forecaster, cases: Sequence[tuple[Case, bool]]) -> tuple[list[Scored], list[float]]:
@@ -100,26 +76,22 @@ def _plain(request: LookaheadRequest) -> Mapping[str, object]:
 
 
 def main(
+    run: Annotated[Path, Argument(help="folder of a run of forecasts")],
     *,
-    seeds: Annotated[int, Option(help="of the sessions that are learned from")] = 60,
-    held_out: Annotated[int, Option(help="further seeds, of the sessions that are foreseen")] = 20,
-    keep: Annotated[
-        Path | None, Option(help="folder that keeps the sessions; one that holds them is gone on from")
-    ] = None,
+    held_out: Annotated[int, Option(help="the last seeds, of the sessions that are foreseen")] = 20,
 ) -> int:
-    """Run, learn, ask, show; exit with whether each forecaster is better than the base rate."""
-    console = Console(stderr=True)
+    """Learn, ask, show; exit with whether each forecaster is better than the base rate."""
+    episodes = [(each.seed, Workspace.open(run / each.folder / "workspace")) for each in read_records(run)]
+    unseen = sorted({seed for seed, _ in episodes})[-held_out:]
+    training = [workspace for seed, workspace in episodes if seed not in unseen]
+    cases = [case for seed, workspace in episodes if seed in unseen for case in read_cases(workspace)]
+    model, trained = train_model(training, seed=0)
     with tempfile.TemporaryDirectory(prefix="forecasters-") as scratch:
-        folder = keep or Path(scratch)
-        middle = FIRST_SEED + seeds
-        training = run_sessions(folder / "training", range(FIRST_SEED, middle), console)
-        unseen = range(middle, middle + held_out)
-        cases = read_cases(run_sessions(folder / "held_out", unseen, console), unseen)
-        model, trained = train_model([training], seed=0)
-        (training.root / MODEL).write_bytes(encode_json(model))
+        path = Path(scratch) / "model.json"
+        path.write_bytes(encode_json(model))
         base_rate = trained.succeeded / len(trained.bundles)
         base = [Scored(base_rate, succeeded) for _, succeeded in cases]
-        site = ForecasterSite(training, ARM, {"model": MODEL})
+        site = ForecasterSite(training[0], ARM, {"model": str(path)})
         foreseen = {
             "rollouts": ask("rollouts", open_forecaster("rollouts", site), cases),
             "learned": ask("learned", open_learned(site), cases),

@@ -12,9 +12,10 @@ from collections.abc import Iterator, Sequence
 
 import msgspec
 import numpy as np
-from recorded import Recording, Robot, open_robot, record_tidy_table
 
+from benchmarks.recorded import Recording, Robot, open_robot, record_tidy_table
 from benchmarks.runner import finish, run, show, show_figures
+from benchmarks.safety_parts.hostile import iter_spoilt
 from phyagentos.bench.report import Ask
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange, describe_target_space
 from phyagentos.protocol.capabilities.library import find_shipped_root
@@ -23,6 +24,7 @@ from phyagentos.protocol.world.faults import read_faults
 from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged, compile_chain
 from phyagentos.runtime.actions.collision import PostureCollision
 from phyagentos.runtime.actions.guard import SafetyGuard
+from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.targets.wire import Command
 
 ASKED = {
@@ -35,47 +37,14 @@ FAULTS = find_shipped_root() / "faults" / "one_random.yaml"
 HOSTILE_EACH = 40  # commands of every session that are spoilt in every way
 
 
-def make_hostile(command: Command, rng: np.random.Generator, limits: np.ndarray) -> Iterator[tuple[str, Command]]:
-    """The same command, spoilt in every way there is.
-
-    Args:
-        command: A legitimate one.
-        rng: Chooses rows, joints and sizes.
-        limits: (2, n_joints) position range.
-    """
-    q, qd = command.q_rad, command.qd_rad_s
-    rows, n = q.shape
-    row, joint = int(rng.integers(rows)), int(rng.integers(n))
-
-    def put(array: np.ndarray, value: float) -> np.ndarray:
-        spoilt = array.copy()
-        spoilt[row, joint] = value
-        return spoilt
-
+def make_hostile(command: Command, rng: np.random.Generator) -> Iterator[tuple[str, Command]]:
+    """The same command, spoilt in every way there is; `rng` chooses rows, joints and sizes."""
     change = msgspec.structs.replace
-    signs = np.where(np.arange(rows) % 2 == 0, 1.0, -1.0)
-    for value in (np.nan, np.inf, -np.inf, 1e6, -1e6):
-        yield "bad position", change(command, q_rad=put(q, value))
-        yield "bad velocity", change(command, qd_rad_s=put(qd, value))
-        yield "bad width", change(command, gripper_width_m=np.full(rows, value))
-    yield "denormal width", change(command, gripper_width_m=np.full(rows, -1e-3 - 5e-324))
-    yield "teleport", change(command, q_rad=np.tile(rng.uniform(*limits), (rows, 1)))
-    yield "delta of 0.02 rad", change(command, q_rad=put(q, q[row, joint] + 0.02))
-    yield "outside its range", change(command, q_rad=put(q, limits[1, joint] + 1e-3))
-    yield "too fast", change(command, qd_rad_s=put(qd, 3.0))
-    yield "chattering position", change(command, q_rad=q + 4e-4 * signs[:, None])
-    yield "chattering velocity", change(command, qd_rad_s=qd + 0.05 * signs[:, None])
-    yield "lying velocity", change(command, qd_rad_s=qd + 1.0)
-    yield "row missing", change(command, q_rad=q[:-1])
-    yield "row too many", change(command, q_rad=np.vstack((q, q[-1:])))
-    yield "flat", change(command, q_rad=q.ravel())
-    yield "float32", change(command, q_rad=q.astype(np.float32))
-    yield "integers", change(command, qd_rad_s=np.zeros((rows, n), dtype=np.int64))
-    yield "expired", change(command, expires_at_s=command.expires_at_s - 1.0)
-    yield "never expires", change(command, expires_at_s=np.inf)
-    yield "expiry NaN", change(command, expires_at_s=np.nan)
-    if abs(q[-1] - q[0]).max() > 0.01:
-        yield "reversed rows", change(command, q_rad=q[::-1].copy())
+    points = SetPoints(command.q_rad, command.qd_rad_s, command.gripper_width_m)
+    for name, bad in iter_spoilt(points, rng):
+        yield name, change(command, q_rad=bad.q_rad, qd_rad_s=bad.qd_rad_s, gripper_width_m=bad.gripper_width_m)
+    for name, expires_at_s in (("expired", command.expires_at_s - 1.0), ("never expires", np.inf), ("NaN", np.nan)):
+        yield name, change(command, expires_at_s=expires_at_s)
 
 
 def judge_recordings(robot: Robot, recordings: Sequence[Recording]) -> tuple[int, int, Counter[str], list[float]]:
@@ -85,14 +54,13 @@ def judge_recordings(robot: Robot, recordings: Sequence[Recording]) -> tuple[int
         Legitimate commands refused; hostile ones passed; hostile ones by name; cost of the legitimate ones [us].
     """
     rng = np.random.default_rng(0)
-    limits = np.array([robot.limits.joint_position_min.value, robot.limits.joint_position_max.value])
     refused, passed, sent, costs = 0, 0, Counter[str](), list[float]()
     for recording in recordings:
         guard = SafetyGuard(robot.limits, recording.description)
         guard.begin(np.asarray(recording.q_rad))
         spoil = {int(index) for index in rng.integers(0, max(len(recording.commands), 1), HOSTILE_EACH)}
         for index, (command, now) in enumerate(recording.commands):
-            for name, hostile in make_hostile(command, rng, limits) if index in spoil else ():
+            for name, hostile in make_hostile(command, rng) if index in spoil else ():
                 sent[name] += 1
                 passed += guard.judge(hostile, now).command is not None
             began = time.perf_counter()

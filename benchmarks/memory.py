@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from benchmarks.runner import finish, run, show
+from benchmarks.runner import finish, run, show_figures
 from phyagentos.agent.memory.episodes import Episode, Features
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.memory.scopes import compute_scope
@@ -74,17 +74,12 @@ def iter_episodes(count: int, rng: np.random.Generator) -> Iterator[Episode]:
             verdict=Verdict.REPLAN if rng.random() < fails else Verdict.SUCCESS,
             evidence=f"evidence/goal-{number}.node",
         )
-        yield first if first.is_success else replace_cause(first, cause)
+        yield first if first.is_success else msgspec.structs.replace(first, cause=cause)
         number += 1
         if not first.is_success and rng.random() < 0.9:
             is_success = bool(rng.random() < helps)
             yield make_child(first, draw_strategy(rng, cause), is_success, cause)
             number += 1
-
-
-def replace_cause(episode: Episode, cause: str) -> Episode:
-    """The episode with its cause."""
-    return msgspec.structs.replace(episode, cause=cause)
 
 
 def make_child(first: Episode, strategy: Strategy, is_success: bool, cause: str) -> Episode:
@@ -151,8 +146,7 @@ def main(*, episodes: int = EPISODES) -> int:
         sizes = [len(read_document(text, LESSONS).blocks), len(facts)]
         document_ms = time_ms(lambda: (render_lessons(memory.experience.list_lessons()), render_knowledge(facts)))
         version, known = memory.version, len(memory.experience.corrections)
-        memory.close()
-        warm_ms = time_ms(lambda: open_it().close(), times=5)
+        warm_ms = time_ms(open_it, times=5)
         shutil.rmtree(Path(scratch) / ".cache")
         begin_s = time.perf_counter()
         memory = open_it()
@@ -161,20 +155,7 @@ def main(*, episodes: int = EPISODES) -> int:
         goal = [[episode for episode, _ in zip(extra, range(GOAL_SESSIONS), strict=False)] for _ in range(10)]
         record_ms = Spread.of([time_ms(lambda each=each: memory.record(each)) for each in goal]).median
         bytes_of_truth = sum(path.stat().st_size for path in folder.rglob("*.md"))
-        memory.close()
     spread = Spread.of(spent_ms)
-    rows = (
-        ("ask what holds in a case, median / p95", f"{spread.median:.2f} / {spread.p95:.2f} ms, {answers} answers"),
-        ("remember a goal of four sessions and what follows", f"{record_ms:.1f} ms"),
-        ("begin with the cache", f"{warm_ms:.0f} ms"),
-        ("begin without it: everything computed anew", f"{rebuild_s:.1f} s"),
-        ("remember all of them, in batches", f"{fill_s:.1f} s"),
-        ("render both documents", f"{document_ms:.0f} ms"),
-        ("lessons known / in LESSONS.md, facts in KNOWLEDGE.md", f"{known} / {sizes[0]}, {sizes[1]}"),
-        ("LESSONS.md", f"{len(text.encode()) / 1e3:.0f} kB"),
-        ("records on the disk", f"{bytes_of_truth / 1e6:.0f} MB"),
-    )
-    show(f"{episodes} episodes, {KINDS} kinds, {PLACES} places, {SCENES} scenes", ("", "measured"), rows)
     figures = {
         "episodes": float(episodes),
         "recall_ms_median": spread.median,
@@ -183,11 +164,18 @@ def main(*, episodes: int = EPISODES) -> int:
         "record_goal_ms": record_ms,
         "start_ms": warm_ms,
         "rebuild_s": rebuild_s,
+        "fill_s": fill_s,
+        "render_documents_ms": document_ms,
+        "answers": float(answers),
+        "lessons_known": float(known),
+        "document_kb": len(text.encode()) / 1e3,
+        "records_mb": bytes_of_truth / 1e6,
         "lessons_in_document": float(sizes[0]),
         "facts_in_document": float(sizes[1]),
         "unverified_recalled": float(unverified),
         "lost_without_cache": lost,
     }
+    show_figures(f"{KINDS} kinds, {PLACES} places, {SCENES} scenes", figures, ASKED)
     return finish(figures, ASKED)
 
 

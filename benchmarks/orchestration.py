@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from orchestration_shapes import build_edges
 from rich.console import Console
 from rich.table import Table
 from typer import Option
 
+from benchmarks.orchestration_shapes import build_edges
 from benchmarks.runner import finish, one_of, run
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project

@@ -12,7 +12,7 @@ still scene gives equal pictures, too. Nothing of the pipeline sees the truth.
 """
 
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -21,16 +21,15 @@ import msgspec
 import mujoco
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 from typer import Option
 
 from benchmarks.perception_parts.reliability import Stated, compare
 from benchmarks.perception_parts.stage import Stage, World
-from benchmarks.perception_parts.table import render_table
-from benchmarks.runner import finish, one_of, run
-from benchmarks.unseen_parts.files import write_project
-from benchmarks.unseen_parts.goals import draw_case
-from benchmarks.unseen_parts.rooms import Thing
+from benchmarks.runner import finish, one_of, run, show_figures
+from benchmarks.worlds.goals import draw_case
+from benchmarks.worlds.projects import write_case
+from benchmarks.worlds.rooms import Thing
+from benchmarks.worlds.table import render_table
 from phyagentos.bench.report import Ask, Spread
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.settings.perception import Prior
@@ -88,7 +87,6 @@ class Tally:
     things: int = 0
     missed: list[str] = field(default_factory=list)
     mixed_up: list[str] = field(default_factory=list)
-    sequences: int = 0
     sequences_told: int = 0
     sequence_mix_ups: list[str] = field(default_factory=list)
     stated: list[Stated] = field(default_factory=list)
@@ -241,76 +239,11 @@ def count_names(stage: Stage, real: dict[str, str], what: str, tally: Tally) -> 
     """One association to be judged for each name that claims to be seen, and to be of one thing."""
     for name, body in real.items():
         entity = stage.belief.entities.get(name) if stage.belief is not None else None
-        tally.sequences += 1
         tally.sequences_told += entity is not None and bool(entity.alternatives)
         if entity is None or entity.status is not Status.SEEN or entity.alternatives:
             continue
         if measure_distance(entity, stage.world.find(body)[0]) > MIXED_UP_M:
             tally.sequence_mix_ups.append(f"{what}: {name}")
-
-
-def show(console: Console, tallies: dict[str, Tally], scenes: int) -> None:
-    """The tables, and what went wrong."""
-    table = Table("", *tallies, title=f"the embedded pipeline on {scenes} scenes, median / 95th percentile")
-    rows = {
-        "position (mm)": "position_mm",
-        "turn of boxes (deg)": "yaw_deg",
-        "tilt (deg)": "tilt_deg",
-        "position of fixed things (mm)": "fixed_mm",
-        "one look, without the cameras (ms)": "ms",
-    }
-    for title, name in rows.items():
-        spreads = [Spread.of(getattr(tally, name)) for tally in tallies.values()]
-        table.add_row(title, *(f"{spread.median:.2f} / {spread.p95:.2f}  ({spread.count})" for spread in spreads))
-    counts = {
-        "movable things not found": ("missed", "things"),
-        "names on other things": ("mixed_up", "things"),
-        "the same, in sequences": ("sequence_mix_ups", "sequences"),
-    }
-    for title, (bad, of) in counts.items():
-        table.add_row(title, *(f"{len(getattr(t, bad))} of {getattr(t, of)}" for t in tallies.values()))
-    table.add_row("names reported as exchangeable there", *(str(t.sequences_told) for t in tallies.values()))
-    for title, name in {"frozen pictures recognised": "frozen", "honest ones suspected": "suspected"}.items():
-        table.add_row(title, *(f"{sum(getattr(t, name))} of {len(getattr(t, name))}" for t in tallies.values()))
-    console.print(table)
-    console.print(tabulate_reliability(tallies))
-    for level, tally in tallies.items():
-        for text in (*tally.missed[:8], *tally.mixed_up[:8], *tally.sequence_mix_ups[:8]):
-            console.print(f"{level}: {text}", style="dim")
-
-
-def tabulate_reliability(tallies: dict[str, Tally]) -> Table:
-    """Shares of truths within one and within two stated deviations."""
-    table = Table("", *tallies, title="reliability: share within 1 / within 2 stated deviations (count)")
-    for number in list_numbers(tallies.values()):
-        cells = []
-        for tally in tallies.values():
-            own = [each for each in tally.stated if each.number == number]
-            one, two = (measure_share(own, deviations) for deviations in (1.0, 2.0))
-            cells.append(f"{one:.2f} / {two:.3f} ({len(own)})" if own else "")
-        table.add_row(number, *cells)
-    return table
-
-
-def tabulate_priors(priors: dict[Prior, Tally]) -> Table:
-    """What is found, and how exactly, by what was known before."""
-    table = Table(
-        "prior",
-        "seen where they are",
-        "position (mm)",
-        "one look (ms)",
-        title=f"movable things by prior knowledge, {PRIOR_LEVEL} noise",
-    )
-    for prior, tally in priors.items():
-        place, time = Spread.of(tally.position_mm), Spread.of(tally.ms)
-        rows = (f"{tally.things - len(tally.missed)} of {tally.things}", f"{place.median:.2f} / {place.p95:.2f}")
-        table.add_row(prior, *rows, f"{time.median:.0f} / {time.p95:.0f}")
-    return table
-
-
-def list_numbers(tallies: Iterable[Tally]) -> list[str]:
-    """Kinds of stated numbers, in the order in which they came."""
-    return list(dict.fromkeys(each.number for tally in tallies for each in tally.stated))
 
 
 def measure_share(stated: Sequence[Stated], deviations: float) -> float:
@@ -352,40 +285,51 @@ def main(
     """Run, show, and exit with whether every asked figure holds."""
     tallies = {level: Tally() for level in levels}
     with tempfile.TemporaryDirectory(prefix="perception-") as scratch:
-        write_project([draw_case(ROOMS_FROM + index) for index in range(rooms)], Path(scratch))
+        for index in range(rooms):
+            write_case(draw_case(ROOMS_FROM + index), Path(scratch))
         (Path(scratch) / "scenes" / "bench").mkdir(parents=True)
         (Path(scratch) / "scenes" / "bench" / "twins.yaml").write_text(render_table("bench/twins", TWINS))
         priors = {prior: Tally() for prior in Prior}
         scenes = run_worlds(Library.open(Path(scratch)), seeds, rooms, tallies, priors)
-    show(Console(), tallies, scenes)
-    Console().print(tabulate_priors(priors))
     figures, asked = {"scenes_looked_at": float(scenes)}, dict(ASKED)
     for level, tally in tallies.items():
-        spread, turns = Spread.of(tally.position_mm), Spread.of(tally.yaw_deg)
-        figures |= {
-            f"{level}_position_mm_median": spread.median,
-            f"{level}_position_mm_p95": spread.p95,
-            f"{level}_yaw_deg_median": turns.median,
-            f"{level}_yaw_deg_p95": turns.p95,
-            f"{level}_tilt_deg_p95": Spread.of(tally.tilt_deg).p95,
-            f"{level}_found": 1.0 - len(tally.missed) / max(tally.things, 1),
-            f"{level}_mix_ups": float(len(tally.mixed_up)),
-            f"{level}_sequence_mix_ups": float(len(tally.sequence_mix_ups)),
-            f"{level}_frozen_told": sum(tally.frozen) / max(len(tally.frozen), 1),
-            f"{level}_honest_suspected": float(sum(tally.suspected)),
-        }
+        figures |= describe(level, tally)
         asked |= {f"{level}_frozen_told": RELIABLE, f"{level}_honest_suspected": Ask(0, at_least=False)}
-        for number in list_numbers([tally]):
-            own = [each for each in tally.stated if each.number == number]
-            key = f"{level}_{number.replace(' ', '_')}_within"
-            figures |= {f"{key}_1": measure_share(own, 1.0), f"{key}_2": measure_share(own, 2.0)}
-            asked[f"{key}_2"] = RELIABLE
+        asked |= {name: RELIABLE for name in figures if name.startswith(level) and name.endswith("_within_2")}
+        for text in (*tally.missed[:8], *tally.mixed_up[:8], *tally.sequence_mix_ups[:8]):
+            Console().print(f"{level}: {text}", style="dim")
     for prior, tally in priors.items():
         figures |= {
             f"prior_{prior}_found": 1.0 - len(tally.missed) / max(tally.things, 1),
             f"prior_{prior}_position_mm_median": Spread.of(tally.position_mm).median,
+            f"prior_{prior}_ms_median": Spread.of(tally.ms).median,
         }
+    show_figures(f"perception; by prior knowledge: {PRIOR_LEVEL} noise", figures, asked)
     return finish(figures, asked)
+
+
+def describe(level: str, tally: Tally) -> dict[str, float]:
+    """The figures of one noise level; `..._within_2` is the share of truths within two stated deviations."""
+    spreads = {"position_mm": tally.position_mm, "yaw_deg": tally.yaw_deg, "tilt_deg": tally.tilt_deg}
+    spreads |= {"fixed_mm": tally.fixed_mm, "ms": tally.ms}
+    figures = {
+        f"{level}_{name}_{at}": getattr(Spread.of(values), at)
+        for name, values in spreads.items()
+        for at in ("median", "p95")
+    }
+    figures |= {
+        f"{level}_found": 1.0 - len(tally.missed) / max(tally.things, 1),
+        f"{level}_mix_ups": float(len(tally.mixed_up)),
+        f"{level}_sequence_mix_ups": float(len(tally.sequence_mix_ups)),
+        f"{level}_names_told_exchangeable": float(tally.sequences_told),
+        f"{level}_frozen_told": sum(tally.frozen) / max(len(tally.frozen), 1),
+        f"{level}_honest_suspected": float(sum(tally.suspected)),
+    }
+    for number in dict.fromkeys(each.number for each in tally.stated):
+        own = [each for each in tally.stated if each.number == number]
+        key = f"{level}_{number.replace(' ', '_')}_within"
+        figures |= {f"{key}_{within}": measure_share(own, within) for within in (1, 2)}
+    return figures
 
 
 if __name__ == "__main__":

@@ -20,9 +20,9 @@ from typing import Annotated
 
 from typer import Option
 
-from benchmarks.planning_goals_parts.kinematics import find_fault
-from benchmarks.planning_goals_parts.worlds import SOLVABLE, UNSOLVABLE, Task, write_forgotten, write_task
 from benchmarks.runner import finish, run, show
+from benchmarks.worlds.kinematics import find_fault
+from benchmarks.worlds.puzzles import SOLVABLE, UNSOLVABLE, Task, write_forgotten, write_task
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.bench.report import Ask

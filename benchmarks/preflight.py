@@ -9,16 +9,15 @@ with the dry run of every session. The clock runs as in a worker: settings and p
 
 import sys
 import tempfile
-from collections import defaultdict
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 from rich.console import Console
-from rich.table import Table
 from typer import Option
 
-from benchmarks.runner import finish, run
+from benchmarks.runner import finish, run, show_figures
 from phyagentos.bench.report import Ask, Spread
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -53,12 +52,10 @@ ASKED = {
 
 @dataclass(slots=True)
 class Tally:
-    """What became of the cases of one side."""
+    """What became of the misconfigurations: cases of each side, how many each stage rejected, and what was wrong."""
 
-    cases: int = 0
-    rejected: int = 0
-    right: int = 0
-    stages: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+    sides: Counter[str] = field(default_factory=Counter)
+    stages: Counter[str] = field(default_factory=Counter)
     wrong: list[str] = field(default_factory=list)
 
 
@@ -76,21 +73,17 @@ class Sound:
     thorough_ms: list[float] = field(default_factory=list)
 
 
-def run_corpus(planner: Planner) -> dict[str, Tally]:
-    """Every case, by side."""
-    tallies = {side: Tally() for side in SIDES}
+def run_corpus(planner: Planner) -> Tally:
+    """Every case."""
+    tally = Tally()
     for case in read_cases():
         with tempfile.TemporaryDirectory() as folder:
             outcome = carry(case, Path(folder), planner if case.plans else None)
-        tally = tallies[case.side]
-        tally.cases += 1
+        tally.sides[case.side] += 1
         tally.stages[outcome.stage] += 1
-        tally.rejected += outcome.stage != "granted"
-        is_right = outcome.codes == set(case.expect)
-        tally.right += is_right
-        if not is_right:
+        if outcome.codes != set(case.expect):
             tally.wrong.append(f"{case.side}/{case.name}: {sorted(outcome.codes)}, expected {sorted(case.expect)}")
-    return tallies
+    return tally
 
 
 def run_sound(planner: Planner, seeds: int) -> Sound:
@@ -126,59 +119,33 @@ def note(sound: Sound, outcome: Outcome, graph: str, world: str) -> None:
     sound.rejected += [f"{graph}, {world}: {name}: granted, {code} expected" for name, code in by_design - refused]
 
 
-def show(console: Console, tallies: dict[str, Tally], sound: Sound) -> None:
-    """Two tables."""
-    table = Table(
-        "side",
-        "cases",
-        "rejected",
-        "right code",
-        "by lint or compilation",
-        "by preflight",
-        title="seeded misconfigurations",
-    )
-    for side, tally in tallies.items():
-        numbers = (tally.cases, tally.rejected, tally.right, tally.stages["lint"], tally.stages["preflight"])
-        table.add_row(side, *map(str, numbers))
-    console.print(table)
-    table = Table(
-        "examined sessions", "refused by design", "wrong", "motions tried", "undecided", title="goal graphs that fit"
-    )
-    numbers = (sound.sessions, sound.by_design, len(sound.rejected), sound.trials, sound.undecided)
-    table.add_row(*map(str, numbers))
-    console.print(table)
-    table = Table("", "median", "p95", "sessions", title="cost of one session in ms, scene loaded and planner warm")
-    for name, values in (
-        ("later ones: no dry run", sound.later_ms),
-        ("the first of an episode: grasp and place tried", sound.first_ms),
-        ("paos preflight: a path as well", sound.thorough_ms),
-    ):
-        spread = Spread.of(values)
-        table.add_row(name, f"{spread.median:.2f}", f"{spread.p95:.2f}", str(spread.count))
-    console.print(table)
-    for line in [*(line for tally in tallies.values() for line in tally.wrong), *sound.rejected]:
-        console.print(f"wrong: {line}", style="red")
-
-
 def main(*, seeds: Annotated[int, Option(help="worlds for each goal graph that fits")] = 20) -> int:
     """Run both and print."""
     local = MotionPlanner.open(Library.open().get_target("panda"))
     local.warm_up()
     planner = LocalPlanner(local)
-    tallies, sound = run_corpus(planner), run_sound(planner, seeds)
-    show(Console(highlight=False), tallies, sound)
-    cases = sum(tally.cases for tally in tallies.values())
+    tally, sound = run_corpus(planner), run_sound(planner, seeds)
+    for line in (*tally.wrong, *sound.rejected):
+        Console(highlight=False).print(f"wrong: {line}", style="red")
+    cases = tally.sides.total()
     figures = {
         "cases": cases,
-        "least_cases_of_a_side": min(tally.cases for tally in tallies.values()),
-        "rejected_rate": sum(tally.rejected for tally in tallies.values()) / cases,
-        "right_code_rate": sum(tally.right for tally in tallies.values()) / cases,
+        "least_cases_of_a_side": min(tally.sides[side] for side in SIDES),
+        "rejected_by_lint_or_compilation": tally.stages["lint"],
+        "rejected_by_preflight": tally.stages["preflight"],
+        "rejected_rate": 1.0 - tally.stages["granted"] / cases,
+        "right_code_rate": 1.0 - len(tally.wrong) / cases,
         "false_rejections": len(sound.rejected),
         "examined_sessions_that_fit": sound.sessions - sound.by_design,
-        "session_ms_median": Spread.of(sound.later_ms).median,
-        "first_session_ms_median": Spread.of(sound.first_ms).median,
-        "thorough_ms_median": Spread.of(sound.thorough_ms).median,
+        "refused_by_design": sound.by_design,
+        "motions_tried": sound.trials,
+        "motions_undecided": sound.undecided,
     }
+    times = {"session_ms": sound.later_ms, "first_session_ms": sound.first_ms, "thorough_ms": sound.thorough_ms}
+    for name, spent_ms in times.items():
+        spread = Spread.of(spent_ms)
+        figures |= {f"{name}_median": spread.median, f"{name}_p95": spread.p95}
+    show_figures("misconfigurations, and goal graphs that fit: scene loaded and planner warm", figures, ASKED)
     return finish(figures, ASKED)
 
 

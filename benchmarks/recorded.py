@@ -1,32 +1,28 @@
 """Legitimate commands: `tidy_table` run in one process, with every command kept as it went over the wire."""
 
 import tempfile
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.sessions.session import Ended, GoalId, Limits, Scene, Session, SessionId
+from phyagentos.protocol.sessions.session import Ended, Scene
 from phyagentos.protocol.settings.safety import TargetLimits, read_safety
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.faults import FaultFile
-from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
-from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.perception.world_model import GroundTruthWorldModel
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
-from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
-from phyagentos.runtime.worker.recorder import Bundles
-from phyagentos.runtime.worker.runner import SessionRunner
+from phyagentos.testing import SkillStand, make_contract
 
 CUBES = ("red", "green", "blue")
 
@@ -59,19 +55,19 @@ class Robot:
     library: Library
 
 
-class TappedConnection:
-    """Both ends of the wire in one process; keeps what passes."""
+class TappedTarget:
+    """A simulated world in this process that keeps what it is asked in a session."""
 
-    def __init__(self, target: ServedTarget) -> None:
-        self._target = target
-        self._replies: deque[bytes] = deque()
+    def __init__(self, robot: Robot, faults: FaultFile) -> None:
+        world = SimulatedWorld(robot.library, faults=lambda *episode: FaultInjector(draw_schedule(faults, *episode)))
+        self._target = ServedTarget(MujocoDriver(world, robot.profile, robot.folder), ReceiveLog(None))
+        self.close = self._target.close
         self.commands: list[wire.Command] = []
         self.steps: list[wire.Step] = []
         self.observation: wire.Observation | None = None
 
-    def send_bytes(self, message: bytes) -> None:
-        """Carry a request out at once."""
-        request = wire.REQUESTS.decode(message)
+    def handle(self, request: wire.Request) -> Any:
+        """Its reply, kept where it is of a command or the first observation of a session."""
         reply = self._target.handle(request)
         if isinstance(request, wire.Command):
             self.commands.append(request)
@@ -80,15 +76,16 @@ class TappedConnection:
             self.commands, self.steps, self.observation = [], [], None
         elif isinstance(reply, wire.Observation) and self.observation is None:
             self.observation = reply
-        self._replies.append(wire.REPLIES.encode(reply))
+        return reply
 
-    def recv_bytes(self) -> bytes:
-        """The reply."""
-        return self._replies.popleft()
 
-    def poll(self, _timeout: float | None = None) -> bool:
-        """Whether there is one."""
-        return bool(self._replies)
+@contextmanager
+def open_stand(robot: Robot, planner: LocalPlanner, faults: FaultFile, folder: Path) -> Iterator[SkillStand]:
+    """A stand for sessions in a simulated world, whose bundles go below the folder."""
+    target: Any = TappedTarget(robot, faults)
+    with closing(target):
+        how: dict[str, Any] = {"planner": planner, "library": robot.library, "robot": (robot.profile, robot.limits)}
+        yield SkillStand(folder, target=target, clock=SystemClock(), **how)
 
 
 def open_robot(target: str = "panda", *projects: Path) -> Robot:
@@ -119,63 +116,34 @@ def record_tidy_table(
 
 
 def _record_seed(robot: Robot, planner: LocalPlanner, seed: int, faults: FaultFile) -> list[Recording]:
-    simulated = SimulatedWorld(robot.library, faults=lambda *episode: FaultInjector(draw_schedule(faults, *episode)))
-    driver = MujocoDriver(simulated, robot.profile, robot.folder)
-    world = ServedTarget(driver, ReceiveLog(None))
-    tap = TappedConnection(world)
-    handle = TargetSessionHandle(tap, robot.limits, sees_truth=True)
     recordings = []
-    with tempfile.TemporaryDirectory() as folder:
-        runner = SessionRunner(
-            target=Embodiment(
-                handle=handle,
-                world=GroundTruthWorldModel(robot.profile.target, handle),
-                profile=robot.profile,
-                limits=robot.limits,
-            ),
-            skills=SkillLoader(planner=planner, library=robot.library, registry=build_registry(robot.library)),
-            bundles=Bundles(Path(folder)),
-            clock=SystemClock(),
-        )
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        open_stand(robot, planner, faults, Path(folder)) as stand,
+    ):
         for number, color in enumerate(CUBES):
-            session = _make_session(robot.profile.target, seed, number, color)
-            handle.load(session.scene)
-            execution = runner.run(
-                session,
-                1,
-                {"tree": session.skill},
-                evidence=f"evidence/{session.id}",
-                cancel=lambda: None,
-                beat=lambda **_beat: None,
+            session = make_contract(
+                id=f"tidy-{seed}.{color}",
+                goal=f"tidy-{seed}",
+                node=color,
+                objective=f"Put the {color} cube into the {color} tray.",
+                target=robot.profile.target,
+                parameters={"object": f"{color}_cube", "destination": f"{color}_tray"},
+                scene=Scene(name="tabletop/cubes_and_trays", seed=seed, episode=f"tidy-{seed}"),
+                seed=10 * seed + number,
             )
-            recordings.append(_keep(tap, handle, execution.ended))
-    world.close()
+            recordings.append(_keep(stand, stand.run(session).ended))
     return recordings
 
 
-def _make_session(target: str, seed: int, number: int, color: str) -> Session:
-    return Session(
-        id=SessionId(f"tidy-{seed}.{color}"),
-        goal=GoalId(f"tidy-{seed}"),
-        node=color,
-        objective=f"Put the {color} cube into the {color} tray.",
-        skill="pick_and_place",
-        target=target,
-        parameters={"object": f"{color}_cube", "destination": f"{color}_tray"},
-        accept=(),
-        scene=Scene(name="tabletop/cubes_and_trays", seed=seed, episode=f"tidy-{seed}"),
-        seed=10 * seed + number,
-        limits=Limits(),
-    )
-
-
-def _keep(tap: TappedConnection, handle: TargetSessionHandle, ended: Ended) -> Recording:
+def _keep(stand: SkillStand, ended: Ended) -> Recording:
+    tap: Any = stand.target
     seen = tap.observation
     assert seen is not None
     first = wire.Step(time_s=seen.time_s, target=seen.target, tracking_error_rad=0.0)
     before = (first, *tap.steps)[: len(tap.commands)]
     return Recording(
-        description=handle.describe(),
+        description=stand.handle.describe(),
         commands=tuple(zip(tap.commands, before, strict=True)),
         q_rad=seen.target.q_rad,
         entities=seen.entities,

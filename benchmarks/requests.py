@@ -19,10 +19,9 @@ from typing import Annotated, Any
 
 import yaml
 from rich.console import Console
-from rich.table import Table
 from typer import Argument, Option
 
-from benchmarks.runner import finish, run
+from benchmarks.runner import finish, run, show_figures
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
@@ -120,22 +119,20 @@ def main(
 ) -> int:
     """Print the table and the closing line; 0 where every asked figure holds."""
     sets = SETS if folder is None else {folder.name: folder}
-    table = Table("requests", "number", *Grade, "right [%]")
     figures: dict[str, float] = {}
     for name, path in sets.items():
         results = list(measure(path))
         counts = Counter(grade for _, _, grade in results)
-        share = counts[Grade.RIGHT] / len(results)
-        figures |= {f"{name}_right": share, f"{name}_silently_wrong": counts[Grade.WRONG]}
-        table.add_row(name, str(len(results)), *(str(counts[each]) for each in Grade), f"{100 * share:.1f}")
+        figures[f"{name}_right"] = counts[Grade.RIGHT] / len(results)
+        figures[f"{name}_silently_wrong"] = counts[Grade.WRONG]
         for case, answer, found in results if wrong else ():
             if found is not Grade.RIGHT:
                 Console().print(f"{found}: {case.say}\n    {answer}", markup=False, highlight=False)
-    Console().print(table)
     asked = {
         key: Ask(0.0, at_least=False) if key.endswith("wrong") else Ask(LEAST.get(key, LEAST_UNSEEN), at_least=True)
         for key in figures
     }
+    show_figures("requests in English", figures, asked)
     return finish(figures, asked)
 
 

@@ -16,11 +16,11 @@ from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
-from orchestration import HERE, write_graph
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.runner import finish
+from benchmarks.orchestration import HERE, write_graph
+from benchmarks.runner import finish, run
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask
@@ -101,6 +101,8 @@ def main(*, sessions: int = 20000) -> int:
 
 
 if __name__ == "__main__":
-    code = main()
-    sys.stdout.flush()
-    os._exit(code)  # whatever threads are left
+    try:
+        run(main)
+    except SystemExit as ended:
+        sys.stdout.flush()
+        os._exit(int(ended.code or 0))  # whatever threads are left

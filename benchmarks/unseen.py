@@ -7,8 +7,8 @@ A seed is one goal of one to four nodes in one room of three to eight things and
 development; the held-out ones begin at 1 000 000, and nothing is tuned on them. About a third of the goals carry a
 fault or an impossible detail. About a quarter of the nodes only claim something, which is false half of the time.
 
-The judge (`unseen_parts/judge.py`) reads `scene.mjb` and `terminal.npz` with numpy and MuJoCo alone;
-`unseen_parts/feasible.py` decides by reach, opening, free volume and friction what can be met. Both import nothing of
+The judge (`oracle/predicates.py`) reads `scene.mjb` and `terminal.npz` with numpy and MuJoCo alone;
+`oracle/feasible.py` decides by reach, opening, free volume and friction what can be met. Both import nothing of
 the package. Where two honest judges may differ (1 mm, 1 degree, half the weight borne) a session is open: it counts
 neither for nor against a verdict. An infeasible goal is refused before motion when no session of a node that cannot be
 met moved the arm. Half of the goals with equal things say that these are interchangeable: the judge then accepts every
@@ -28,37 +28,31 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 from rich.console import Console
 from typer import Argument
 
 from benchmarks.runner import finish, run
-from benchmarks.unseen_parts.drawn import read_case
 from benchmarks.unseen_parts.figures import ASKED, Tally
 from benchmarks.unseen_parts.records import GoalRecord, Recorder, begin_record
-from phyagentos.agent.mission.report import build_report
+from benchmarks.worlds.projects import read_case
 from phyagentos.bench.records import EpisodeRecord, read_records
-from phyagentos.operations.workspaces import read_ledger
-from phyagentos.protocol.sessions.session import GoalId
 
 
 def main(run: Annotated[Path, Argument(help="folder of a run of unseen, unseen_slick or unseen_grippy")]) -> int:
     """Judge, show everything, and exit with whether every asked figure holds."""
-    tally = Tally(judge(run / record.folder, record) for record in read_records(run))
+    tally = Tally(judge(run, record) for record in read_records(run))
     tally.show(Console(), str(run))
     return finish(tally.build_figures(), ASKED)
 
 
-def judge(folder: Path, record: EpisodeRecord) -> GoalRecord:
+def judge(run: Path, told: EpisodeRecord) -> GoalRecord:
     """One episode, judged; a process of it that wrote a traceback has crashed."""
-    case, workspace = read_case(folder / "project"), folder / "workspace"
-    if record.ended != "over":
-        return begin_record(case, record.task, ended=record.ended, wall_s=record.wall_s, error=record.error)
-    ledger = read_ledger(workspace)
-    report = build_report(ledger.goals[GoalId(record.goal)], ledger, record.wall_s)
-    recorder = Recorder(case, record.task, workspace / "evidence", msgspec.to_builtins(report))
-    judged = recorder.record(record.wall_s)
-    fallen = next(iter_tracebacks(workspace / "logs"), "")
+    folder = run / told.folder
+    case = read_case(folder / "project")
+    if told.ended != "over":
+        return begin_record(case, told)
+    fallen = next(iter_tracebacks(folder / "workspace" / "logs"), "")
+    judged = Recorder(case, run, told).record()
     return replace(judged, ended="crashed", error=fallen) if fallen else judged
 
 

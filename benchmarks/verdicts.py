@@ -4,19 +4,19 @@
     python benchmarks/verdicts.py --seed 1 --cases 400 --sensing truth
 
 Each case begins from a real session: its contract, trace, held conditions and the controller's own report are used as
-they are. Physics then makes a world that went wrong, or right, in one of many ways, drawn anew for every case; an eye
-that shares no code with the pipeline says from raw simulator state whether the objective is met; and the verifier
-judges what it is shown. Beside it stands who believes the controller. Unknown is no success: of a true success it
-counts as a false failure, after the further looks that the verdict asked for, and its share is told. A case nearer than
-2.5 mm or 3 degrees to a tolerance is drawn again. Every sensing sees the same worlds, and its own noise: neither the
-number of processes nor the other sensings change what it says.
+they are. Physics then makes a world that went wrong, or right, in one of many ways, drawn anew for every case; the
+oracle says from raw simulator state whether the objective is met; and the verifier judges what it is shown. Beside it
+stands who believes the controller. Unknown is no success: of a true success it counts as a false failure, after the
+further looks that the verdict asked for, and its share is told. A case nearer than 2.5 mm or 2.5 degrees to a tolerance
+is drawn again. Every sensing sees the same worlds, and its own noise: neither the number of processes nor the other
+sensings change what it says.
 """
 
 import math
 import multiprocessing
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,10 +26,11 @@ import numpy as np
 from rich.console import Console
 from typer import Option
 
-from benchmarks.recorded import Robot, open_robot
+from benchmarks.oracle.moment import Array, Moment
+from benchmarks.oracle.predicates import CLEAR, Judge
+from benchmarks.recorded import open_robot
 from benchmarks.runner import finish, one_of, run
 from benchmarks.verdict_parts.cases import FAILURES, SUCCESS, UNPLANNED, Kind
-from benchmarks.verdict_parts.eye import Eye
 from benchmarks.verdict_parts.recordings import Recorded, Studio, list_jobs
 from benchmarks.verdict_parts.sensing import LEVELS, Sensing, make_sensing
 from benchmarks.verdict_parts.table import Outcome, build_figures, show
@@ -41,6 +42,7 @@ HELD_OUT_SEED = 20_260_419  # never used while anything was tuned; development u
 SCENES = 8  # seeds of the scenes, and rounds of the jobs
 PROJECT = Path(__file__).parent / "library"  # its scene of coasters
 TRIES = 12  # draws for one case, until one is far enough from every boundary
+Eye = Callable[[Array], float]
 ASKED = {
     "false_success_nominal": Ask(0.005, at_least=False),
     "false_failure_nominal": Ask(0.02, at_least=False),
@@ -74,7 +76,7 @@ def main(
     quota = math.ceil(cases / 2 / (scenes * len(list_jobs(0))))
     plans = [Plan(scene=scene, seed=seed, quota=quota, levels=tuple(sensing)) for scene in range(scenes)]
     outcomes = list(judge_all(plans, jobs, Console(stderr=True)))
-    show(Console(), outcomes, sensing)
+    show(outcomes, sensing)
     figures = build_figures(outcomes, sensing)
     return finish(figures, {k: ask for k, ask in ASKED.items() if k in figures})
 
@@ -98,7 +100,7 @@ def judge_scene(plan: Plan) -> list[Outcome]:
         for number, job in enumerate(jobs, start=plan.scene * len(jobs)):
             recorded = studio.record(job, compute_seed(plan.seed, "scene", plan.scene) % 1_000_000)
             world = World.open(robot, recorded)
-            eye = open_eye(robot, world)
+            eye = open_eye(world)
             sensings = [make_sensing(level, robot, world) for level in plan.levels]
             for index, kind in enumerate(list_kinds(recorded, plan.quota, number)):
                 outcomes += judge_case(world, eye, kind, sensings, compute_seed(plan.seed, "case", number, index))
@@ -121,23 +123,21 @@ def _go_round(one: Recorded, quota: int, number: int) -> Iterator[Kind]:
     return (kinds[(number * quota + index) % len(kinds)] for index in range(quota))
 
 
-def open_eye(robot: Robot, world: World) -> Eye:
-    """An eye on one world; where things can be put into others is told by the scene file."""
+def open_eye(world: World) -> Eye:
+    """How clearly a state meets the objective of the recorded session: the least of its criteria, in tolerances."""
     interiors = {
         entity.name: (np.array(entity.interior.center_m), np.array(entity.interior.half_m))
         for entity in world.physics.scene.entities
         if entity.interior is not None
     }
-    world.restore(world.recorded.before)
-    before = world.physics.data.qpos.copy()
-    world.restore(world.recorded.after)
-    return Eye(world.physics.model, before, tuple(robot.profile.gripper.pads), interiors)
+    model, accept = world.physics.model, world.recorded.bundle.session.accept
+    before = Moment(model, world.recorded.before)
+    return lambda state: min(map(Judge(interiors, {}, Moment(model, state), before, is_live=True).judge, accept))
 
 
 def judge_case(world: World, eye: Eye, kind: Kind, sensings: Sequence[Sensing], seed: int) -> Iterator[Outcome]:
     """One case, drawn until everybody can agree about it, then judged under every sensing."""
     is_success = kind.change is SUCCESS.change
-    accept = world.recorded.bundle.session.accept
     rng = np.random.default_rng(seed)
     for _ in range(TRIES):
         world.restore(world.recorded.after)
@@ -145,19 +145,19 @@ def judge_case(world: World, eye: Eye, kind: Kind, sensings: Sequence[Sensing], 
         right = world.physics.state.read_state()
         if not is_success:
             kind.change(world, rng)
-        answer = eye.judge(world.physics.data, accept)
-        if answer.is_decided and answer.met == is_success:
+        now = world.physics.state.read_state()
+        least = eye(now)
+        if abs(least) >= CLEAR and (least > 0) == is_success:
             break
     else:
         return
-    now = world.physics.state.read_state()
     for sensing in sensings:
         own = np.random.default_rng(compute_seed(seed, sensing.level))
         yield Outcome(
             sensing=sensing.level,
             skill=world.recorded.bundle.session.skill,
             kind=kind.name,
-            met=answer.met,
+            met=is_success,
             controller_ok=world.recorded.bundle.execution.ended == "completed",
             attempt=sensing.judge(right, now, kind.lie, own),
         )

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from phyagentos.operations.compile import CompiledGraph
     from phyagentos.operations.lint import LintReport
     from phyagentos.operations.plan import PlannedGraph
+    from phyagentos.operations.run import RunReport
     from phyagentos.operations.status import WorkspaceStatus
     from phyagentos.operations.why import Explanation
     from phyagentos.pictures.playback import Array, Playback
@@ -57,7 +58,7 @@ def open_workspace(path: str | Path) -> "WorkspaceView":
         verdict, criteria = (decided.verdict.value, decided.criteria) if decided is not None else ("", ())
         kin, evidence = (own.parent, tuple(children[id])), place.evidence_of(id)
         sessions[id] = SessionView(id, own.node, status.state, verdict, criteria, own.strategy, *kin, evidence, status)
-    goals = {}
+    goals = dict[str, GoalView]()
     for goal in ledger.goals.values():
         of_goal = tuple(sessions[id] for node in goal.nodes.values() for id in node.sessions if id in sessions)
         goals[goal.id] = GoalView(goal.id, goal.verdict, of_goal, place.root, goal)
@@ -78,9 +79,10 @@ def run(
     memory: str | None = None,
     pictures: bool = True,
     trust_python: bool = False,
-) -> "GoalView":
-    """Run a goal graph to its verdict as `paos run` does; an interrupt halts the robot, a second one ends at once.
+) -> "RunReport":
+    """Run a goal graph to its verdict as `paos run` does, and report how it ended.
 
+    `open_workspace(report.workspace)` shows everything else. An interrupt halts the robot, a second one ends at once.
     `goal_graph` and `faults` are files, or names of what ships; `overrides` are parameters by name, and roles as
     `targets.ROLE`. Everything else is as `paos run --help` says: without a `workspace` there is a new one.
 
@@ -104,9 +106,9 @@ def run(
         trusts_python=trust_python,
     )
     report = run_goal(request, interrupts := Interrupts(), SystemClock())
-    if interrupts.count or report.goal is None:
+    if interrupts.count:
         raise KeyboardInterrupt
-    return open_workspace(report.workspace).goals[report.goal.goal]
+    return report
 
 
 def ask(
@@ -275,7 +277,7 @@ class WorkspaceView:
     """Goals and sessions by id, in the order of their submission; iterates over its sessions."""
 
     root: Path
-    goals: Mapping[GoalId, GoalView] = field(repr=False)
+    goals: Mapping[str, GoalView] = field(repr=False)
     sessions: Mapping[SessionId, SessionView] = field(repr=False)
     _ledger: Ledger = field(repr=False)
 

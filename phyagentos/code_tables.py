@@ -82,6 +82,7 @@ UNKNOWN_TREE         No tree of this name.
 UNKNOWN_WORD         A description holds a word that is neither a colour nor a form.
 UNREADABLE_FILE      A file cannot be read, is no regular file, has more than 16 MiB, or is no text.
 UNSOURCED_LIMIT      A limit of safety.yaml names no source of its number.
+OLD_REFERENCE        A tree refers to a key as `$name`; `${name}` is the present form (a warning).
 UNWRITTEN_KEY        A tree reads a key that nothing has written by then.
 UNWRITTEN_OUTPUT     A tree declares an output that nothing writes.
 WRONG_ARGUMENT       An argument of a predicate is of the wrong kind.

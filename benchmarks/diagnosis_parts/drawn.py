@@ -5,13 +5,12 @@ from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 
-import yaml
-
-from benchmarks.unseen_parts.cases import Case as Drawn
-from benchmarks.unseen_parts.cases import Node
-from benchmarks.unseen_parts.feasible import find_ambiguity, list_obstacles
-from benchmarks.unseen_parts.files import render_goal, render_scene
-from benchmarks.unseen_parts.goals import draw_case
+from benchmarks.diagnosis_parts.cases import Case
+from benchmarks.oracle.feasible import find_ambiguity, list_obstacles
+from benchmarks.worlds.cases import Case as Drawn
+from benchmarks.worlds.cases import Node
+from benchmarks.worlds.files import render_goal, render_scene, write_project
+from benchmarks.worlds.goals import draw_case
 
 NODE = "move"
 DISTURBANCE, VERIFIER = "external disturbance", "verifier"
@@ -28,40 +27,31 @@ OTHERS = {"hurried": "timeout", "forbidden": "safety", "contradicted": VERIFIER,
 CAUSES = (*FAULTS, *OTHERS)
 
 
-@dataclass(frozen=True, slots=True)
-class DrawnCase:
-    """One cause in one drawn room; attributes as of `Case`.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnCase(Case):
+    """One cause in one drawn room.
 
     Attributes:
-        name: Of the goals it makes.
-        kind: The class of the cause, as it was injected.
-        cause: Its name.
+        injected: Name of the cause.
         room: The drawn case, with one node.
     """
 
-    name: str
-    kind: str
-    cause: str
+    injected: str
     room: Drawn
-    fault: dict[str, object] | None = None
-    skill: str = ""
-    judge: str = ""
-    kills: bool = False
-    settings: tuple[tuple[str, object], ...] = ()
+
+    @property
+    def cause(self) -> str:
+        """Its name; the tables count by it."""
+        return self.injected
 
     def write_graph(self, folder: Path) -> Path:
         """A goal graph of one session, and its scene, in the folder of a project."""
-        scene = folder / "scenes" / "unseen" / f"{self.room.name}.yaml"
-        scene.parent.mkdir(parents=True, exist_ok=True)
-        scene.write_text(yaml.safe_dump(render_scene(self.room.room, self.room.name), sort_keys=False))
         graph = render_goal(self.room)
-        graph["defaults"] = {"timeout_s": 2.0 if self.cause == "hurried" else 60.0, "max_replans": 0}
-        node = graph["sessions"][NODE]  # type: ignore[index]
-        if self.cause == "forbidden":
+        graph["defaults"] = {"timeout_s": 2.0 if self.injected == "hurried" else 60.0, "max_replans": 0}
+        node = graph["sessions"][NODE]
+        if self.injected == "forbidden":
             node["hold"] = [f"not moved({node['with']['object']})"]
-        path = folder / f"{self.name}.yaml"
-        path.write_text(yaml.safe_dump(graph, sort_keys=False))
-        return path
+        return write_project(folder, render_scene(self.room.room, self.room.name), graph)
 
 
 def iter_drawn(first_seed: int, number: int) -> Iterator[DrawnCase]:
@@ -88,7 +78,7 @@ def _inject(cause: str, drawn: Drawn) -> DrawnCase | None:
         accept = (*accept, f"not {accept[0]}")
     one = replace(node, name=NODE, accept=accept, after=())
     room = replace(drawn, nodes=(one,), accept=(), constraints=(), faults=())
-    return DrawnCase(name=f"{cause}_{drawn.seed}", kind=kind, cause=cause, room=room, fault=fault)
+    return DrawnCase(name=f"{cause}_{drawn.seed}", kind=kind, injected=cause, room=room, fault=fault, skill="")
 
 
 def _fits(drawn: Drawn, node: Node, *, impossible: bool) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.perception_parts.stage import Stage
-from benchmarks.unseen_parts.rooms import Thing
+from benchmarks.worlds.rooms import Thing
 from phyagentos.geometry import compute_rotation, compute_rotation_vector
 from phyagentos.protocol.world.environment import Entity, Environment, Status
 from phyagentos.runtime.perception.forms import Form

@@ -1,6 +1,6 @@
 """Baselines behind the port of repair: no retry, blind retry, the same from where a policy begins, full restart.
 
-Upstream: `benchmarks/suites/recovery.yaml`, which measures repair against them. Mission loop, verifier and
+Upstream: the suites `recovery` and `first_final`, which measure repair against them. Mission loop, verifier and
 budget are the same.
 """
 
@@ -14,6 +14,9 @@ from phyagentos.agent.mission.recovery import Recovery
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, Decision
 from phyagentos.agent.repair.case import Case, UnmetObjective
 from phyagentos.agent.repair.clearing import PURPOSE
+from phyagentos.agent.repair.looking import propose_looking
+from phyagentos.agent.repair.recovery_policies import GraphRepair
+from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.protocol.sessions.lifecycle import find_cancel
 from phyagentos.protocol.sessions.tasks import NodeState
 from phyagentos.store.admission import Entry, GoalEvent
@@ -100,6 +103,16 @@ class RestartingRecovery(Recovery):
                     if name != node and (trigger := find_cancel(status.state)) is not None
                 ]
         return entries
+
+
+def same_policy() -> GraphRepair:
+    """Repair by child sessions of the same skill alone, from where it begins, and by looks."""
+    return GraphRepair((propose_looking, propose_retry))
+
+
+def begin_anew() -> BlindRestart:
+    """A blind retry after `start_over`."""
+    return BlindRestart("start_over")
 
 
 def restart() -> FullRestart:

@@ -4,7 +4,7 @@ What can be said in set-points alone (`spoil_points`) goes through the handle an
 the bytes of a command (`spoil_envelope`, `spoil_bytes`) goes past them, straight over the wire.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -69,6 +69,12 @@ POINTS: Mapping[str, Callable[[SetPoints, Rng], SetPoints]] = {
     "empty": lambda p, _: _with(p, q_rad=p.q_rad[:0], qd_rad_s=p.qd_rad_s[:0], gripper_width_m=p.gripper_width_m[:0]),
 }
 DTYPES: Mapping[str, Any] = {"float32": np.float32, "integers": np.int64, "big endian": ">f8", "complex": np.complex128}
+
+
+def iter_spoilt(points: SetPoints, rng: Rng) -> Iterator[tuple[str, SetPoints]]:
+    """The same points in every kind."""
+    yield from ((name, spoil(points, rng)) for name, spoil in POINTS.items())
+    yield from ((f"dtype {name}", _with(points, q_rad=points.q_rad.astype(dtype))) for name, dtype in DTYPES.items())
 
 
 def spoil_points(points: SetPoints, rng: Rng, *, typed: bool) -> tuple[str, SetPoints]:

@@ -1,1 +1,1 @@
-"""Parts of the suite `unseen`: rooms, goals and faults, what is feasible, and what came of it."""
+"""Parts of `benchmarks/unseen.py`: what came of drawn goals, and its figures."""

@@ -60,7 +60,7 @@ class Tally:
         """
         seeing = [goal for goal in self.goals if not any(fault.endswith("*") for fault in goal.faults)]
         doubtful = {(goal.seed, node.name) for goal in seeing for node in goal.nodes if node.is_ambiguous}
-        judged = ((goal.seed, s) for goal in seeing for s in goal.sessions if s.is_judged and s.is_met)
+        judged = ((goal.seed, s) for goal in seeing for s in goal.sessions if s.is_judged and s.is_clearly_met)
         return [s for seed, s in judged if (seed, s.node) not in doubtful]
 
     @property

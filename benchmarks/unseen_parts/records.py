@@ -2,31 +2,31 @@
 
 import json
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import permutations, product
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import yaml
 
-from benchmarks.unseen_parts.cases import Case, Node
-from benchmarks.unseen_parts.feasible import find_ambiguity, find_contradiction, list_obstacles
-from benchmarks.unseen_parts.judge import Judge, open_judge, open_start
-
-Agreed = tuple[tuple[str, ...], ...]
-"""Groups of things that stand for each other."""
+from benchmarks.oracle.acceptance import decide, find_broken, iter_named, judge_end, open_judge
+from benchmarks.oracle.feasible import find_ambiguity, find_contradiction, list_obstacles
+from benchmarks.oracle.moment import read_time
+from benchmarks.oracle.predicates import CLEAR
+from benchmarks.worlds.cases import Case, Node
+from benchmarks.worlds.faults import find_struck, is_lasting
+from phyagentos.bench.records import EpisodeRecord
+from phyagentos.bench.records import SessionRecord as EpisodeSession
 
 TWINS = "looks as"
 UNNAMED = re.compile(r"\bunknown_\d+\b")
 LOOK_AGAIN = "EVIDENCE_MISSING"
-CLEAR = 2.5  # tolerances of the judge: 2.5 mm, 2.5 degrees
 STILL_RAD = 0.02  # joints that turn less have not been commanded anywhere
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SessionRecord:
+class SessionRecord(EpisodeSession, frozen=True, kw_only=True):
     """One session and what the recorded world says of it.
 
     Attributes:
@@ -37,14 +37,6 @@ class SessionRecord:
         is_clear: Whether the truth is farther from turning over than cameras may be off.
     """
 
-    id: str
-    node: str
-    skill: str
-    attempt: int
-    verdict: str
-    cause: str
-    code: str
-    reason: str
     truth: str
     against: tuple[str, ...] = ()
     moved: bool = False
@@ -57,7 +49,7 @@ class SessionRecord:
         return bool(self.verdict) and self.truth != ""
 
     @property
-    def is_met(self) -> bool:
+    def is_clearly_met(self) -> bool:
         """Clearly met, and not one that only asked to look again."""
         return self.truth == "met" and self.is_clear and not self.is_open
 
@@ -69,7 +61,7 @@ class SessionRecord:
     @property
     def is_false_failure(self) -> bool:
         """Said at last not to be met, or still not known, and it clearly is met."""
-        return self.is_judged and self.verdict != "success" and self.is_met
+        return self.is_judged and self.verdict != "success" and self.is_clearly_met
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +93,7 @@ class GoalRecord:
     """One goal.
 
     Attributes:
-        kind: `plain`, `fault` or `impossible`; of a stress table with its name before it.
+        kind: `plain`, `fault` or `impossible`.
         ended: `over`, `crashed` or `hung`.
         truth: Of its own acceptance at the end of its last session, as of a session; empty where it has none.
         feasible: `yes`, `no`, or `open` where a false claim, a lasting fault or a twin spoils it.
@@ -110,9 +102,7 @@ class GoalRecord:
     """
 
     seed: int
-    table: str
     kind: str
-    detail: str
     faults: tuple[str, ...]
     ended: str
     unstruck: tuple[str, ...] = ()
@@ -121,7 +111,6 @@ class GoalRecord:
     truth: str = ""
     against: tuple[str, ...] = ()
     feasible: str = "yes"
-    wall_s: float = 0.0
     nodes: tuple[NodeRecord, ...] = ()
     sessions: tuple[SessionRecord, ...] = ()
     error: str = ""
@@ -154,44 +143,36 @@ class GoalRecord:
         return self.ended == "over" and self.verdict != "success" and bool(self.reason) and not moved
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Recorder:
-    """Judges one goal that has ended from its bundles.
+    """Judges one episode that has ended from its bundles.
 
     Attributes:
         case: What was asked.
-        table: Name of the table that it counts in.
-        folder: Of the bundles.
-        report: As `paos run --json` prints it.
+        run: Folder of the run.
+        told: The record of the episode.
     """
 
     case: Case
-    table: str
-    folder: Path
-    report: dict[str, Any]
-    _judges: dict[str, Judge] = field(default_factory=dict)
+    run: Path
+    told: EpisodeRecord
 
-    def record(self, wall_s: float) -> GoalRecord:
+    def record(self) -> GoalRecord:
         """The line of this goal."""
-        sessions = mark_open([self._record_session(each) for each in self.report["sessions"]])
-        ended = [each["id"] for each in self.report["sessions"] if self._has_end(each["id"])]
+        sessions = mark_open([self._record_session(each) for each in self.told.sessions])
+        ended = [bundle for each in self.told.sessions if has_end(bundle := self.run / each.bundle)]
         nodes = tuple(self._record_node(node, sessions, ended[:1]) for node in self.case.nodes)
         truth, against = "", tuple[str, ...]()
         if ended:
-            last = max(ended, key=self._find_time)
-            first = self.folder / ended[0]
-            truth, against = judge_end(self.case, self.folder / last, first)
+            last = max(ended, key=lambda bundle: read_time(bundle / "terminal.npz"))
+            truth, against = judge_end(self.case, last, ended[0])
         return begin_record(
             self.case,
-            self.table,
-            ended="over",
-            verdict=self.report["verdict"],
-            reason=self.report["reason"],
+            self.told,
             truth=truth,
             against=against,
             feasible=self._weigh(nodes),
             unstruck=self._find_unstruck(),
-            wall_s=round(wall_s, 2),
             nodes=nodes,
             sessions=sessions,
         )
@@ -204,52 +185,30 @@ class Recorder:
 
     def _find_unstruck(self) -> tuple[str, ...]:
         """Faults of the case of whose kind and body no bundle records a strike; `*` is any camera."""
-        files = [self.folder / each["id"] / "faults.json" for each in self.report["sessions"]]
+        files = [self.run / each.bundle / "faults.json" for each in self.told.sessions]
         strikes = [each for file in files if file.exists() for each in json.loads(file.read_text())]
         struck = {(each["kind"], body) for each in strikes for body in ("*", each["details"].get("body"))}
         names = [(str(fault["kind"]), find_struck(fault)) for fault in self.case.faults]
         return tuple(f"{kind} {body}" for kind, body in names if (kind, body) not in struck)
 
-    def _has_end(self, session: str) -> bool:
-        return all((self.folder / session / name).exists() for name in ("scene.mjb", "initial.npz", "terminal.npz"))
-
-    def _find_time(self, session: str) -> float:
-        with np.load(self.folder / session / "terminal.npz") as stored:
-            return float(stored["time"])
-
-    def _record_session(self, told: dict[str, Any]) -> SessionRecord:
-        bundle, truth, against, is_clear = self.folder / told["id"], "", tuple[str, ...](), False
-        if self._has_end(told["id"]):
+    def _record_session(self, told: EpisodeSession) -> SessionRecord:
+        bundle, truth, against, is_clear = self.run / told.bundle, "", tuple[str, ...](), False
+        if has_end(bundle):
             judge = open_judge(self.case.room, bundle, broken=find_broken(self.case))
             asked = list_asked(bundle, told)
             truth, against = decide(judge, asked, self.case.interchangeable)
-            best = max(
-                (min(values.values()) for values in iter_named(judge, asked, self.case.interchangeable) if values),
-                default=0.0,
-            )
-            is_clear = best >= CLEAR
-        return SessionRecord(
-            id=told["id"],
-            node=told["node"],
-            skill=told["skill"],
-            attempt=told["attempt"],
-            verdict=told["verdict"],
-            cause=told["cause"],
-            code=told["code"],
-            reason=told["reason"],
-            truth=truth,
-            against=against,
-            moved=has_moved(bundle),
-            is_clear=is_clear,
-        )
+            named = iter_named(judge, asked, self.case.interchangeable)
+            is_clear = max((min(values.values()) for values in named if values), default=0.0) >= CLEAR
+        found = {"truth": truth, "against": against, "moved": has_moved(bundle), "is_clear": is_clear}
+        return SessionRecord(**msgspec.structs.asdict(told), **found)
 
-    def _record_node(self, node: Node, sessions: tuple[SessionRecord, ...], begun: list[str]) -> NodeRecord:
+    def _record_node(self, node: Node, sessions: tuple[SessionRecord, ...], begun: list[Path]) -> NodeRecord:
         why = "; ".join(list_obstacles(self.case, node))
         feasible = "no" if why else "yes"
         if not why and (why := find_ambiguity(self.case, node)):
             feasible = "open"
         if node.is_claim and begun:
-            judge = open_start(self.case.room, self.folder / begun[0])
+            judge = open_judge(self.case.room, begun[0], at="initial")
             truth, against = decide(judge, node.accept, self.case.interchangeable)
             feasible, why = (feasible, why) if truth == "met" else ("open", "; ".join(against))
         first = next((s for s in sessions if s.node == node.name and s.attempt == 0), None)
@@ -257,25 +216,19 @@ class Recorder:
         return NodeRecord(name=node.name, skill=node.skill, feasible=feasible, why=why, first=met, after=node.after)
 
 
-def judge_end(case: Case, last: Path, first: Path) -> tuple[str, tuple[str, ...]]:
-    """The truth of a goal's own acceptance, and what decided against it: from its last bundle, and its first."""
-    asked = case.accept + tuple(text for text in case.constraints if "moved" not in text)
-    return decide(open_judge(case.room, last, first, find_broken(case)), asked, case.interchangeable)
+def has_end(bundle: Path) -> bool:
+    """Whether a session was executed, and left the state in which it ended."""
+    return all((bundle / name).exists() for name in ("scene.mjb", "initial.npz", "terminal.npz"))
 
 
-def find_broken(case: Case) -> frozenset[str]:
-    """Cameras that are not to be believed."""
-    return frozenset(str(fault["camera"]) for fault in case.faults if "camera" in fault)
-
-
-def list_asked(bundle: Path, told: dict[str, Any]) -> list[str]:
+def list_asked(bundle: Path, told: EpisodeSession) -> list[str]:
     """What a session was to meet: by its contract, and by the verdict, which a look gives about another session too.
 
     `moved` of that other session counts from a beginning that this bundle does not hold, and is left out; so is what is
     said of things without a name, whose bodies nobody can tell.
     """
     accept = yaml.safe_load((bundle / "contract.yaml").read_text())["session"].get("accept", [])
-    judged = [each["text"] for each in told["criteria"] if each["kind"] == "accept"]
+    judged = [each.text for each in told.criteria if each.kind == "accept"]
     asked = dict.fromkeys([*accept, *(text for text in judged if "moved(" not in text)])
     return [text for text in asked if not UNNAMED.search(text)]
 
@@ -285,51 +238,17 @@ def mark_open(sessions: list[SessionRecord]) -> tuple[SessionRecord, ...]:
     later: set[str] = set()
     marked = []
     for session in reversed(sessions):
-        marked.append(replace(session, is_open=session.cause == LOOK_AGAIN and session.node in later))
+        marked.append(msgspec.structs.replace(session, is_open=session.cause == LOOK_AGAIN and session.node in later))
         later |= {session.node} if session.truth else set()
     return tuple(reversed(marked))
 
 
-def begin_record(case: Case, table: str, **rest: Any) -> GoalRecord:
-    """A record with what is known of a case before it runs."""
+def begin_record(case: Case, told: EpisodeRecord, **rest: Any) -> GoalRecord:
+    """A record with what is known of a case, and of its episode, without a look at its bundles."""
     kind = "impossible" if case.detail else "fault" if case.faults else "plain"
     faults = tuple(f"{fault['kind']} {find_struck(fault)}" for fault in case.faults)
-    return GoalRecord(seed=case.seed, table=table, kind=kind, detail=case.detail, faults=faults, **rest)
-
-
-def find_struck(fault: dict[str, object]) -> str:
-    """What a fault strikes: a thing, a camera (`*`: every one) or a joint."""
-    return str(fault.get("joint") or fault.get("object") or fault.get("camera"))
-
-
-def is_lasting(fault: dict[str, object]) -> bool:
-    """Whether a fault may leave a goal that nobody could meet: the thing is gone, or no camera is to be believed."""
-    return fault["kind"] == "remove" or fault.get("camera") == "*"
-
-
-def decide(judge: Judge, accept: Sequence[str], agreed: Agreed = ()) -> tuple[str, tuple[str, ...]]:
-    """`met`, `unmet` or `open`, with what decided against it; no truth where nothing is asked.
-
-    Things that the goal lets stand for each other are named as is best for what is asked, all of it at once.
-    """
-    if not accept:
-        return "", ()
-    values = max(iter_named(judge, accept, agreed), key=lambda values: min(values.values()))
-    least = min(values.values())
-    truth = "met" if least >= 1 else "unmet" if least <= -1 else "open"
-    return truth, tuple(f"{text}: {value:.2f}" for text, value in values.items() if value < 1)
-
-
-def iter_named(judge: Judge, accept: Sequence[str], agreed: Agreed) -> Iterator[dict[str, float]]:
-    """The value of each predicate, under every naming of the things that stand for each other."""
-    ways = ([dict(zip(names, each, strict=True)) for each in permutations(names)] for names in agreed)
-    for chosen in product(*ways):
-        bodies = {name: body for way in chosen for name, body in way.items()}
-        yield {text: judge.judge(_rename(text, bodies)) for text in accept}
-
-
-def _rename(text: str, bodies: dict[str, str]) -> str:
-    return re.sub(r"\w+", lambda word: bodies.get(word[0], word[0]), text)
+    known = {name: getattr(told, name) for name in ("ended", "verdict", "reason", "error")}
+    return GoalRecord(seed=case.seed, kind=kind, faults=faults, **known | rest)
 
 
 def has_moved(bundle: Path) -> bool:

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.recorded import Robot, TappedConnection
-from phyagentos.clock import SystemClock
+from benchmarks.oracle.moment import read_state
+from benchmarks.recorded import Robot, open_stand
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.predicates.predicate import substitute
 from phyagentos.protocol.sessions.evidence import INITIAL, TERMINAL, Bundle, read_bundle
@@ -20,19 +20,9 @@ from phyagentos.protocol.sessions.session import GoalId, Limits, Scene, Session,
 from phyagentos.protocol.world.faults import FaultFile
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.protocol.world.seeds import compute_seed
-from phyagentos.runtime.actions.handle import TargetSessionHandle
-from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
-from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
-from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.perception.world_model import GroundTruthWorldModel
-from phyagentos.runtime.targets.receive_log import ReceiveLog
-from phyagentos.runtime.targets.served_target import ServedTarget
-from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
-from phyagentos.runtime.worker.recorder import Bundles
-from phyagentos.runtime.worker.runner import SessionRunner
 
 CUBES = "tabletop/cubes_and_trays"
 BLOCKS = "tabletop/stacking"
@@ -70,7 +60,7 @@ class Job:
     unlisted: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Recorded:
     """One session as it was left.
 
@@ -201,43 +191,13 @@ class Studio:
         return recorded
 
     def _record(self, job: Job, seed: int) -> Recorded:
-        robot = self._robot
-        spec = FaultFile.model_validate({"version": 1, "faults": list(job.fault)})
-        simulated = SimulatedWorld(robot.library, faults=lambda *episode: FaultInjector(draw_schedule(spec, *episode)))
-        driver = MujocoDriver(simulated, robot.profile, robot.folder)
-        world = ServedTarget(driver, ReceiveLog(None))
-        handle = TargetSessionHandle(TappedConnection(world), robot.limits, sees_truth=True)
-        runner = SessionRunner(
-            target=Embodiment(
-                handle=handle,
-                world=GroundTruthWorldModel(robot.profile.target, handle),
-                profile=robot.profile,
-                limits=robot.limits,
-            ),
-            skills=SkillLoader(planner=self._planner, library=robot.library, registry=build_registry(robot.library)),
-            bundles=Bundles(self._folder),
-            clock=SystemClock(),
-        )
-        try:
+        faults = FaultFile.model_validate({"version": 1, "faults": list(job.fault)})
+        with open_stand(self._robot, self._planner, faults, self._folder) as stand:
             for session in self._iter_sessions(job, seed):
-                handle.load(session.scene)
-                execution = runner.run(
-                    session,
-                    1,
-                    {"tree": session.skill},
-                    evidence=f"evidence/{session.id}",
-                    cancel=lambda: None,
-                    beat=lambda **_beat: None,
-                )
-        finally:
-            world.close()
+                execution = stand.run(session)
         folder = self._folder / execution.evidence
-        states = []
-        for name in (INITIAL, TERMINAL):
-            with np.load(folder / name) as file:
-                states.append(np.array(file["state"]))
-        bundle = read_bundle(folder, session, execution)
-        return Recorded(job=job, seed=seed, bundle=bundle, before=states[0], after=states[1])
+        before, after = (read_state(folder / name) for name in (INITIAL, TERMINAL))
+        return Recorded(job, seed, read_bundle(folder, session, execution), before, after)
 
     def _iter_sessions(self, job: Job, seed: int) -> Iterator[Session]:
         strike = "-fault" if job.fault else ""

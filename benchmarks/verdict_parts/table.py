@@ -1,12 +1,10 @@
 """The table of verdicts: false successes and false failures with their intervals, by class, skill and sensing."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from rich.console import Console
-from rich.table import Table
-
+from benchmarks import runner
 from phyagentos.bench.report import Rate
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.world.truth import Truth
@@ -73,53 +71,28 @@ def build_figures(outcomes: Sequence[Outcome], levels: Sequence[str]) -> dict[st
     return figures
 
 
-def show(console: Console, outcomes: Sequence[Outcome], levels: Sequence[str]) -> None:
-    """False successes by class, false failures by skill, totals."""
-    first = [each for each in outcomes if each.sensing == levels[0]]
-    wrong = _make_table("false successes: said success, and it was not met", "class", levels)
-    for kind in _order(each.kind for each in first if not each.met):
-        _add_row(wrong, kind, outcomes, levels, kind=kind, successes=True)
-    _add_row(wrong, "all", outcomes, levels, successes=True)
-    console.print(wrong)
-    missed = _make_table("false failures: it was met, and success was not said", "skill", levels)
-    for skill in _order(each.skill for each in first if each.met):
-        _add_row(missed, skill, outcomes, levels, skill=skill, successes=False)
-    _add_row(
-        missed, "unplanned success", outcomes, levels, kind="unplanned success of a failed primitive", successes=False
-    )
-    _add_row(missed, "all", outcomes, levels, successes=False)
-    unknown = ["of these, unknown"]
-    for level in levels:
-        met = [each for each in outcomes if each.met and each.sensing == level]
-        unknown.append(str(Rate(sum(each.is_unknown for each in met), len(met))))
-    missed.add_row(*unknown, "")
-    console.print(missed)
+def show(outcomes: Sequence[Outcome], levels: Sequence[str]) -> None:
+    """False successes by class, false failures by skill, totals, and what was wrong."""
+    missed, met = ([each for each in outcomes if each.met is is_met] for is_met in (False, True))
+    classes = {kind: [e for e in missed if e.kind == kind] for kind in _order(e.kind for e in missed)}
+    skills = {skill: [e for e in met if e.skill == skill] for skill in _order(e.skill for e in met)}
+    skills["unplanned success"] = [each for each in met if each.kind == "unplanned success of a failed primitive"]
+    for title, groups, rate in (
+        ("false successes: said success, and it was not met", classes | {"all": missed}, rate_false_success),
+        ("false failures: it was met, and success was not said", skills | {"all": met}, rate_false_failure),
+    ):
+        rows = (_list_cells(name, group, levels, rate) for name, group in groups.items())
+        runner.show(title, ("class or skill", *levels, "controller returned ok"), rows)
     for each in [each for each in outcomes if each.accepted != each.met][:30]:
         said = "false success" if each.accepted else "false failure"
         told = "; ".join(f"{c.text} {c.truth}: {c.because}" for c in each.attempt.criteria if c.truth is not Truth.TRUE)
-        console.print(f"{said}, {each.sensing}, {each.skill}, {each.kind}: {told or each.attempt.reason}", style="dim")
+        print(f"{said}, {each.sensing}, {each.skill}, {each.kind}: {told or each.attempt.reason}")
 
 
-def _make_table(title: str, first: str, levels: Sequence[str]) -> Table:
-    return Table(first, *levels, "controller returned ok", title=title)
+def _list_cells(name: str, group: Sequence[Outcome], levels: Sequence[str], rate: Callable[..., Rate]) -> list[object]:
+    by_level = [[each for each in group if each.sensing == level] for level in levels]
+    return [name, *map(rate, by_level), rate(by_level[0], naive=True)]
 
 
-def _add_row(
-    table: Table,
-    name: str,
-    outcomes: Sequence[Outcome],
-    levels: Sequence[str],
-    *,
-    successes: bool,
-    kind: str | None = None,
-    skill: str | None = None,
-) -> None:
-    chosen = [each for each in outcomes if kind in {None, each.kind} and skill in {None, each.skill}]
-    rate = rate_false_success if successes else rate_false_failure
-    cells = [str(rate([each for each in chosen if each.sensing == level])) for level in levels]
-    naive = str(rate([each for each in chosen if each.sensing == levels[0]], naive=True))
-    table.add_row(name, *cells, naive)
-
-
-def _order(names: object) -> list[str]:
-    return [name for name, _ in Counter(names).most_common()]  # type: ignore[arg-type,call-overload]
+def _order(names: Iterable[str]) -> list[str]:
+    return [name for name, _ in Counter(names).most_common()]

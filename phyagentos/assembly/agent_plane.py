@@ -98,8 +98,6 @@ def open_agent(
     try:
         yield Agent(mission, experience.version if experience is not None else "")
     finally:
-        if experience is not None:
-            experience.close()
         journal.close()
 
 

@@ -38,6 +38,7 @@ from phyagentos.clock import Clock, SystemClock
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.documents.schema import read_yaml
+from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.perception import declare_sensing
 from phyagentos.protocol.settings.runtime_contract import declare_world_mode
@@ -110,6 +111,7 @@ def run_episode(job: Job, folder: Path, clock: Clock) -> EpisodeRecord:
     graph = draw(order.graph, order.seed, folder / PROJECT) if ":" in order.graph else Path(order.graph)
     faults = Path(variant.faults) if variant.faults else folder / PROJECT / FAULTS
     workspace = open_project(folder / WORKSPACE, find_project(graph))
+    load_predicates(workspace.library().iter_predicates())
     prepare_settings(workspace, variant)
     use = MemoryUse(order.memory)
     if job.memory:
@@ -134,8 +136,7 @@ def run_episode(job: Job, folder: Path, clock: Clock) -> EpisodeRecord:
         wall_s = clock.now_s() - begin_s
     after = ""
     if use is not MemoryUse.NONE:
-        with contextlib.closing(Memory(folder / workspace.memory.name, clock=clock, by="bench")) as left:
-            after = left.version
+        after = Memory(folder / workspace.memory.name, clock=clock, by="bench").version
     scored = score(order, workspace, report, statuses)
     sessions = record_sessions(workspace, report, statuses, scored, Path(job.run))
     is_met = None if scored.parts is None else all(scored.parts.values())

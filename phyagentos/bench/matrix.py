@@ -70,13 +70,15 @@ def find_environments(name: str) -> dict[str, EnvironmentSpec]:
     return {name: declared[name]}
 
 
-def compile_suite(path: Path, seeds_max: int | None = None) -> Plan:
+def compile_suite(path: Path, seeds_max: int | None = None, *, runs_python: bool = False) -> Plan:
     """Every episode of a suite, or of so many seeds of each pass, and which of them cannot run here.
+
+    Predicates of its goal graphs' projects are executed only where it `runs_python`.
 
     Raises DefinitionError with every problem of the suite, and of the goal graphs, settings and faults that it names.
     """
     suite, located = read_suite(path)
-    checks, gate = SuiteChecks(suite, located), Gate(suite.environments)
+    checks, gate = SuiteChecks(suite, located, runs_python=runs_python), Gate(suite.environments)
     orders: list[Order] = []
     missing: dict[str, tuple[Problem, ...]] = {}
     for cell in iter_cells(suite):

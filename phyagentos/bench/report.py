@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from phyagentos.agent.memory.semantic import Count
+from phyagentos.agent.memory.entries import Count
 
 
 @dataclass(frozen=True, slots=True)

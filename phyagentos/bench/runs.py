@@ -50,7 +50,7 @@ class EnvironmentSetup(msgspec.Struct, frozen=True, kw_only=True):
 
 def check_suite(suite: Path, seeds_max: int | None = None) -> SuiteCheck:
     """Check a suite, a file or a name, with all that it names; raises DefinitionError with every problem."""
-    plan = compile_suite(find_suite(suite), seeds_max)
+    plan = compile_suite(find_suite(suite), seeds_max, runs_python=True)
     return SuiteCheck(episodes=len(plan.orders), missing=dict(plan.missing))
 
 
@@ -69,7 +69,7 @@ def begin(
     Raises DefinitionError as `check_suite` does, and `WOULD_OVERWRITE`.
     """
     path = find_suite(suite)
-    plan = compile_suite(path, seeds_max)
+    plan = compile_suite(path, seeds_max, runs_python=True)
     root = folder or choose_folder(RUNS, plan.suite.suite)
     manifest = begin_run(root, path, plan, SystemClock())
     return _sweep(root, manifest, plan.suite.policies, jobs, engine, on_begun, on_episode)
@@ -85,7 +85,7 @@ def resume(
 ) -> Summary:
     """Go on with a run: nothing is repeated that has its record. Raises DefinitionError `NOT_A_RUN`, `RUN_DIFFERS`."""
     known = read_manifest(folder)
-    plan = compile_suite(Path(known.source), known.seeds_max)
+    plan = compile_suite(Path(known.source), known.seeds_max, runs_python=True)
     manifest = continue_run(folder, plan)
     return _sweep(folder, manifest, plan.suite.policies, jobs, engine, on_begun, on_episode)
 

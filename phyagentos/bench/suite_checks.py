@@ -3,7 +3,7 @@
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +18,22 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import Address, Located, read_yaml, validate
+from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.world.faults import read_faults
 
 
 class SuiteChecks:
-    """Problems of one suite, found cell by cell; what many cells share may stand there more than once."""
+    """Problems of one suite, found cell by cell; what many cells share may stand there more than once.
 
-    def __init__(self, suite: Suite, located: Located) -> None:
+    Predicates of the projects are executed only where it `runs_python`.
+    """
+
+    def __init__(self, suite: Suite, located: Located, *, runs_python: bool = False) -> None:
         self.problems: list[Problem] = []
         self._suite, self._located = suite, located
         self._graphs: dict[tuple[str, str], tuple[tuple[TargetProfile, Path], ...]] = {}
-        self._read_catalogue = cache(_read_catalogue)
+        self._read_catalogue = cache(partial(_read_catalogue, runs_python=runs_python))
         with self._noting():
             scorer = load_scorer(suite.scorer, located.address_of(("scorer",)))
             for name, task in suite.tasks.items():
@@ -135,7 +139,9 @@ class SuiteChecks:
         self.problems.append(self._located.unknown(code, place, name, possible))
 
 
-def _read_catalogue(graph: Path) -> tuple[Catalogue, Library]:
+def _read_catalogue(graph: Path, *, runs_python: bool) -> tuple[Catalogue, Library]:
     """What a goal graph can use, as in a workspace that is made for it."""
     library = Library.open(find_project(graph), Path.cwd())
+    if runs_python:
+        load_predicates(library.iter_predicates())
     return Catalogue.read(library), library

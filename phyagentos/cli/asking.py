@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from msgspec.structs import asdict, replace
+from msgspec.structs import replace
 
 from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers
 from phyagentos.agent.understanding.understanding import Question
@@ -79,7 +79,7 @@ def ask(
     run = RunRequest(graph=Path(found.graph), seed=seed, workspace=into, pictures=not no_pictures)
     report = run_shown(replace(run, memory=memory, trusts_python=trust_python), as_json=as_json)
     if as_json:
-        print_json(asdict(found) | {"report": report})
+        print_json(replace(found, report=report))
     return report.exit_code
 
 

@@ -175,7 +175,7 @@ class _Reader:
             if name.startswith("_") or (text.startswith("{") and not isinstance(value, Reference)):
                 self._refuse(element, f"{name}={text!r}", "ports, whose keys are small letters, digits and _ in braces")
                 continue
-            values[key if name == own else name] = f"${value.key}" if isinstance(value, Reference) else value
+            values[key if name == own else name] = str(value) if isinstance(value, Reference) else value
         return values
 
     def _refuse(self, element: Element, found: str, expected: str, hint: str = "") -> None:

@@ -33,6 +33,7 @@ from phyagentos.assembly.scene_start import draw_start
 from phyagentos.errors import DefinitionError
 from phyagentos.operations.lint import lint_file
 from phyagentos.operations.plan import PlannedGraph, describe_plan
+from phyagentos.operations.run import RunReport
 from phyagentos.operations.workspaces import FOLDER, REQUESTS, find_workspaces
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -55,6 +56,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True):
         graph: Its file; None where the goal is met already.
         workspace: Of the run, where the request lives; None where it was written elsewhere.
         before: File of the earlier goal that *again* means, and whose scene is the default.
+        report: Of the run; None where the plan was not approved.
     """
 
     understood: bool = True
@@ -68,6 +70,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True):
     graph: str | None
     workspace: str | None
     before: str | None
+    report: RunReport | None = None
 
 
 class NotUnderstood(msgspec.Struct, frozen=True, kw_only=True):

@@ -13,7 +13,7 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.pictures.trees import Drawing, draw_tree, render_mermaid, render_svg
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
-from phyagentos.protocol.capabilities.trees import parse_tree, read_tree
+from phyagentos.protocol.capabilities.trees import Tree, parse_tree, read_tree
 from phyagentos.protocol.documents.schema import Located
 
 if TYPE_CHECKING:
@@ -77,8 +77,9 @@ def import_trees(file: Path, to: Path, *, runs_python: bool = False) -> Imported
     trees, found = _check(read, library, _open_registry(library, runs_python=runs_python))
     if problems or found:
         raise DefinitionError((*problems, *found))
-    known = {name: read_tree(library.get_tree(name)).located.data for name in library.names_of_trees() if name in trees}
-    new = {to / "trees" / f"{name}.yaml": data for name, data in trees.items() if data != known.get(name)}
+    known = {name: read_tree(library.get_tree(name)) for name in library.names_of_trees() if name in trees}
+    changed = [tree for name, tree in trees.items() if name not in known or not _are_equal(tree, known[name])]
+    new = {to / "trees" / f"{tree.header.tree}.yaml": tree.located.data for tree in changed}
     if there := [path for path in new if path.exists()]:
         raise DefinitionError.of("WOULD_OVERWRITE", str(there[0]), "another tree", "a name that is free")
     _write(new)
@@ -124,18 +125,25 @@ def iter_leaf_models(registry: "LeafRegistry") -> Iterator[tuple[str, "NodeModel
         yield name, NodeModel("Condition" if asks else "Action", ports, (leaf.__doc__ or "").partition("\n")[0])
 
 
-def _check(read: Sequence[Located], library: Library, registry: "LeafRegistry") -> tuple[dict[str, Any], list[Problem]]:
-    """Data of the trees of a file, and what `paos lint` would find; each may name others of the file."""
+def _are_equal(a: Tree, b: Tree) -> bool:
+    """Whether two trees say the same, however their files do."""
+    ports = [(tree.header.description, tree.header.inputs, tree.header.outputs) for tree in (a, b)]
+    return a.root == b.root and ports[0] == ports[1]
+
+
+def _check(
+    read: Sequence[Located], library: Library, registry: "LeafRegistry"
+) -> tuple[dict[str, Tree], list[Problem]]:
+    """The trees of a file, and what `paos lint` would find; each may name others of the file."""
     from phyagentos.runtime.execution.tree_check import check_loaded_tree
 
     parsed = [parse_tree(located) for located in read]
     problems = [problem for _, found in parsed for problem in found]
     trees = {tree.header.tree: tree for tree, _ in parsed if tree is not None}
-    data = {name: tree.located.data for name, tree in trees.items()}
     with tempfile.TemporaryDirectory() as folder:
-        _write({Path(folder, "trees", f"{name}.yaml"): each for name, each in data.items()})
+        _write({Path(folder, "trees", f"{name}.yaml"): tree.located.data for name, tree in trees.items()})
         seen = Library((Path(folder), *library.roots))
-        return data, problems + [each for tree in trees.values() for each in check_loaded_tree(tree, seen, registry)]
+        return trees, problems + [each for tree in trees.values() for each in check_loaded_tree(tree, seen, registry)]
 
 
 def _write(files: Mapping[Path, Any]) -> None:

@@ -17,7 +17,7 @@ from phyagentos.errors import DefinitionError, Problem, format_hint, format_name
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
 from phyagentos.protocol.capabilities.targets import TARGETS, find_unshared
-from phyagentos.protocol.capabilities.trees import load_tree
+from phyagentos.protocol.capabilities.trees import iter_short_references, load_tree, read_tree
 from phyagentos.protocol.documents.schema import read_text, read_yaml
 from phyagentos.protocol.predicates.project_predicates import load_predicates, name_option
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
@@ -61,7 +61,7 @@ Check = Callable[[Path], object]
 
 
 class LintReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What `paos lint --json` prints; a warning names what a sound goal graph leaves undecided."""
+    """What `paos lint --json` prints; a warning names what a sound file leaves undecided, or says in an old form."""
 
     checked: tuple[str, ...]
     problems: tuple[Problem, ...]
@@ -94,15 +94,19 @@ def iter_authored_files(folder: Path) -> Iterator[Path]:
 
 
 def find_warnings(path: Path) -> list[Problem]:
-    """What a sound goal graph may leave undecided; empty for other files."""
+    """What a sound goal graph may leave undecided, and what a tree says as it was said before; else nothing."""
     from phyagentos.agent.goals.catalogue import Catalogue
     from phyagentos.agent.goals.graph import read_goal_graph
 
     try:
-        is_graph = find_kind(path) is FileKind.GOAL_GRAPH
-        return list(read_goal_graph(path, Catalogue.read(open_library(path))).warnings) if is_graph else []
+        match find_kind(path):
+            case FileKind.GOAL_GRAPH:
+                return list(read_goal_graph(path, Catalogue.read(open_library(path))).warnings)
+            case FileKind.TREE:
+                return list(iter_short_references(read_tree(path)))
     except DefinitionError:
-        return []
+        pass  # `lint_file` has its problems
+    return []
 
 
 def lint_file(

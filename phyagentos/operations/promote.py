@@ -46,14 +46,14 @@ def promote(root: Path, entry: str, project: Path, name: str, *, trials: int = 3
     Raises:
         DefinitionError: `UNKNOWN_ENTRY`; `NOT_PROMOTED`; `WOULD_OVERWRITE`; every problem of the files.
     """
-    with open_memory(root) as memory:
-        find_entry(memory, entry, root)
-        lesson, workspace = memory.experience.corrections.get(entry), Workspace.open(root)
-        if lesson is None:
-            raise DefinitionError.of("NOT_PROMOTED", str(root), entry, "a lesson about what has to come first")
-        starts = find_starts(lesson, memory.read_all())[-trials:]
-        skills = read_skill_registry(workspace.skill_registry)
-        composed = compose(name, lesson, skills, starts, memory=memory.snapshot)
+    memory = open_memory(root)
+    find_entry(memory, entry, root)
+    lesson, workspace = memory.experience.corrections.get(entry), Workspace.open(root)
+    if lesson is None:
+        raise DefinitionError.of("NOT_PROMOTED", str(root), entry, "a lesson about what has to come first")
+    starts = find_starts(lesson, memory.read_all())[-trials:]
+    skills = read_skill_registry(workspace.skill_registry)
+    composed = compose(name, lesson, skills, starts, memory=memory.snapshot)
     if len(starts) < trials:
         expected = f"{trials} starts on which the whole sequence was verified"
         raise DefinitionError.of("NOT_PROMOTED", entry, f"{len(starts)} of them", expected)

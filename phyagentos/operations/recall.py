@@ -1,7 +1,6 @@
 """What memory holds, where an entry comes from, and what shall not count any more."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -53,53 +52,51 @@ def recall(root: Path, words: Sequence[str] = (), *, everything: bool = False) -
 
     `root` is a workspace, whose memory it is, or a folder that holds `memory/`.
     """
-    with open_memory(root) as memory:
-        entries: list[MemoryEntry] = [*memory.experience.list_lessons(), *memory.experience.list_facts()]
-        if words:
-            found = {lesson.id for lesson in memory.search(" ".join(words))}
-            texts = {each.id: f"{each.id} {each.statement}".lower() for each in entries}
-            found |= {id for id, text in texts.items() if all(word.lower() in text for word in words)}
-            entries = [each for each in entries if each.id in found]
-        shown = tuple(each for each in entries if everything or each.state is Standing.ACTIVE)
-        return Memories(version=memory.version, entries=shown, hidden=len(entries) - len(shown))
+    memory = open_memory(root)
+    entries: list[MemoryEntry] = [*memory.experience.list_lessons(), *memory.experience.list_facts()]
+    if words:
+        found = {lesson.id for lesson in memory.search(" ".join(words))}
+        texts = {each.id: f"{each.id} {each.statement}".lower() for each in entries}
+        found |= {id for id, text in texts.items() if all(word.lower() in text for word in words)}
+        entries = [each for each in entries if each.id in found]
+    shown = tuple(each for each in entries if everything or each.state is Standing.ACTIVE)
+    return Memories(version=memory.version, entries=shown, hidden=len(entries) - len(shown))
 
 
 def trace_entry(root: Path, entry: str) -> Provenance:
     """Where an entry comes from; raises DefinitionError `UNKNOWN_ENTRY`."""
-    with open_memory(root) as memory:
-        found = find_entry(memory, entry, root)
-        lesson, caution = memory.experience.corrections.get(entry), memory.experience.cautions.get(entry)
-        named = {session for chain in (lesson.chains if lesson else ()) for session in (chain.failed, chain.corrected)}
-        named.update(caution.sessions if caution is not None else ())
-        episodes: list[Episode] = []
-        edits: list[Edit] = []
-        for event in memory.read_all():
-            if not isinstance(event, Episode):
-                edits += [event] if event.entry == entry else []
-            elif event.session in named or entry in event.advised_by or find_pattern_id(event) == entry:
-                episodes.append(event)
-        baseline = str(getattr(found, "baseline", ""))
-        return Provenance(entry=found, episodes=tuple(episodes), edits=tuple(edits), baseline=baseline)
+    memory = open_memory(root)
+    found = find_entry(memory, entry, root)
+    lesson, caution = memory.experience.corrections.get(entry), memory.experience.cautions.get(entry)
+    named = {session for chain in (lesson.chains if lesson else ()) for session in (chain.failed, chain.corrected)}
+    named.update(caution.sessions if caution is not None else ())
+    episodes: list[Episode] = []
+    edits: list[Edit] = []
+    for event in memory.read_all():
+        if not isinstance(event, Episode):
+            edits += [event] if event.entry == entry else []
+        elif event.session in named or entry in event.advised_by or find_pattern_id(event) == entry:
+            episodes.append(event)
+    baseline = str(getattr(found, "baseline", ""))
+    return Provenance(entry=found, episodes=tuple(episodes), edits=tuple(edits), baseline=baseline)
 
 
 def forget(root: Path, entry: str, *, reason: str, by: str) -> Forgotten:
     """Retract an entry: it is kept with the reason, and used no more. Raises DefinitionError `UNKNOWN_ENTRY`."""
-    with open_memory(root) as memory:
-        find_entry(memory, entry, root)
-        memory.record([Edit(entry=entry, retracts=True, reason=reason, by=by)])
-        return Forgotten(entry=find_entry(memory, entry, root), version=memory.version)
+    memory = open_memory(root)
+    find_entry(memory, entry, root)
+    memory.record([Edit(entry=entry, retracts=True, reason=reason, by=by)])
+    return Forgotten(entry=find_entry(memory, entry, root), version=memory.version)
 
 
-@contextmanager
-def open_memory(root: Path) -> Iterator[Memory]:
+def open_memory(root: Path) -> Memory:
     """The memory of a workspace, wherever it chose to have it, or that of a folder, for an operator."""
     folder = root / "memory"
     if not folder.is_dir() or (root / MARKER).exists():
         workspace = Workspace.open(root)
         chosen = read_choice(workspace)
         folder = chosen.folder / folder.name if chosen is not None and chosen.folder else workspace.memory
-    with closing(Memory(folder, clock=SystemClock(), by="paos memory", side=Side.OPERATOR)) as memory:
-        yield memory
+    return Memory(folder, clock=SystemClock(), by="paos memory", side=Side.OPERATOR)
 
 
 def find_entry(memory: Memory, entry: str, root: Path) -> MemoryEntry:

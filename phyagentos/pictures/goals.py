@@ -5,7 +5,8 @@ from collections.abc import Callable
 
 import networkx
 
-from phyagentos.pictures.layers import Arrow, Box, draw_layers
+from phyagentos.pictures.layers import draw_layers
+from phyagentos.protocol.documents.flowchart import Arrow, Box
 from phyagentos.protocol.sessions.tasks import GoalStatus, Relation, Step, iter_edges, iter_steps
 
 MOST = 60  # boxes that are drawn one by one
@@ -31,7 +32,7 @@ def draw_goal(goal: GoalStatus, *, find: str = "", link: Callable[[Step], str] =
         Box(
             name=name,
             title=name,
-            below=step.state,
+            below=[step.state],
             kind=f"{step.state} found" if name in found else step.state,
             link=link(step),
             hint=goal.nodes[step.node].objective,

@@ -1,10 +1,11 @@
 """Graphs in layers, as SVG that needs no program to look at: what comes first stands above."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from html import escape
 
 import networkx
+
+from phyagentos.protocol.documents.flowchart import Arrow, Box
 
 HEIGHT, LAYER, GAP, LETTER, MARGIN = 40, 84, 18, 7.0, 10  # pixels
 STYLE = """
@@ -15,41 +16,9 @@ STYLE = """
 .done rect{fill:#e8f5e9;stroke:#388e3c}.blocked rect,.invalidated rect{fill:#ffebee;stroke:#c62828}
 .skipped rect{fill:#fafafa;stroke:#b0bec5}.rescued rect{fill:#f9fbe7;stroke:#827717}.past rect{fill:#fff}
 .been rect{fill:#e8eaf6;stroke:#3949ab}.found rect{stroke-width:3}
+.leaf rect{fill:#e8f1fb;stroke:#3b78b5}.subtree rect{fill:#f3ecfa;stroke:#7d56a8}
+.control rect{fill:#f4f4f1;stroke:#77756c}
 """
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Box:
-    """A vertex.
-
-    Attributes:
-        title: First line.
-        below: Second line; none when empty.
-        kind: Classes of `STYLE`.
-        link: Where it leads.
-        hint: Shown on hovering.
-    """
-
-    name: str
-    title: str
-    below: str = ""
-    kind: str = ""
-    link: str = ""
-    hint: str = ""
-
-    @property
-    def width(self) -> float:
-        """In pixels."""
-        return max(64.0, max(len(self.title), len(self.below)) * LETTER + 18)
-
-
-@dataclass(frozen=True, slots=True)
-class Arrow:
-    """An edge between boxes of these names; dashed where it has a label."""
-
-    before: str
-    after: str
-    label: str = ""
 
 
 def draw_layers(boxes: Sequence[Box], arrows: Iterable[Arrow], label: str) -> str:
@@ -64,15 +33,15 @@ def draw_layers(boxes: Sequence[Box], arrows: Iterable[Arrow], label: str) -> st
     layers = _sort_layers(
         [sorted(names, key=order.__getitem__) for names in networkx.topological_generations(ahead)], ahead
     )
-    by_name = {box.name: box for box in boxes}
-    widths = [sum(by_name[name].width + GAP for name in names) - GAP for names in layers]
+    width_of = {box.name: _compute_width(box) for box in boxes}
+    widths = [sum(width_of[name] + GAP for name in names) - GAP for names in layers]
     width = max(widths, default=0.0) + 2 * MARGIN
     at: dict[str, tuple[float, float]] = {}
     for level, names in enumerate(layers):
         left = (width - widths[level]) / 2
         for name in names:
-            at[name] = (left + by_name[name].width / 2, MARGIN + level * LAYER)
-            left += by_name[name].width + GAP
+            at[name] = (left + width_of[name] / 2, MARGIN + level * LAYER)
+            left += width_of[name] + GAP
     height = MARGIN * 2 + (len(layers) - 1) * LAYER + HEIGHT if layers else 0
     shapes = [*(_draw_arrow(each, at) for each in arrows), *(_draw_box(box, *at[box.name]) for box in boxes)]
     return (
@@ -81,6 +50,11 @@ def draw_layers(boxes: Sequence[Box], arrows: Iterable[Arrow], label: str) -> st
         '<defs><marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
         '<path d="M0 0 8 4 0 8z" fill="#78909c"/></marker></defs>' + "".join(shapes) + "</svg>"
     )
+
+
+def _compute_width(box: Box) -> float:
+    """In pixels."""
+    return max(64.0, max(map(len, (box.title, *box.below[:1]))) * LETTER + 18)
 
 
 def _sort_layers(layers: list[list[str]], graph: "networkx.DiGraph[str]") -> list[list[str]]:
@@ -117,10 +91,11 @@ def _draw_arrow(arrow: Arrow, at: dict[str, tuple[float, float]]) -> str:
 
 def _draw_box(box: Box, middle: float, top: float) -> str:
     rows = [_draw_text("", middle, top + (17 if box.below else 25), box.title)]
-    rows += [_draw_text("sub", middle, top + 32, box.below)] if box.below else []
+    rows += [_draw_text("sub", middle, top + 32, text) for text in box.below[:1]]
+    width = _compute_width(box)
     shape = (
         f'<g class="box {escape(box.kind)}"><title>{escape(box.hint or box.title)}</title>'
-        f'<rect x="{middle - box.width / 2:.0f}" y="{top:.0f}" width="{box.width:.0f}" height="{HEIGHT}" rx="7"/>'
+        f'<rect x="{middle - width / 2:.0f}" y="{top:.0f}" width="{width:.0f}" height="{HEIGHT}" rx="7"/>'
         f"{''.join(rows)}</g>"
     )
     return f'<a href="{escape(box.link)}">{shape}</a>' if box.link else shape

@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from phyagentos.pictures.layers import Arrow, Box, draw_layers
+from phyagentos.pictures.layers import draw_layers
+from phyagentos.protocol.documents.flowchart import Arrow, Box
 from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS, SessionState
 
 MAIN = (  # above all others, in this order

@@ -1,14 +1,13 @@
 """A behaviour tree as Mermaid and as SVG, from its file and the declared ports alone."""
 
-import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from html import escape
 
 from phyagentos.errors import DefinitionError
+from phyagentos.pictures.layers import draw_layers
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, read_tree
-from phyagentos.protocol.documents.markdown import escape_label
+from phyagentos.protocol.documents.flowchart import Arrow, Box, render_flowchart
 from phyagentos.protocol.sessions.trace import TraceEvent
 
 SYMBOLS = {
@@ -26,9 +25,6 @@ SYMBOLS = {
     "condition": "◇",
     "subtree": "▣",
 }
-BOX_HEIGHT, LEVEL_HEIGHT, GAP, LETTER = 40, 74, 14, 7.2  # pixels
-SHAPES = {"leaf": ("[", "]"), "subtree": ("[[", "]]"), "control": ("([", "])")}
-COLORS = {"leaf": ("#e8f1fb", "#3b78b5"), "subtree": ("#f3ecfa", "#7d56a8"), "control": ("#f4f4f1", "#77756c")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,62 +143,25 @@ def _show(value: object) -> str:
 
 def render_mermaid(root: Drawing) -> str:
     """A Mermaid flowchart, top down."""
-    lines, numbers = ["flowchart TD"], itertools.count()
-
-    def add(node: Drawing, parent: int | None = None) -> None:
-        number, (left, right) = next(numbers), SHAPES[node.family]
-        text = "<br/>".join(escape_label(part) for part in (node.label, *node.ports))
-        lines.append(f'    n{number}{left}"{text}"{right}')
-        if parent is not None:
-            lines.append(f"    n{parent} --> n{number}")
-        for child in node.children:
-            add(child, number)
-
-    add(root)
-    return "\n".join(lines) + "\n"
+    return render_flowchart(*_list_parts(root))
 
 
 def render_svg(root: Drawing) -> str:
-    """A stand-alone SVG: children centred under their parent, no program needed to look at it."""
-    shapes: list[str] = []
-    width = _draw(root, 0.0, 0, shapes)
-    height = _depth_of(root) * LEVEL_HEIGHT + 8
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width + GAP:.0f}" height="{height:.0f}" '
-        f'font-family="sans-serif" font-size="12">\n' + "\n".join(shapes) + "\n</svg>\n"
-    )
+    """A stand-alone SVG: no program is needed to look at it."""
+    return draw_layers(*_list_parts(root), f"Behaviour tree {root.name}")
 
 
-def _depth_of(node: Drawing) -> int:
-    return 1 + max(map(_depth_of, node.children), default=0)
+def _list_parts(root: Drawing) -> tuple[list[Box], list[Arrow]]:
+    boxes: list[Box] = []
+    arrows: list[Arrow] = []
 
+    def add(node: Drawing) -> str:
+        hint = ", ".join(node.ports)
+        box = Box(name=str(len(boxes)), title=node.label, below=node.ports, kind=node.family, hint=hint)
+        boxes.append(box)
+        below = [add(child) for child in node.children]
+        arrows.extend(Arrow(box.name, child) for child in below)
+        return box.name
 
-def _box_width(node: Drawing) -> float:
-    longest = max(len(text) for text in (node.label, *node.ports[:1]))
-    return max(60.0, longest * LETTER + 16)
-
-
-def _width_of(node: Drawing) -> float:
-    return max(_box_width(node) + GAP, sum(map(_width_of, node.children)))
-
-
-def _draw(node: Drawing, left: float, level: int, shapes: list[str]) -> float:
-    """Append the shapes of one subtree; returns its width."""
-    width, box = _width_of(node), _box_width(node)
-    middle, top = left + width / 2, level * LEVEL_HEIGHT + 4
-    at = left + (width - sum(map(_width_of, node.children))) / 2
-    for child in node.children:
-        end = f"L{at + _width_of(child) / 2:.0f} {top + LEVEL_HEIGHT}"
-        shapes.append(f'<path d="M{middle:.0f} {top + BOX_HEIGHT} {end}" stroke="#aaa"/>')
-        at += _draw(child, at, level + 1, shapes)
-    fill, line = COLORS[node.family]
-    shapes.append(
-        f'<rect x="{middle - box / 2:.0f}" y="{top}" width="{box:.0f}" height="{BOX_HEIGHT}" rx="7" '
-        f'fill="{fill}" stroke="{line}"><title>{escape(", ".join(node.ports) or node.label)}</title></rect>'
-    )
-    lines = (node.label, *node.ports[:1])
-    for row, text in enumerate(lines):
-        y = top + (25 if len(lines) == 1 else 17 + 16 * row)
-        shade = "#222" if row == 0 else "#777"
-        shapes.append(f'<text x="{middle:.0f}" y="{y}" text-anchor="middle" fill="{shade}">{escape(text)}</text>')
-    return width
+    add(root)
+    return boxes, arrows

@@ -1,40 +1,19 @@
 """What a writer knows of sessions and goals for admission, and how it recalls the rest.
 
 In memory is what is live, and what was touched since the last sealed segment. Of what ended before only its id is
-remembered, in a filter of one size, so that an id is never used twice and the memory does not grow; the journal itself
-answers where the filter holds it. What a checkpoint passed over is read when first needed, which a process that
-submits nothing never does.
+remembered, as eight bytes of its hash, so that an id is never used twice; the journal itself answers where the hash is
+known. What a checkpoint passed over is read when first needed, which a process that submits nothing never does.
 """
 
-import hashlib
-from collections.abc import Iterator
 from pathlib import Path
 
 from phyagentos.store.admission import GOAL_PREFIX, Admission, Known, read_known
 from phyagentos.store.checkpoint import Checkpoint
 from phyagentos.store.records import JOURNAL_ID
 
-FILTER_BYTES = 1 << 20  # one in a thousand new ids is looked up in vain once there are 400 000
-
 
 class NotCached(Exception):
     """An id must be looked up in the segments first, which must not happen while the partition is locked."""
-
-
-class IdFilter:
-    """A Bloom filter: holds every id that was added, and by chance a few others."""
-
-    def __init__(self) -> None:
-        self._bits = bytearray(FILTER_BYTES)
-
-    def add(self, id: str) -> None:
-        """Hold an id."""
-        for place, bit in _iter_bits(id):
-            self._bits[place] |= bit
-
-    def __contains__(self, id: str) -> bool:
-        """Whether it was added, or seems so."""
-        return all(self._bits[place] & bit for place, bit in _iter_bits(id))
 
 
 class AdmissionCache:
@@ -47,8 +26,8 @@ class AdmissionCache:
         self.admission = Admission(self._recall)
         self._folder = folder
         self.segment = ""
-        self._used = IdFilter()  # ids that are not in memory
-        self._is_warm = checkpoint is None  # whatever is neither in memory nor in the filter never was
+        self._used: set[int] = set()  # hashes of the ids that are not in memory
+        self._is_warm = checkpoint is None  # whatever is neither in memory nor among the hashes never was
         if checkpoint is not None:
             self.segment, image = checkpoint.position.segment, checkpoint.image
             live: dict[str, Known] = {
@@ -76,15 +55,13 @@ class AdmissionCache:
         from phyagentos.store.history import Histories  # late: who submits nothing needs none
 
         with Histories(self._folder) as histories:
-            for id in histories.iter_begun():
-                self._used.add(id)
+            self._used.update(map(hash, histories.iter_begun()))
         self._is_warm = True
 
     def shrink(self, segment: str, first_seq: int) -> None:
         """Let go of what ended before `segment`, which begins with `first_seq`."""
         if self.segment:
-            for id in self.admission.forget(first_seq - 1):
-                self._used.add(id)
+            self._used.update(map(hash, self.admission.forget(first_seq - 1)))
         self.segment = segment
 
     def _recall(self, id: str) -> Known | None:
@@ -92,16 +69,9 @@ class AdmissionCache:
             return None
         if not self._is_warm:
             raise NotCached
-        if id not in self._used:
+        if hash(id) not in self._used:
             return None
         from phyagentos.store.history import Histories
 
         with Histories(self._folder) as histories:
             return next(filter(None, map(read_known, reversed(histories.find(id)))), None)
-
-
-def _iter_bits(id: str) -> Iterator[tuple[int, int]]:
-    digest = hashlib.blake2b(id.encode(errors="surrogatepass"), digest_size=16).digest()
-    for begin in range(0, 16, 4):
-        number = int.from_bytes(digest[begin : begin + 4], "little")
-        yield number // 8 % FILTER_BYTES, 1 << number % 8

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
+from phyagentos.protocol.sessions.session import GoalId, SessionId
 from phyagentos.store import segments
 from phyagentos.store.admission import GOAL_PREFIX, NODE_PREFIX
 from phyagentos.store.follower import Follower
@@ -76,10 +76,6 @@ class Histories(AbstractContextManager["Histories"]):
             records += of_node
             records += [record for each in {f"{id}.{node}", *_find_kin(of_node)} for record in self.find(each)]
         return fold(sorted(records, key=lambda record: record.seq))
-
-    def find_status(self, id: SessionId) -> SessionStatus | None:
-        """A session as it stands now, None when it is unknown."""
-        return fold(self.find(id)).sessions.get(id)
 
     def _map(self, name: str) -> mmap.mmap:
         with os.fdopen(segments.open_segment(self._folder, name), "rb") as file:

@@ -4,7 +4,6 @@ Rendered by the process of the watchdog, at most twice a second, without fsync. 
 becomes a file of `signals/`; other changes are lost.
 """
 
-import os
 import re
 from pathlib import Path
 
@@ -25,7 +24,7 @@ from phyagentos.protocol.sessions.runtime_signal import (
     Signs,
     WorkerSign,
 )
-from phyagentos.protocol.sessions.stop_signals import list_waiting, read_signal
+from phyagentos.protocol.sessions.stop_signals import drop_request, list_waiting, read_signal
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.shared_file import SharedFile, decode
 from phyagentos.store.views.sessions import END_MARK
@@ -96,7 +95,6 @@ class RuntimeSignal:
         self._file = SharedFile(workspace.runtime_signal, workspace.edits / "signals", clock)
         self._file.adopt()
         self._known: set[tuple[str, str]] = set()
-        self._number = 0
         self._published_at_s = -PERIOD_S
         self._published: Signs | None = None
         self._health: dict[str, Health] = {}
@@ -167,22 +165,8 @@ class RuntimeSignal:
             edit = (shown[0] if shown else "", request)  # a second save of the same text asks for nothing new
             if edit not in self._known:
                 self._known.add(edit)
-                self._drop(request)
-
-    def _drop(self, request: str) -> None:
-        """One request as a file; it appears whole or not at all."""
-        signals = self._workspace.signals
-        stamp = self._clock.wall_iso().replace(":", "").replace(".", "")
-        while True:
-            self._number += 1
-            name = f"{stamp}-{os.getpid()}-edit-{self._number}.yaml"
-            path = signals / name
-            if not path.exists():
-                break
-        signals.mkdir(parents=True, exist_ok=True)
-        temporary = signals.parent / f".{name}.tmp"
-        temporary.write_text(request, encoding="utf-8", errors="backslashreplace")
-        temporary.replace(path)
+                data = request.encode(errors="backslashreplace")
+                drop_request(self._workspace.signals, data, self._clock, "-edit.yaml")
 
 
 def find_requests(text: str) -> list[str]:

@@ -1,24 +1,20 @@
 """What a page may do: the use cases behind commands of the CLI, each with the fields of a form."""
 
 import getpass
-import hashlib
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import yaml
-
+from phyagentos.assembly.project import admit_python
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.operations import recall, stop
 from phyagentos.operations.approve import as_file, deny
 from phyagentos.operations.lint import lint_file
+from phyagentos.operations.request_change import request_change
 from phyagentos.operations.submit import submit_graph, submit_proposal
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.edits.inbox import read_request
 
 GRAPH_MAX = 1 << 18  # bytes
 STOP = "estop"
@@ -69,27 +65,15 @@ def _estop(root: Path, form: Form) -> object:
     return stop.estop(root, reason=form["reason"] or "pressed on the page", by=f"page, {getpass.getuser()}")
 
 
-def _amend(root: Path, form: Form) -> object:
-    """A request for other limits or priority of a session that is pending, as any writer may drop one."""
-    asked: dict[str, Any] = {"kind": "amend", "session": form["session"]}
-    if limits := {name: _read_number(name, form[name]) for name in ("timeout_s", "stall_s") if form.get(name)}:
-        asked["limits"] = limits
-    if form.get("priority"):
-        asked["priority"] = _read_number("priority", form["priority"], int)
-    inbox, data = Workspace(root).inbox, yaml.safe_dump(asked, sort_keys=False).encode()
-    temporary = inbox / "tmp" / f"view-{hashlib.sha256(data).hexdigest()[:12]}-{os.getpid()}.yaml"
-    temporary.write_bytes(data)
-    try:
-        read_request(temporary)
-    except DefinitionError:
-        temporary.unlink()
-        raise
-    return {"asked": str(temporary.replace(inbox / "new" / temporary.name)), "answer": "SESSIONS.md shows it"}
+def _change(root: Path, form: Form) -> object:
+    limits = {name: _read_number(name, form[name]) for name in ("timeout_s", "stall_s") if form.get(name)}
+    priority = int(_read_number("priority", form["priority"])) if form.get("priority") else None
+    return request_change(root, form["session"], limits=limits, priority=priority)
 
 
-def _read_number(name: str, text: str, kind: type[float] = float) -> float:
+def _read_number(name: str, text: str) -> float:
     try:
-        return kind(text)
+        return float(text)
     except ValueError as error:
         raise DefinitionError.of("INVALID_VALUE", name, text, "a number") from error
 
@@ -98,6 +82,7 @@ def _lint(root: Path, form: Form) -> object:
     """Raises DefinitionError with every problem of a goal graph."""
     if (size := len(form["graph"].encode())) > GRAPH_MAX:
         raise DefinitionError.of("TOO_LARGE", "graph", f"{size} bytes", f"at most {GRAPH_MAX}")
+    admit_python(root, is_trusted=False)
     with as_file(form["graph"]) as file:
         if problems := lint_file(file, library=Workspace(root).library()):
             raise DefinitionError(problems)
@@ -142,7 +127,7 @@ ACTIONS = {
         ("entry", "reason"),
         lambda root, form: recall.forget(root, form["entry"], reason=form["reason"], by=getpass.getuser()),
     ),
-    "amend": Action("edit", ("session",), _amend),
+    "amend": Action("edit", ("session",), _change),
     "lint": Action("lint GRAPH", ("graph",), _lint),
     "submit": Action("run GRAPH", ("graph",), _submit),
 }

@@ -133,7 +133,7 @@ def test_documents_and_drawings_say_which_branch_is_not_taken(make_stage, write_
     assert goal.nodes["other"].state is NodeState.SKIPPED
     drawing, text = render_graph(goal), render_task(goal, mission.ledger)
     assert '["<b>other</b><br/>skipped"]:::skipped' in drawing
-    assert "-- on failure -->" in drawing
+    assert '-- "on failure" -->' in drawing
     assert "| main on failure |" in text
     assert "its branch is not taken: what it waits for did not fail" in text
 

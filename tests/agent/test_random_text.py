@@ -23,7 +23,7 @@ from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.agent.repair.clearing import propose_clearing
 from phyagentos.agent.repair.looking import propose_looking
-from phyagentos.agent.repair.other_means import propose_other_skill, propose_other_target, propose_resume_held
+from phyagentos.agent.repair.other_means import propose_other_skill, propose_other_target
 from phyagentos.agent.repair.recovery_policies import GENERATORS
 from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.codes import CODES
@@ -149,7 +149,7 @@ FULL = make_repair_world(make_box("red_cube", (0.5, 0.0, 0.02)), make_box("post"
 CASES = [
     (propose_looking, Cause.EVIDENCE_MISSING, {"missing": ("red_cube",)}),
     (propose_retry, Cause.GRASP_LOST, {"trace": met("post")}),
-    (propose_resume_held, Cause.RUNNER_LOST, {"world": HOLDING, "contract": NEAR}),
+    (propose_other_skill, Cause.RUNNER_LOST, {"world": HOLDING, "contract": NEAR}),
     (propose_other_skill, Cause.IMPOSSIBLE, {}),
     (propose_clearing, Cause.NO_PLAN, HEMMED_IN),
     (propose_clearing, Cause.NO_PLAN, {"code": "NO_FREE_SITE", "world": FULL}),

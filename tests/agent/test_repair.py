@@ -14,7 +14,7 @@ from phyagentos.agent.goals.spec import Budget
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import Alternative, AlternativeKind
 from phyagentos.agent.repair.case import Case, RemainingBudget, UnmetObjective, compute_left
-from phyagentos.agent.repair.other_means import propose_resume_held
+from phyagentos.agent.repair.other_means import propose_other_skill
 from phyagentos.agent.repair.recovery_policies import GraphRepair
 from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.protocol.capabilities.library import Library
@@ -467,7 +467,8 @@ def test_what_it_does_not_hold_is_fetched_again(shipped, world):
 
 @pytest.mark.parametrize("cause", [Cause.NO_PLAN, Cause.SAFETY_STOP, Cause.ADAPTER_REFUSED])
 def test_where_the_way_in_which_it_is_held_may_be_at_fault_it_is_not_gone_on_with(shipped, cause):
-    assert list(propose_resume_held(make_case(shipped, cause, world=HOLDING))) == []
+    proposed = propose_other_skill(make_case(shipped, cause, world=HOLDING))
+    assert not [each.effect for each in proposed if each.revision.lead]
 
 
 @pytest.mark.parametrize("cause", [Cause.GRASP_LOST, Cause.NO_PLAN, Cause.PLACED_WRONG])

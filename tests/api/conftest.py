@@ -2,14 +2,16 @@
 
 import tarfile
 from pathlib import Path
-from types import SimpleNamespace
 
 import mujoco
 import pytest
 
 from phyagentos.operations import run
+from phyagentos.operations.progress import RunFold
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.registries import get_registered_target
 from phyagentos.protocol.sessions.evidence import INITIAL, SCENE_MODEL, TERMINAL, TRAJECTORY
+from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
 from phyagentos.protocol.workspace.workspace import Workspace
 
@@ -53,7 +55,8 @@ def asked(monkeypatch, stored):
         faults = run.get_file(order.faults, "faults") if order.faults is not None else None
         run.check_request(graph, faults, run.parse_overrides(order.overrides))
         orders.append(order)
-        return SimpleNamespace(workspace=workspace.root, goal=SimpleNamespace(goal=GOAL))
+        fold = RunFold(workspace, GoalId(GOAL), read_ledger(stored))
+        return run.build_report(fold, 1.0)
 
     monkeypatch.setattr(run, "run_goal", run_goal)
     return orders

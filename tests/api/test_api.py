@@ -220,7 +220,7 @@ def test_nothing_that_a_document_says_becomes_markup(demo):
 def test_a_run_orders_what_the_command_orders(asked, monkeypatch, paos, tmp_path):
     from phyagentos.cli import mission_run as shown
 
-    goal = library.run(
+    report = library.run(
         "tidy_table",
         seed=3,
         workspace=str(tmp_path / "w"),
@@ -234,7 +234,7 @@ def test_a_run_orders_what_the_command_orders(asked, monkeypatch, paos, tmp_path
         pictures=False,
         trust_python=True,
     )
-    assert (goal.id, goal.verdict) == (GOAL, "success")
+    assert (report.goal.goal, report.goal.verdict) == (GOAL, "success")
 
     class Noted(Exception): ...
 

@@ -22,7 +22,8 @@ def count_misses(root: str) -> dict[str, int]:
     return misses
 
 
-goal: paos.GoalView = paos.run("tidy_table", seed=7, faults="slip", overrides={"targets.arm": "ur5e"})
+report = paos.run("tidy_table", seed=7, faults="slip", overrides={"targets.arm": "ur5e"})
+goal: paos.GoalView = paos.open_workspace(report.workspace).goals["tidy_table-7"]
 print(paos.open_workspace(goal.workspace).replay("red").tree_at(1.0)["pick_and_place"].lower(), goal.graph.title)
 """
 

@@ -153,7 +153,6 @@ def test_memory_is_left_alone_or_read_or_grows(pursue, tmp_path):
     case = {"thing": "mark", "place": "mark", "scene": "counter", "skill": "advance", "target": "counter", "body": body}
     failed = make_episode(ok=False, **case)
     memory.record([failed, make_episode(parent=failed, strategy=SLOW, skill="advance")])
-    memory.close()
 
     def count_records():
         return sum(path.stat().st_size for path in (tmp_path / "memory").rglob("*.md"))

@@ -9,20 +9,25 @@ from pathlib import Path
 import pytest
 import yaml
 
-from benchmarks.recovery_parts.trials import draw as draw_trial
-from benchmarks.unseen_parts import drawn as unseen_drawn
-from benchmarks.unseen_parts.cases import Case, Node
-from benchmarks.unseen_parts.feasible import find_ambiguity, find_contradiction, list_obstacles
+from benchmarks.oracle.feasible import find_ambiguity, find_contradiction, list_obstacles
+from benchmarks.oracle.scorers import UNSEEN
 from benchmarks.unseen_parts.figures import Tally, find_interval
-from benchmarks.unseen_parts.files import render_goal, render_scene, write_project
-from benchmarks.unseen_parts.forms import KINDS, Form, Solid, find_euler, make_box, make_vessel, rotate
-from benchmarks.unseen_parts.goals import draw_case
 from benchmarks.unseen_parts.records import NodeRecord, SessionRecord, begin_record, mark_open
-from benchmarks.unseen_parts.rooms import Room, Thing, find_twin
+from benchmarks.worlds import projects
+from benchmarks.worlds.cases import Case, Node
+from benchmarks.worlds.files import render_goal, render_scene
+from benchmarks.worlds.forms import KINDS, Form, Solid, find_euler, make_box, make_vessel, rotate
+from benchmarks.worlds.goals import draw_case
+from benchmarks.worlds.rooms import Room, Thing, find_twin
+from benchmarks.worlds.trials import draw as draw_trial
+from phyagentos.bench.records import EpisodeRecord
 from phyagentos.operations.lint import lint_paths
 
-PARTS = Path(unseen_drawn.__file__).parent
-PURE = ("forms", "rooms", "cases", "faults", "impossible", "goals", "feasible", "judge", "records")
+PARTS = Path(projects.__file__).parents[1]
+PURE = (
+    *(f"worlds.{name}" for name in ("forms", "rooms", "cases", "faults", "impossible", "goals", "instances", "files")),
+    *(f"oracle.{name}" for name in ("moment", "predicates", "acceptance", "conditions", "feasible", "skill_facts")),
+)
 
 CASES = [draw_case(seed) for seed in range(160)]
 
@@ -34,10 +39,11 @@ def test_seed_gives_the_same_case_whatever_was_drawn_before():
 
 @pytest.mark.slow
 def test_scenes_goals_and_faults_pass_lint(tmp_path):
-    write_project(CASES[:12], tmp_path)
-    found = lint_paths([tmp_path])
+    for case in CASES[:6]:
+        projects.write_case(case, tmp_path / case.name)
+    found = lint_paths([tmp_path / case.name for case in CASES[:6]])
     assert not found.problems
-    assert len(found.checked) == 25
+    assert len(found.checked) == 18
 
 
 def test_all_twelve_kinds_and_all_sorts_of_nodes_and_faults_are_drawn():
@@ -76,10 +82,10 @@ def test_sizes_and_masses_are_those_that_are_asked():
 
 @pytest.mark.parametrize("module", PURE)
 def test_judge_and_feasibility_import_nothing_of_the_package(module):
-    tree = ast.parse((PARTS / f"{module}.py").read_text())
+    tree = ast.parse((PARTS / f"{module.replace('.', '/')}.py").read_text())
     names = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
     names += [str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    own = {f"benchmarks.unseen_parts.{name}" for name in PURE}
+    own = {f"benchmarks.{name}" for name in PURE}
     assert not [name for name in names if name.startswith("phyagentos")]
     assert not [name for name in names if name.startswith("benchmarks") and name not in own]
 
@@ -181,14 +187,19 @@ def test_one_thing_is_not_in_two_vessels():
 
 
 def make_session(verdict, truth, **rest):
-    told = {"id": "g.n1", "node": "n1", "skill": "pick", "attempt": 0, "cause": "", "code": "", "reason": ""}
+    told = {"id": "g.n1", "node": "n1", "skill": "pick", "attempt": 0}
+    told |= {"target": "panda", "objective": "", "state": "", "bundle": ""}
     return SessionRecord(verdict=verdict, truth=truth, **told | rest)
 
 
 def make_record(seed, *sessions, feasible="yes", verdict="success", truth="met", **rest):
     node = NodeRecord(name="n1", skill="pick", feasible=feasible, why="", first=truth == "met")
     told = {"nodes": (node,), "sessions": sessions, "feasible": feasible, "verdict": verdict, "truth": truth}
-    return begin_record(CASES[seed], "unseen", ended="over", reason="because", **told | rest)
+    return begin_record(CASES[seed], make_episode(), **told | {"reason": "because"} | rest)
+
+
+def make_episode(**rest):
+    return EpisodeRecord(id="unseen-1", task="unseen", seed=1, at="", folder="", **rest)
 
 
 def test_figures_count_verdicts_against_truth():
@@ -198,7 +209,7 @@ def test_figures_count_verdicts_against_truth():
         make_record(5, make_session("replan", "met"), make_session("replan", "open"), verdict="failure", truth="unmet"),
         make_record(6, feasible="no", verdict="failure", truth=""),
         make_record(8, make_session("replan", "unmet", moved=True), feasible="no", verdict="failure", truth="unmet"),
-        begin_record(CASES[9], "unseen", ended="hung"),
+        begin_record(CASES[9], make_episode(ended="hung")),
     ]
     figures = Tally(records).build_figures()
     assert figures["goals"] == 6
@@ -258,16 +269,16 @@ def test_interval_is_exact():
     assert find_interval(0, 0) == (0.0, 1.0)
 
 
-@pytest.mark.parametrize("drawn", [unseen_drawn.draw_unseen, unseen_drawn.draw_slick, draw_trial])
+@pytest.mark.parametrize("drawn", [projects.draw_unseen, projects.draw_slick, draw_trial])
 def test_a_drawn_project_tells_its_scorer_which_case_it_is_and_passes_lint(drawn, tmp_path):
     seed = 1_500_006
     graph = drawn(seed, tmp_path / "project")
-    case = unseen_drawn.read_case(tmp_path / "project")
+    case = projects.read_case(tmp_path / "project")
     assert not lint_paths([tmp_path / "project"]).problems
     assert (case.seed, graph.stem) == (seed, case.name)
     assert yaml.safe_load(graph.read_text())["accept"] == list(case.accept)
     assert len(yaml.safe_load((tmp_path / "project" / "faults.yaml").read_text())["faults"]) == len(case.faults)
-    assert unseen_drawn.JUDGE.score({"goal": "accept"}, tmp_path / "workspace", None) == {"goal": False}
+    assert UNSEEN.score({"goal": "accept"}, tmp_path / "workspace", None) == {"goal": False}
 
 
 def test_a_seed_that_gives_no_goal_to_recover_in_names_the_next_one(tmp_path):

@@ -4,9 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from benchmarks.unseen_parts.forms import Form, Solid, make_box, make_vessel
-from benchmarks.unseen_parts.judge import Judge
-from benchmarks.unseen_parts.rooms import Room, Spot, Thing
+from benchmarks.oracle.acceptance import list_places
+from benchmarks.oracle.moment import Moment
+from benchmarks.oracle.predicates import Judge
+from benchmarks.worlds.forms import Form, Solid, make_box, make_vessel
+from benchmarks.worlds.rooms import Room, Spot, Thing
 
 pytestmark = pytest.mark.sim
 
@@ -40,6 +42,8 @@ MODEL = mujoco.MjModel.from_xml_string(
     "<geom type='box' size='0.01 0.01 0.03' friction='2 0.1 0.1'/></body>"
     "<body name='right_finger' pos='-0.5 -0.06 0.3'><joint name='r' type='slide' axis='0 1 0'/>"
     "<geom type='box' size='0.01 0.01 0.03' friction='2 0.1 0.1'/></body>"
+    "<body name='drawer' pos='-0.8 0 0'><joint name='d' type='slide' axis='1 0 0' range='0 0.2'/>"
+    "<geom type='box' size='0.05 0.05 0.05' mass='1'/></body>"
     + render("tray", TRAY, fixed=True)
     + "".join(render(name, form) for name, form in FORMS.items())
     + "</worldbody><actuator><motor joint='l'/><motor joint='r'/></actuator></mujoco>"
@@ -57,7 +61,7 @@ HOME = {
 ON_SIDE = (np.cos(np.pi / 4), 0, np.sin(np.pi / 4), 0)
 
 
-def make_state(*, settles_s=0.3, quats=None, speeds=None, grips=False, **places):
+def make_state(*, settles_s=0.3, opening_m=0.0, quats=None, speeds=None, grips=False, **places):
     """(n,) state vector after things have been put somewhere and come to rest."""
     data = mujoco.MjData(MODEL)
     for name, at in (HOME | places).items():
@@ -69,6 +73,7 @@ def make_state(*, settles_s=0.3, quats=None, speeds=None, grips=False, **places)
     else:
         data.qpos[MODEL.jnt_qposadr[MODEL.joint("l").id]] = 0.3
         MODEL.opt.gravity[2] = -9.81
+    data.qpos[MODEL.jnt_qposadr[MODEL.joint("d").id]] = opening_m
     fingers = [MODEL.jnt_dofadr[MODEL.joint(name).id] for name in "lr"]
     for _ in range(round(settles_s / 0.002)):
         if not grips:
@@ -88,8 +93,9 @@ IN_TRAY = {"cube": (0.5, 0.3, 0.026)}
 ON_BLOCK = {"cube": (0.6, 0.0, 0.041)}
 
 
-def judge(text, now=None, before=None):
-    return Judge(ROOM, MODEL, START if now is None else now, START if before is None else before).judge(text)
+def judge(text, now=None, before=None, *broken, is_live=False):
+    moments = (Moment(MODEL, START if state is None else state) for state in (now, before))
+    return Judge(*list_places(ROOM), *moments, frozenset(broken), is_live=is_live).judge(text)
 
 
 @pytest.mark.parametrize(
@@ -107,6 +113,8 @@ def judge(text, now=None, before=None):
         ("fallen(can)", {"can": (0.5, -0.1, 0.02)}, {"quats": {"can": ON_SIDE}}),
         ("moved(cube)", IN_TRAY, {}),
         ("exists(ball) and visible(ball)", {}, {}),
+        ("closed(drawer)", {}, {"opening_m": 0.018}),
+        ("open(drawer)", {}, {"opening_m": 0.182}),
         ("visible(ball)", {"ball": (0.74, 0.64, 0.02)}, {}),  # at the side of one picture, which is wider than high
         ("tilt(can) <= 0.1", {}, {}),
         ("height(cube) >= 0.01", ON_BLOCK, {}),
@@ -146,6 +154,8 @@ def test_what_is_so_is_true_and_its_negation_false(text, places, more):
         ("visible(ball)", {"ball": (0.3, 0.2, -0.5)}, {"settles_s": 0.0}),
         ("visible(ball)", {"ball": (0.95, 0.5, 0.02)}, {}),  # beside every picture
         ("exists(nothing)", {}, {}),
+        ("closed(drawer)", {}, {"opening_m": 0.022}),
+        ("open(drawer)", {}, {"opening_m": 0.178}),
         ("tilt(can) >= 0.1", {}, {}),
         ("height(cube) >= 0.01", {}, {}),
         ("distance(cube, block) >= 0.25", {}, {}),
@@ -180,7 +190,13 @@ def test_what_two_honest_judges_may_differ_about_is_open():
 
 @pytest.mark.parametrize(("broken", "low", "high"), [((), 1, 99), (("left", "right"), 1, 99), (("*",), 0, 0)])
 def test_what_only_a_broken_camera_has_in_view_is_open(broken, low, high):
-    assert low <= Judge(ROOM, MODEL, START, START, frozenset(broken)).judge("visible(ball)") <= high
+    assert low <= judge("visible(ball)", START, START, *broken) <= high
+
+
+@pytest.mark.parametrize(("is_live", "answer"), [(False, 0), (True, -99)])
+def test_what_was_in_view_before_is_open_unless_this_moment_alone_is_asked_about(is_live, answer):
+    gone = make_state(ball=(0.3, 0.2, -0.5), settles_s=0.0)
+    assert judge("visible(ball)", gone, START, is_live=is_live) == answer
 
 
 def test_how_a_cube_stands_is_open_where_another_of_its_faces_is_down():

@@ -30,7 +30,6 @@ COMMANDS = [
 def lesson(replanned):
     memory = Memory(replanned.workspace.memory, clock=SystemClock(), by="test", durable=False)
     memory.record(make_correction())
-    memory.close()
     return next(iter(memory.experience.corrections))
 
 

@@ -46,8 +46,7 @@ def proved(tmp_path):
             memory.record(make_chain(number, lesson))
         return workspace, memory, memory.experience.corrections[lesson]
 
-    yield prove
-    memory.close()
+    return prove
 
 
 def make(workspace, memory, lesson):
@@ -90,8 +89,7 @@ def test_a_skill_that_people_wrote_is_not_taken_out(paos, tmp_path):
 
 
 def test_nothing_is_written_where_too_few_starts_are_known(proved, paos, tmp_path):
-    workspace, memory, lesson = proved(18)
-    memory.close()
+    workspace, _, lesson = proved(18)
     result = paos(
         "memory", "promote", lesson.id, "-w", workspace.root, "--name", "u", "--into", tmp_path, "--trials", 99
     )

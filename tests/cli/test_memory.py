@@ -18,7 +18,6 @@ def remembered(tmp_path):
     memory = Memory(workspace.memory, clock=SystemClock(), by="test", durable=False)
     pair = make_correction()
     memory.record([*pair, *make_correction(thing="tin", ok=False), make_episode(thing="cube")])
-    memory.close()
     return workspace.root, pair
 
 

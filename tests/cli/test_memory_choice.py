@@ -74,7 +74,6 @@ def test_paos_memory_of_a_workspace_shows_the_memory_that_it_has(project, worksp
     chosen = choose_memory(workspace, project)
     memory = Memory(chosen.folder / "memory", clock=SystemClock(), by="test", durable=False)
     memory.record(make_correction())
-    memory.close()
     assert "soap" in paos("memory", "show", "-w", workspace.root).out
     assert "soap" in paos("memory", "show", "-w", chosen.folder).out
 
@@ -115,4 +114,3 @@ def test_two_runs_at_once_that_are_killed_in_the_middle_leave_whole_batches(tmp_
     failures = sum(not each.is_success for each in memory.read_all())
     assert 2 * failures == len(memory.read_all()), "every batch is whole"
     assert memory.record(make_correction())
-    memory.close()

@@ -81,6 +81,16 @@ def test_a_run_of_ones_own_project_executes_it_as_it_executes_leaves(project):
     ]
 
 
+def test_a_suite_of_ones_own_project_knows_it(paos, project):
+    (project / "suite.yaml").write_text(
+        "suite: reach\nobjective: A reach.\nscorer: simulator\nseeds: [1]\ntasks:\n"
+        "  out: {graph: reach_out, score: {red: {in_tray: [red_cube, red_tray]}}}\n"
+    )
+
+    assert (done := paos("bench", "run", "suite.yaml", "--dry-run")).code == 0, done.err
+    assert "1 episodes" in done.out
+
+
 def test_a_workspace_carries_a_copy_which_elsewhere_runs_only_with_the_option(project, tmp_path, monkeypatch):
     workspace = Workspace.create(tmp_path / "w", open_library())
     assert (workspace.library_root / "predicates" / "far_out.py").is_file()

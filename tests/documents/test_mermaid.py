@@ -248,5 +248,5 @@ def test_a_leaf_of_any_name_is_one_node_with_that_name(parse):
     (answer,) = parse([render_tree(Drawing(kind="sequence", id="root", name="root", children=leaves))])
 
     shown = [(" ".join(leaf.label.split()), " ".join(leaf.ports[0].split())) for leaf in leaves]
-    assert show(answer)[1:] == [f"{label}<br>{port}" for label, port in shown]
+    assert show(answer)[1:] == [f"<b>{label}</b><br>{port}" for label, port in shown]
     assert answer["edges"] == len(names)

@@ -56,7 +56,7 @@ root:
             - for_each: {each: $two, in: [red_cube, "true"], child: {locate: {object: $two}}}
             - strange_leaf: {a: true, b: "true", c: [1, 2.5], d: "${object}", e: "{x}", f: "a $(x)", g: '"', i: ""}
             - subtree: {tree: home}
-            - subtree: {tree: free_hand, name: free, with: {object: $object}}
+            - subtree: {tree: free_hand, name: free, with: {object: '${object}'}}
             - subtree: {tree: free_hand, with: {object: blue_cube}}
 """
 
@@ -348,7 +348,7 @@ def test_a_tree_drawn_with_explicit_tags_and_short_keys_becomes_yaml(paos, tmp_p
     assert (result.code, result.err, result.out) == (0, "", f"{tmp_path}/trees/show.yaml\n")
     assert (tmp_path / "trees" / "show.yaml").read_text() == (
         "tree: show\ndescription: Show a thing.\ninputs:\n  object: {type: entity, description: It.}\nroot:\n"
-        "  sequence:\n    children:\n    - locate: {object: $object}\n    - {condition: 'visible(${object})'}\n"
+        "  sequence:\n    children:\n    - locate: {object: '${object}'}\n    - {condition: 'visible(${object})'}\n"
         "    - subtree: {tree: home}\n"
     )
 

@@ -8,12 +8,14 @@ pytestmark = pytest.mark.journey
 
 
 def test_a_script_runs_a_goal_to_its_verdict_and_reads_what_happened(tmp_path):
-    goal = paos.run("press_button", seed=7, workspace=tmp_path / "w")
+    report = paos.run("press_button", seed=7, workspace=tmp_path / "w")
 
-    assert (goal.id, goal.verdict, goal.workspace) == ("press_button-7", "success", tmp_path / "w")
-    (session,) = goal.sessions
+    assert report.goal is not None
+    assert (report.goal.goal, report.goal.verdict, report.exit_code) == ("press_button-7", "success", 0)
+    assert report.workspace == str(tmp_path / "w")
+    workspace = paos.open_workspace(report.workspace)
+    (session,) = workspace.goals["press_button-7"].sessions
     assert (session.node, session.state, session.verdict) == ("press", "succeeded", "success")
-    workspace = paos.open_workspace(goal.workspace)
     assert "press_button-7: success" in workspace.why()
     replay = workspace.replay("press")
     assert abs(replay.pose(replay.time_s[-1]).qpos - replay.qpos[0]).max() > 0.005  # the button has moved

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.eyes import is_in_box
+from benchmarks.oracle.conditions import is_in_box
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.scorers.simulator_state import is_in_tray

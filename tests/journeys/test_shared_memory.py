@@ -27,7 +27,6 @@ def test_a_lesson_of_another_workspace_changes_the_session_and_task_md_names_it(
     memory = Memory(shared / "memory", clock=SystemClock(), by="another workspace")
     memory.record(make_correction(thing="cube", scene="tabletop/cubes_and_trays"))
     known = set(memory.experience.corrections)
-    memory.close()
 
     done = paos("run", GRAPH, "--seed", 1, "--workspace", root, "--memory", shared, "--no-pictures", "--json")
     assert done.returncode == 0, done.stdout + done.stderr

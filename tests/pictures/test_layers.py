@@ -6,8 +6,9 @@ from xml.etree import ElementTree
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyagentos.pictures.layers import Arrow, Box, draw_layers
+from phyagentos.pictures.layers import draw_layers
 from phyagentos.pictures.statechart import draw_statechart
+from phyagentos.protocol.documents.flowchart import Arrow, Box
 from phyagentos.protocol.sessions.lifecycle import SessionState
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -32,7 +33,7 @@ def test_what_comes_first_stands_above(pairs):
 
 @given(st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs"), exclude_characters="￾￿")))
 def test_every_text_is_data(text):
-    svg = draw_layers([Box(name="a", title=text, below=text, link=f"#{text}", hint=text)], [], text)
+    svg = draw_layers([Box(name="a", title=text, below=[text], link=f"#{text}", hint=text)], [], text)
     (title, *_) = [each.text for each in ElementTree.fromstring(svg).iter(f"{SVG}title")]
     assert (title or "") == text
 

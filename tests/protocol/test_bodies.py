@@ -47,10 +47,11 @@ def test_numbers_that_are_equal_are_not_taken_for_each_other():
 
 @given(BODIES)
 def test_libyaml_reads_the_same_as_our_own_reader(body):
-    text = render_yaml(body)
+    record = render_body(body).removeprefix("\n```yaml\n").removesuffix("```\n")
 
-    assert yaml.load(text, Loader=yaml.CSafeLoader) == body
-    assert yaml.safe_load(text) == body
+    for text in (render_yaml(body), record):
+        assert yaml.load(text, Loader=yaml.CSafeLoader) == body
+        assert yaml.safe_load(text) == body
 
 
 @given(BODIES)
@@ -73,6 +74,11 @@ def test_no_value_can_close_the_fence_early(body):
 )
 def test_yaml_that_somebody_else_wrote_is_read_by_libyaml(text, value):
     assert parse_body(f"\n```yaml\n{text}```\n") == value
+
+
+@given(BODIES)
+def test_a_body_of_earlier_versions_is_read(body):
+    assert parse_body(f"\n```yaml\n{render_yaml(body)}```\n") == body
 
 
 def test_a_record_without_a_fence_has_no_body():

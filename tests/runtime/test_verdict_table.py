@@ -1,13 +1,11 @@
-"""The truth table's generator and its other eye, on few cases."""
+"""The truth table's generator, on few cases."""
 
-import mujoco
-import numpy as np
 import pytest
 
 from benchmarks import verdicts
+from benchmarks.oracle.scorers import LET_GO
 from benchmarks.recorded import open_robot
 from benchmarks.verdict_parts.cases import FAILURES, SUCCESS, UNPLANNED
-from benchmarks.verdict_parts.eye import Eye
 from benchmarks.verdict_parts.recordings import Studio, list_jobs
 from benchmarks.verdict_parts.sensing import make_sensing
 from benchmarks.verdict_parts.table import build_figures, rate_false_failure, rate_false_success
@@ -15,21 +13,6 @@ from benchmarks.verdict_parts.worlds import World
 from phyagentos.protocol.sessions.verdicts import Verdict
 
 pytestmark = pytest.mark.motion
-
-BOX = """
-<mujoco>
-  <worldbody>
-    <body name="tray" pos="0.5 0 0">
-      <geom name="floor" type="box" size="0.1 0.1 0.005" pos="0 0 0.005"/>
-    </body>
-    <body name="cube" pos="0.5 0 0.03">
-      <freejoint/>
-      <geom name="cube" type="box" size="0.02 0.02 0.02" mass="0.1"/>
-    </body>
-  </worldbody>
-</mujoco>
-"""
-INTERIOR = {"tray": (np.array([0.0, 0.0, 0.03]), np.array([0.09, 0.09, 0.02]))}
 
 
 @pytest.fixture(scope="module")
@@ -43,38 +26,6 @@ def recorded(robot, tmp_path_factory):
     studio = Studio(robot, tmp_path_factory.mktemp("recorded"))
     wanted = {"pick", "pick_and_place", "close_drawer"}
     return [studio.record(job, 11) for job in list_jobs(0) if job.name in wanted]
-
-
-def look(position, quaternion=(1, 0, 0, 0), *texts):
-    model = mujoco.MjModel.from_xml_string(BOX)
-    data = mujoco.MjData(model)
-    before = data.qpos.copy()
-    data.qpos[:] = [*position, *quaternion]
-    mujoco.mj_step(model, data, 300)
-    mujoco.mj_forward(model, data)
-    return Eye(model, before, (), INTERIOR).judge(data, texts)
-
-
-@pytest.mark.parametrize(
-    ("position", "text", "met"),
-    [
-        ((0.5, 0.0, 0.03), "inside(cube, tray)", True),
-        ((0.5, 0.0, 0.03), "on(cube, tray)", True),
-        ((0.5, 0.0, 0.03), "not moved(cube)", True),
-        ((0.53, 0.0, 0.03), "moved(cube)", True),
-        ((0.53, 0.0, 0.03), "at(cube, (0.53, 0, 0.03), 0.02)", True),
-        ((0.3, 0.0, 0.03), "inside(cube, tray) or on(cube, tray)", False),
-        ((0.5, 0.0, 0.03), "visible(cube)", True),
-    ],
-)
-def test_the_other_eye_reads_raw_state(position, text, met):
-    answer = look(position, (1, 0, 0, 0), text)
-    assert (answer.met, answer.is_decided) == (met, True)
-
-
-def test_what_lies_near_a_tolerance_is_left_undecided():
-    assert not look((0.5 + 0.0155, 0.0, 0.03), (1, 0, 0, 0), "moved(cube)").is_decided
-    assert look((0.5 + 0.0250, 0.0, 0.03), (1, 0, 0, 0), "moved(cube)").is_decided
 
 
 def test_every_shipped_skill_has_cases_and_every_class_that_was_asked_for_exists():
@@ -96,7 +47,7 @@ def test_on_the_truth_no_verdict_is_wrong_and_the_controller_is(robot, recorded)
     outcomes = []
     for one in recorded:
         world = World.open(robot, one)
-        eye, sensings = verdicts.open_eye(robot, world), [make_sensing("truth", robot, world)]
+        eye, sensings = verdicts.open_eye(world), [make_sensing("truth", robot, world)]
         success = UNPLANNED if one.job.fault else SUCCESS
         for index, kind in enumerate((success, *(() if one.job.fault else FAILURES[one.job.name]))):
             outcomes += verdicts.judge_case(world, eye, kind, sensings, index)
@@ -110,8 +61,15 @@ def test_on_the_truth_no_verdict_is_wrong_and_the_controller_is(robot, recorded)
 
 def test_cameras_tell_which_thing_is_in_the_hand(robot, recorded):
     world = World.open(robot, next(one for one in recorded if one.job.name == "pick"))
-    eye, sensings = verdicts.open_eye(robot, world), [make_sensing("nominal", robot, world)]
+    eye, sensings = verdicts.open_eye(world), [make_sensing("nominal", robot, world)]
     kinds = (SUCCESS, *(kind for kind in FAILURES["pick"] if kind.name in {"wrong object", "closed on air"}))
     outcomes = [o for kind in kinds for o in verdicts.judge_case(world, eye, kind, sensings, 5)]
     assert [(each.met, each.accepted) for each in outcomes] == [(True, True), (False, False), (False, False)]
     assert {each.attempt.sensing for each in outcomes} == {"perceived"}
+
+
+@pytest.mark.parametrize(("skill", "is_let_go"), [("pick_and_place", True), ("pick", False)])
+def test_an_object_counts_as_put_down_in_its_tray_and_not_while_it_is_held(skill, is_let_go, recorded):
+    bundle = next(one.bundle for one in recorded if one.job.skill == skill and not one.job.fault)
+    asked = {"cube": ["red_cube", "red_tray"]}
+    assert LET_GO.score(asked, bundle.folder.parents[1], bundle.folder) == {"cube": is_let_go}

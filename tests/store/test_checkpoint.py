@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
 from phyagentos.store import ledger as ledger_module
-from phyagentos.store.admission_cache import IdFilter
 from phyagentos.store.checkpoint import NAME, find_checkpoint, find_checkpoint_seq, start_reading
 from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Entry, IllegalEvent, Journal
@@ -315,15 +314,6 @@ def test_a_process_that_submits_nothing_forgets_too_and_recalls(open_journal, su
         with pytest.raises(IllegalTransition, match="in state 'cancelled'"):
             operator.commit([submit(id, goal="")])
     assert operator.commit([submit("s60", goal="")])
-
-
-def test_a_filter_holds_every_id_and_few_others():
-    ids = IdFilter()
-    for number in range(20_000):
-        ids.add(f"tidy-{number}.red")
-
-    assert all(f"tidy-{number}.red" in ids for number in range(20_000))
-    assert sum(f"tidy-{number}.blue" in ids for number in range(20_000)) < 20
 
 
 def test_a_checkpoint_that_names_a_journal_elsewhere_is_not_used(tmp_path, submit):

@@ -212,7 +212,7 @@ def test_the_graph_is_quoted_mermaid_coloured_by_state():
         '    n0["<b>end</b><br/>past"]:::past',
         '    n1["<b>end.r1</b><br/>done"]:::done',
         '    n2["<b>a #quot;b#quot; #lt;c#gt;#59; #96;d#96; #35;e</b><br/>waiting"]:::waiting',
-        "    n0 -- clears --> n1",
+        '    n0 -- "clears" --> n1',
         "    n1 --> n2",
     ]
     assert {line.split()[1] for line in lines[6:]} == {*NodeState, "past"}

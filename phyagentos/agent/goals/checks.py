@@ -213,7 +213,7 @@ class Checks:
             value = choice.parameters.get(key)
             path = (*node.path, "with", key)
             if value is None:
-                if not parameter.optional and parameter.default is None:
+                if parameter.is_needed:
                     found = f"no {key!r} for skill {runtime.skill!r}"
                     hint = f"Add {key!r}. {parameter.description}".rstrip()
                     yield self.located.problem("MISSING_PARAMETER", (*node.path, "with"), found, parameter.type, hint)

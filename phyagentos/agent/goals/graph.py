@@ -1,7 +1,7 @@
 """The goal graph: a checked DAG of nodes, each bound to a skill and a target. Paper sections 3.3 and 4.1."""
 
 import copy
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -17,7 +17,7 @@ from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.goals.spec import GoalSpec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import find_roles
-from phyagentos.protocol.documents.markdown import escape_label
+from phyagentos.protocol.documents.flowchart import Arrow, Box, render_flowchart
 from phyagentos.protocol.documents.schema import Located, parse_yaml, read_yaml, salvage
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import read_statement
@@ -88,22 +88,14 @@ def check_goal_graph(path: Path, catalogue: Catalogue) -> list[Problem]:
 
 def render_mermaid(graph: GoalGraph) -> str:
     """The DAG as a Mermaid flowchart; data edges carry the names of their outputs, those on failure are dotted."""
-    edges = []
-    for before, after, facts in graph.dag.edges(data=True):
-        arrow = f'-- "{escape_label(", ".join(facts["data"]))}" -->' if facts["data"] else "-->"
-        edges.append((before, '-. "on failure" .->' if facts["on_failure"] else arrow, after))
-    return draw_flowchart({name: (each.skill, each.target) for name, each in graph.choices.items()}, edges)
-
-
-def draw_flowchart(nodes: Mapping[str, tuple[str, str]], edges: Iterable[tuple[str, str, str]]) -> str:
-    """Nodes with skill and target, and edges (from, arrow, to), in Mermaid."""
-    ids = {name: f"n{index}" for index, name in enumerate(nodes)}
-    lines = ["flowchart LR"]
-    for name, (skill, target) in nodes.items():
-        label = f"<b>{escape_label(name)}</b><br/>{escape_label(f'{skill} on {target}')}"
-        lines.append(f'    {ids[name]}["{label}"]')
-    lines += [f"    {ids[before]} {arrow} {ids[after]}" for before, arrow, after in edges]
-    return "\n".join(lines) + "\n"
+    boxes = [
+        Box(name=name, title=name, below=[f"{each.skill} on {each.target}"]) for name, each in graph.choices.items()
+    ]
+    arrows = [
+        Arrow(before, after, "on failure" if facts["on_failure"] else ", ".join(facts["data"]), facts["on_failure"])
+        for before, after, facts in graph.dag.edges(data=True)
+    ]
+    return render_flowchart(boxes, arrows, direction="LR")
 
 
 def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tuple[GoalGraph | None, list[Problem]]:

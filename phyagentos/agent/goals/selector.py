@@ -4,7 +4,7 @@ A wanted predicate is unified with the guarantees of each skill, which binds the
 target remains when the target offers all that the skill needs. Every choice and every refusal keeps its reason.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -106,6 +106,21 @@ def unify(wanted: syntax.Formula, offered: syntax.Formula) -> dict[str, Any] | N
     return {} if wanted == offered else None
 
 
+def bind_guarantee(
+    wanted: syntax.Formula,
+    runtime: SkillRuntime,
+    parameters: dict[str, Any],
+    bind: Callable[[syntax.Formula, syntax.Formula], dict[str, Any] | None] = unify,
+) -> str | None:
+    """Add to `parameters` those with which a skill guarantees what is wanted; its guarantee, None without one."""
+    for text in runtime.guarantees:
+        bound = bind(wanted, parse_predicate(text, template=True).formula)
+        if bound is not None and all(parameters.get(key, value) == value for key, value in bound.items()):
+            parameters.update(bound)
+            return text
+    return None
+
+
 def _unify_term(term: syntax.Term, pattern: syntax.Term, bound: dict[str, Any]) -> bool:
     if not isinstance(pattern, syntax.Variable):
         return term == pattern
@@ -157,20 +172,13 @@ def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, Any])
     used: list[str] = []
     parts = wanted.formula.parts if isinstance(wanted.formula, syntax.And) else (wanted.formula,)
     for part in parts:
-        for text in runtime.guarantees:
-            bound = unify(part, parse_predicate(text, template=True).formula)
-            if bound is not None and all(parameters.get(key, value) == value for key, value in bound.items()):
-                parameters.update(bound)
-                used.append(text)
-                break
-        else:
-            return (
-                f"it does not guarantee {Predicate(part)}; it guarantees {'; '.join(runtime.guarantees) or 'nothing'}"
-            )
+        if (text := bind_guarantee(part, runtime, parameters)) is None:
+            offered = "; ".join(runtime.guarantees) or "nothing"
+            return f"it does not guarantee {Predicate(part)}; it guarantees {offered}"
+        used.append(text)
     parameters.pop("target", None)
-    for key, parameter in runtime.parameters.items():
-        if key not in parameters and not parameter.optional and parameter.default is None:
-            return f"parameter {key!r} follows neither from the guarantee nor from 'with'"
+    if missing := [key for key in runtime.needed if key not in parameters]:
+        return f"parameter {missing[0]!r} follows neither from the guarantee nor from 'with'"
     if unknown := [key for key in parameters if key not in runtime.parameters]:
         return f"it has no parameter {unknown[0]!r}"
     return parameters, " and ".join(used)

@@ -149,7 +149,7 @@ class MemoryAdvisor:
             strategy = strategy.join(promoted.strategy)
             reasons.append(f"{promoted.strategy}: promoted, {promoted.count} ({promoted.id})")
             sources.append(promoted.id)
-        reasons += [f"{Risk.HIGH} risk: {each.code} in {each.events} sessions ({each.id})" for each in warned]
+        reasons += [f"{Risk.HIGH} risk: {each.code} in {each.count} sessions ({each.id})" for each in warned]
         if not reasons:
             return NOTHING
         version = f"as of {self._known.version}"

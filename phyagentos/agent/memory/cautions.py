@@ -6,53 +6,56 @@ contract as a sentence. What helps against it is learned as any other correction
 
 import msgspec
 
+from phyagentos.agent.memory.entries import Entry, name_objects
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.scopes import compute_id, compute_scope
-from phyagentos.agent.memory.semantic import Count
-from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.lessons import Lesson
+from phyagentos.protocol.sessions.memory_entries import Risk, Standing
 
-LATEST_KEPT = 5  # sessions and bundles that are named
+SESSIONS_KEPT = 5  # that are named
 RARE = 0.1  # share of sessions that surely is not exceeded before a caution lapses
 
 
-class Caution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One kind of safety event in one scope.
+class Caution(Entry, frozen=True, kw_only=True, omit_defaults=True):
+    """One kind of safety event in one scope; a session in which it happened speaks for it.
 
     Attributes:
         code: What happened (`ESTOPPED`, `HOLD_VIOLATED`, a broken limit).
-        events: Sessions in the scope that it happened in, of all since the first.
     """
 
-    id: str
-    scope: Scope
     code: str
     objective: str = ""
-    events: Count = Count()
     sessions: tuple[str, ...] = ()
-    evidence: tuple[str, ...] = ()
-    last_seq: int = 0
-    state: Standing = Standing.ACTIVE
-    reason: str = ""
-    note: str = ""
-    amended: Scope | None = None
-    by: str = ""
-
-    @property
-    def where(self) -> Scope:
-        """Its scope, as amended."""
-        return self.amended or self.scope
 
     def add(self, episode: Episode, seq: int) -> "Caution":
         """The caution after one more session in its scope."""
         if self.code not in episode.safety:
-            return msgspec.structs.replace(self, events=self.events.add(success=False))
-        evidence = tuple(dict.fromkeys((*self.evidence, *filter(None, (episode.evidence,)))))
+            return msgspec.structs.replace(self, count=self.count.add(success=False))
         return msgspec.structs.replace(
             self,
-            events=self.events.add(success=True),
-            sessions=(*self.sessions, episode.session)[-LATEST_KEPT:],
-            evidence=evidence[-LATEST_KEPT:],
+            count=self.count.add(success=True),
+            sessions=(*self.sessions, episode.session)[-SESSIONS_KEPT:],
+            evidence=self.join_evidence(episode),
             last_seq=seq,
+        )
+
+    def _weigh(self, seq: int) -> tuple[Standing, str]:
+        """One event is enough, and only many sessions without another end it."""
+        if self.count.interval[1] < RARE:
+            return Standing.EXPIRED, f"it is rare by now: {self.count} sessions"
+        return Standing.ACTIVE, ""
+
+    def describe(self, seq: int) -> Lesson:
+        """Its entry of LESSONS.md at record `seq` of memory."""
+        where = self.where
+        what = f"{where.skill} of {name_objects(where)} by {where.target}"
+        return Lesson(
+            statement=f"{what}: {self.code} in {self.count} sessions.",
+            **self.describe_common(seq),
+            objective=self.objective,
+            cause=self.code,
+            risk=Risk.HIGH,
+            verified_by=self.sessions[-1] if self.sessions else "",
         )
 
 
@@ -63,12 +66,3 @@ def begin(episode: Episode) -> list[Caution]:
         Caution(id=compute_id("caution", scope, code, {}), scope=scope, code=code, objective=episode.objective)
         for code in episode.safety
     ]
-
-
-def judge(caution: Caution) -> tuple[Standing, str]:
-    """Whether the caution counts: one event is enough, and only many sessions without another end it."""
-    if caution.state is Standing.RETRACTED:
-        return Standing.RETRACTED, caution.reason
-    if caution.events.interval[1] < RARE:
-        return Standing.EXPIRED, f"it is rare by now: {caution.events} sessions"
-    return Standing.ACTIVE, ""

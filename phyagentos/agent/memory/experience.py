@@ -8,24 +8,24 @@ from typing import Any
 
 import msgspec
 
-from phyagentos.agent.memory import cautions, methodological, semantic
+from phyagentos.agent.memory import cautions, methodological
 from phyagentos.agent.memory.cautions import Caution
+from phyagentos.agent.memory.entries import Count
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.experience_log import Edit, Event
 from phyagentos.agent.memory.methodological import Correction, Failure
 from phyagentos.agent.memory.scopes import compute_id, compute_scope, find_mismatch, widen
-from phyagentos.agent.memory.semantic import Count, Pattern, Rank
+from phyagentos.agent.memory.semantic import Pattern, find_pattern_id
 from phyagentos.protocol.sessions.knowledge import Fact
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.means import Preparation
-from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
 CORRECTIONS_KEPT = 2_000
 PATTERNS_KEPT = 4_000
 ENTRIES_MAX = 500  # of either document; a longer one is not read
 CAUTIONS_KEPT = 200
-ACCIDENTS_KEPT = 5
 CLEARS = "clear"  # purpose of what changes the world for an attempt; a look changes nothing
 FAILURES_KEPT = 2_000  # that a child may still follow
 SESSIONS_KEPT = 10_000  # that are known to be in
@@ -69,8 +69,8 @@ class Experience(msgspec.Struct, kw_only=True):
 
     def list_lessons(self) -> list[Lesson]:
         """The entries of LESSONS.md: those in force by confidence, then what people retracted, then hypotheses."""
-        lessons = [*map(self._describe_correction, self.corrections.values())]
-        lessons += map(_describe_caution, self.cautions.values())
+        lessons = [*map(self._describe, self.corrections.values())]
+        lessons += (each.describe(self.seq) for each in self.cautions.values())
         lessons.sort(key=lambda lesson: (_ORDER[lesson.state], -lesson.confidence, -lesson.supported, lesson.id))
         return lessons[:ENTRIES_MAX]
 
@@ -78,33 +78,17 @@ class Experience(msgspec.Struct, kw_only=True):
         """The entries of KNOWLEDGE.md: what people added, then what was counted most often."""
         counted = sorted(self.patterns.values(), key=lambda each: (-each.count.trials, each.id))
         facts = sorted(self.facts.values(), key=lambda fact: fact.id)
-        return [*facts, *map(_describe_pattern, counted)][:ENTRIES_MAX]
+        return [*facts, *(each.describe(self.seq) for each in counted)][:ENTRIES_MAX]
 
     def find(self, id: str) -> Lesson | Fact | None:
         """An entry as LESSONS.md or KNOWLEDGE.md shows it."""
-        if (lesson := self.corrections.get(id)) is not None:
-            return self._describe_correction(lesson)
-        if (caution := self.cautions.get(id)) is not None:
-            return _describe_caution(caution)
-        pattern = self.patterns.get(id)
-        return _describe_pattern(pattern) if pattern is not None else self.facts.get(id)
+        if id in self.corrections:
+            return self._describe(self.corrections[id])
+        known = self.cautions.get(id) or self.patterns.get(id)
+        return known.describe(self.seq) if known is not None else self.facts.get(id)
 
-    def _describe_correction(self, lesson: Correction) -> Lesson:
-        state, reason = methodological.judge(lesson, self.seq)
-        where, advice = lesson.where, lesson.advice
-        what_helped = methodological.join_ways(advice or lesson.tried_way, lesson.means)
-        verb = "helps" if state is Standing.ACTIVE else "was tried"
-        return Lesson(
-            statement=f"When {where.skill} of {_name_things(where)} ends with {lesson.cause}, {what_helped} {verb}.",
-            **_describe(lesson, where, lesson.outcomes, state, reason),
-            objective=lesson.objective,
-            cause=lesson.cause,
-            advice=advice,
-            means=lesson.means,
-            risk=where.risk or Risk.NORMAL,
-            verified_by=lesson.chains[-1].corrected if lesson.chains else "",
-            baseline=str(self.find_baseline(lesson)),
-        )
+    def _describe(self, lesson: Correction) -> Lesson:
+        return lesson.describe(self.seq, self.find_baseline(lesson))
 
     def _remember(self, episode: Episode) -> Iterator[str]:
         if episode.key in self.known:  # a session is experienced once
@@ -128,8 +112,10 @@ class Experience(msgspec.Struct, kw_only=True):
                 yield caution.id
 
     def _count(self, episode: Episode) -> Iterator[str]:
-        if (id := semantic.find_pattern_id(episode)) is not None:
-            self.patterns[id] = semantic.extend(self.patterns.pop(id, None), episode, id, self.seq)
+        if (id := find_pattern_id(episode)) is not None:
+            known = self.patterns.pop(id, None)
+            pattern = known or Pattern(id=id, scope=compute_scope(episode), strategy=episode.strategy)
+            self.patterns[id] = pattern.add(episode, self.seq)
             _shrink(self.patterns, PATTERNS_KEPT)
             yield id
         if episode.is_first and episode.is_own_way:
@@ -144,13 +130,7 @@ class Experience(msgspec.Struct, kw_only=True):
         """A first attempt speaks for or against the lessons that advised it."""
         for id in episode.advised_by:
             if (lesson := self.corrections.get(id)) is not None:
-                self.corrections[id] = msgspec.structs.replace(
-                    lesson,
-                    applied=lesson.applied.add(success=episode.is_success),
-                    trial=lesson.trial.add(episode.seed, success=episode.is_success),
-                    accidents=(*lesson.accidents, *([episode.session] if episode.safety else []))[-ACCIDENTS_KEPT:],
-                    last_seq=self.seq if episode.is_success else lesson.last_seq,
-                )
+                self.corrections[id] = lesson.apply(episode, self.seq)
                 yield id
 
     def _follow(self, episode: Episode) -> Iterator[str]:
@@ -205,55 +185,6 @@ class Experience(msgspec.Struct, kw_only=True):
                 note=edit.note,
                 by=edit.by,
             )
-
-
-def _describe(
-    entry: Correction | Caution | Pattern, scope: Scope, count: Count, state: Standing, reason: str
-) -> dict[str, Any]:
-    """What every entry of the two documents has."""
-    return {
-        "id": entry.id,
-        "scope": scope,
-        "evidence": entry.evidence,
-        "supported": count.successes,
-        "contradicted": count.trials - count.successes,
-        "confidence": round(count.interval[0], 3),
-        "state": state,
-        "reason": reason,
-        "note": entry.note,
-        "by": entry.by or "memory",
-    }
-
-
-def _describe_caution(caution: Caution) -> Lesson:
-    where, code = caution.where, caution.code
-    return Lesson(
-        statement=f"{where.skill} of {_name_things(where)} by {where.target}: {code} in {caution.events} sessions.",
-        **_describe(caution, where, caution.events, *cautions.judge(caution)),
-        objective=caution.objective,
-        cause=code,
-        risk=Risk.HIGH,
-        verified_by=caution.sessions[-1] if caution.sessions else "",
-    )
-
-
-def _describe_pattern(pattern: Pattern) -> Fact:
-    scope, count = pattern.scope, pattern.count
-    way = str(pattern.strategy) or "the skill's own way"
-    worst = max(pattern.causes, key=lambda cause: (pattern.causes[cause], cause), default="")
-    failing = f"; most often {worst}" if worst else ""
-    what = f"{scope.skill} of {_name_things(scope)} by {scope.target}, {way}"
-    return Fact(
-        statement=f"{what}: {count} first attempts succeed{failing}.",
-        **_describe(pattern, scope, count, pattern.state, pattern.reason),
-        strategy=pattern.strategy,
-        rate=str(count),
-        promoted=pattern.trial.rank is Rank.PROMOTED and pattern.state is Standing.ACTIVE,
-    )
-
-
-def _name_things(scope: Scope) -> str:
-    return f"{scope.object or 'anything'}{f' to {scope.destination}' if scope.destination else ''}"
 
 
 def _describe_preparation(episode: Episode, before: Failure) -> Preparation:

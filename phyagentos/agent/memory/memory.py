@@ -5,24 +5,24 @@ same snapshot gives the same answers.
 """
 
 import hashlib
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 
-from phyagentos.agent.memory import cautions
+from phyagentos.agent.memory.cache import MemoryCache
 from phyagentos.agent.memory.cautions import Caution
 from phyagentos.agent.memory.episodes import CAUSES_OF_SAFETY
 from phyagentos.agent.memory.experience import Experience
 from phyagentos.agent.memory.experience_log import Event, ExperienceLog, LogPosition
-from phyagentos.agent.memory.index import LessonIndex
-from phyagentos.agent.memory.methodological import Correction, judge
+from phyagentos.agent.memory.methodological import Correction
 from phyagentos.agent.memory.scopes import find_mismatch, measure_width
-from phyagentos.agent.memory.semantic import Pattern, Rank
+from phyagentos.agent.memory.semantic import Pattern
 from phyagentos.clock import Clock
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import Risk, Scope
 from phyagentos.protocol.sessions.strategy import OWN_WAY
 
 FOUND_MAX = 5  # entries that are returned
@@ -68,7 +68,7 @@ class Retrieval:
         found = [
             each
             for each in self.experience.cautions.values()
-            if not find_mismatch(each.where, scope, OWN_WAY) and cautions.judge(each)[0] is Standing.ACTIVE
+            if not find_mismatch(each.where, scope, OWN_WAY) and each.is_active(self.experience.seq)
         ]
         return tuple(sorted(found, key=lambda each: (-each.last_seq, each.id))[:FOUND_MAX])
 
@@ -77,9 +77,8 @@ class Retrieval:
         promoted = [
             pattern
             for pattern in self.experience.patterns.values()
-            if pattern.trial.rank is Rank.PROMOTED
+            if pattern.is_promoted(self.experience.seq)
             and pattern.strategy
-            and pattern.state is Standing.ACTIVE
             and not find_mismatch(pattern.scope, scope, pattern.strategy)
         ]
         return max(promoted, key=lambda pattern: (pattern.count.interval[0], pattern.id), default=None)
@@ -96,7 +95,7 @@ class Retrieval:
         active = sorted(
             (lesson.id, sorted(msgspec.to_builtins(lesson.advice).items(), key=str))
             for lesson in self.experience.corrections.values()
-            if judge(lesson, self.experience.seq)[0] is Standing.ACTIVE
+            if lesson.is_active(self.experience.seq)
         )
         return f"memory/{self.experience.seq}-{hashlib.blake2b(repr(active).encode(), digest_size=4).hexdigest()}"
 
@@ -104,7 +103,7 @@ class Retrieval:
         """The lesson if it counts, holds in the case, and promises more than doing nothing."""
         if find_mismatch(lesson.where, case, lesson.tried_way):
             return None
-        if not (lesson.advice or lesson.means) or judge(lesson, self.experience.seq)[0] is not Standing.ACTIVE:
+        if not (lesson.advice or lesson.means) or not lesson.is_active(self.experience.seq):
             return None
         outcomes, baseline = lesson.outcomes, self.experience.find_baseline(lesson)
         is_risky = risk is Risk.HIGH and lesson.cause not in CAUSES_OF_SAFETY
@@ -126,26 +125,25 @@ class Memory(Retrieval):
 
     def __init__(self, folder: Path, *, clock: Clock, by: str, side: Side = Side.AGENT, durable: bool = True) -> None:
         self._experience_log = ExperienceLog(folder, by=by, side=side, clock=clock, durable=durable)
-        self._index = LessonIndex(folder.parent / ".cache" / f"memory-{self._experience_log.folder.name}.sqlite")
+        self._cache = MemoryCache(folder.parent / ".cache" / f"memory-{self._experience_log.folder.name}.json")
         super().__init__(Experience())
         self._place: LogPosition | None = None
-        if (saved := self._index.load()) is not None:
+        if (saved := self._cache.load()) is not None:
             self.experience, self._place = saved
             try:
                 self.refresh()
             except FileNotFoundError:  # of another log, or of records that are gone
                 self.experience, self._place = Experience(), None
-                self._index.discard()
+                self._cache.discard()
         self.refresh()
 
     def refresh(self) -> set[str]:
         """Take in what has been recorded since the last call; ids of the entries that changed."""
-        is_new = self._place is None
         events, place = self._experience_log.read(self._place)
         changed = self.experience.extend(events)
-        if place is not None and (events or is_new):
+        if place is not None and (events or self._place is None):
             self._place = place
-            self._index.save(self.experience, place, None if is_new else changed)
+            self._cache.save(self.experience, place)
         return changed
 
     def record(self, events: Sequence[Event]) -> set[str]:
@@ -158,9 +156,19 @@ class Memory(Retrieval):
         return [event for _, event in self._experience_log.read()[0]]
 
     def search(self, words: str, *, limit: int = 20) -> tuple[Correction, ...]:
-        """Lessons of any standing about some words, for people."""
-        ids = self._index.find("", words.split(), limit) or []
-        return tuple(self.experience.corrections[id] for id in ids if id in self.experience.corrections)
+        """Lessons of any standing about any of some words, for people; those about most of them first."""
+        wanted = [tokens for word in words.split() if (tokens := _split_words(word))]
+        counted = [
+            (sum(each <= lesson_words for each in wanted), lesson) for lesson, lesson_words in self._iter_words()
+        ]
+        found = sorted((each for each in counted if each[0]), key=lambda each: (-each[0], each[1].id))
+        return tuple(lesson for _, lesson in found[:limit])
+
+    def _iter_words(self) -> Iterator[tuple[Correction, set[str]]]:
+        for lesson in self.experience.corrections.values():
+            scope = lesson.where
+            words = (scope.object, scope.destination, scope.scene, *scope.entities, lesson.cause, lesson.objective)
+            yield lesson, _split_words(" ".join((*words, lesson.note, *lesson.advice.changed)))
 
     def look_back(self, snapshot: str) -> Retrieval | None:
         """What was known at an earlier snapshot; None where the records of that time are gone."""
@@ -169,6 +177,6 @@ class Memory(Retrieval):
         found = Retrieval(earlier)
         return found if found.snapshot == snapshot else None
 
-    def close(self) -> None:
-        """Close the files."""
-        self._index.close()
+
+def _split_words(text: str) -> set[str]:
+    return set(re.findall(r"\w+", text.lower()))

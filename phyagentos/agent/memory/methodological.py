@@ -9,14 +9,17 @@ from typing import Any
 
 import msgspec
 
+from phyagentos.agent.memory.entries import Count, Entry, name_objects
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.scopes import compute_id, compute_scope, measure_width, name_left_out, widen
-from phyagentos.agent.memory.semantic import Count, Trial
+from phyagentos.agent.memory.semantic import Trial
+from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.means import OWN_MEANS, Means, Preparation
-from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
 CHAINS_KEPT = 5  # of failure and verified correction, the latest
+ACCIDENTS_KEPT = 5
 CASES_KEPT = 16  # different cases that a widened lesson was verified in
 CASES_NEEDED = 2  # before a widened lesson counts
 EXPIRES_AFTER = 20_000  # records of memory without a confirmation
@@ -49,20 +52,17 @@ class Chain(msgspec.Struct, frozen=True, kw_only=True):
     corrected: str
 
 
-class Correction(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A lesson while it is learned.
+class Correction(Entry, frozen=True, kw_only=True, omit_defaults=True):
+    """A lesson while it is learned; children that followed a failure with it are counted, and a success verifies it.
 
     Attributes:
         values: Parts of the strategy that were the same every time.
         means: What was done by other means; parameters as in the latest success.
         labels: Lists of the strategy: key -> label -> in how many verified corrections it stood.
-        tried: Children that followed a failure with it; a success verifies it.
         cases: What is left open by the scope, as far as it was verified.
-        last_seq: Record of memory that confirmed it last, or at which it was born.
+        applied: First attempts that it advised.
     """
 
-    id: str
-    scope: Scope
     objective: str
     cause: str
     values: dict[str, Any] = {}
@@ -71,34 +71,21 @@ class Correction(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     goals: tuple[str, ...] = ()
     accidents: tuple[str, ...] = ()
     trial: Trial = Trial()
-    tried: Count = Count()
     applied: Count = Count()
     cases: tuple[str, ...] = ()
     chains: tuple[Chain, ...] = ()
-    evidence: tuple[str, ...] = ()
-    last_seq: int = 0
-    state: Standing = Standing.ACTIVE
-    reason: str = ""
-    note: str = ""
-    amended: Scope | None = None
-    by: str = ""
-
-    @property
-    def where(self) -> Scope:
-        """Its scope, as amended."""
-        return self.amended or self.scope
 
     @property
     def outcomes(self) -> Count:
         """Every verdict that speaks for or against it."""
         return Count(
-            successes=self.tried.successes + self.applied.successes, trials=self.tried.trials + self.applied.trials
+            successes=self.count.successes + self.applied.successes, trials=self.count.trials + self.applied.trials
         )
 
     @property
     def advice(self) -> Strategy:
         """What to do differently; of a list only what stood in half of the verified corrections."""
-        return self._collect(lambda count: 2 * count >= self.tried.successes)
+        return self._collect(lambda count: 2 * count >= self.count.successes)
 
     @property
     def tried_way(self) -> Strategy:
@@ -111,6 +98,47 @@ class Correction(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
             for key, counted in self.labels.items()
         }
         return msgspec.convert({**self.values, **lists}, Strategy)
+
+    def _weigh(self, seq: int) -> tuple[Standing, str]:
+        if not self.count.successes:
+            return Standing.HYPOTHESIS, ""
+        if self.accidents:
+            return Standing.EXPIRED, f"a safety event met {self.accidents[-1]}, which followed it"
+        outcomes = self.outcomes
+        if outcomes.trials >= DOUBTED_FROM and outcomes.mean < DOUBTED_BELOW:
+            return Standing.EXPIRED, f"contradicted: {outcomes} outcomes speak for it"
+        if seq - self.last_seq > EXPIRES_AFTER:
+            return Standing.EXPIRED, f"nothing confirmed it in the last {EXPIRES_AFTER} episodes"
+        if self.amended is None and measure_width(self.scope) and len(self.cases) < CASES_NEEDED:
+            return Standing.HYPOTHESIS, "verified in one case only, not yet beyond it"
+        return Standing.ACTIVE, ""
+
+    def apply(self, episode: Episode, seq: int) -> "Correction":
+        """The lesson after a first attempt that it advised."""
+        return msgspec.structs.replace(
+            self,
+            applied=self.applied.add(success=episode.is_success),
+            trial=self.trial.add(episode.seed, success=episode.is_success),
+            accidents=(*self.accidents, *([episode.session] if episode.safety else []))[-ACCIDENTS_KEPT:],
+            last_seq=seq if episode.is_success else self.last_seq,
+        )
+
+    def describe(self, seq: int, baseline: Count) -> Lesson:
+        """Its entry of LESSONS.md at record `seq` of memory; `baseline` counts first attempts without it."""
+        where, advice = self.where, self.advice
+        what_helped = join_ways(advice or self.tried_way, self.means)
+        verb = "helps" if self.is_active(seq) else "was tried"
+        return Lesson(
+            statement=f"When {where.skill} of {name_objects(where)} ends with {self.cause}, {what_helped} {verb}.",
+            **self.describe_common(seq),
+            objective=self.objective,
+            cause=self.cause,
+            advice=advice,
+            means=self.means,
+            risk=where.risk or Risk.NORMAL,
+            verified_by=self.chains[-1].corrected if self.chains else "",
+            baseline=str(baseline),
+        )
 
 
 def begin_failure(episode: Episode) -> Failure:
@@ -162,9 +190,9 @@ def find_means(failure: Failure, child: Episode) -> Means:
 
 def test(correction: Correction, failure: Failure, child: Episode, seq: int) -> Correction:
     """The lesson after the verdict on a child that followed it."""
-    tried = correction.tried.add(success=child.is_success)
+    count = correction.count.add(success=child.is_success)
     if not child.is_success:
-        return msgspec.structs.replace(correction, tried=tried, last_seq=correction.last_seq or seq)
+        return msgspec.structs.replace(correction, count=count, last_seq=correction.last_seq or seq)
     labels = {key: dict(counted) for key, counted in correction.labels.items()}
     for key, items in _split(child.strategy)[1].items():
         counted = labels.setdefault(key, {})
@@ -173,33 +201,15 @@ def test(correction: Correction, failure: Failure, child: Episode, seq: int) -> 
     case = name_left_out(failure.scope, correction.scope)
     return msgspec.structs.replace(
         correction,
-        tried=tried,
+        count=count,
         labels=labels,
         cases=tuple(dict.fromkeys((*correction.cases, case)))[-CASES_KEPT:],
         chains=(*correction.chains, Chain(failed=failure.root, corrected=child.session))[-CHAINS_KEPT:],
-        evidence=tuple(dict.fromkeys((*correction.evidence, *filter(None, (child.evidence,)))))[-CHAINS_KEPT:],
+        evidence=correction.join_evidence(child),
         last_seq=seq,
         goals=tuple(dict.fromkeys((*correction.goals, *filter(None, (child.graph,)))))[-CASES_KEPT:],
         means=msgspec.structs.replace(correction.means, parameters=find_means(failure, child).parameters),
     )
-
-
-def judge(correction: Correction, seq: int) -> tuple[Standing, str]:
-    """Whether the lesson counts at record `seq` of memory, and why not when not."""
-    if correction.state is Standing.RETRACTED:
-        return Standing.RETRACTED, correction.reason
-    if not correction.tried.successes:
-        return Standing.HYPOTHESIS, ""
-    if correction.accidents:
-        return Standing.EXPIRED, f"a safety event met {correction.accidents[-1]}, which followed it"
-    outcomes = correction.outcomes
-    if outcomes.trials >= DOUBTED_FROM and outcomes.mean < DOUBTED_BELOW:
-        return Standing.EXPIRED, f"contradicted: {outcomes} outcomes speak for it"
-    if seq - correction.last_seq > EXPIRES_AFTER:
-        return Standing.EXPIRED, f"nothing confirmed it in the last {EXPIRES_AFTER} episodes"
-    if correction.amended is None and measure_width(correction.scope) and len(correction.cases) < CASES_NEEDED:
-        return Standing.HYPOTHESIS, "verified in one case only, not yet beyond it"
-    return Standing.ACTIVE, ""
 
 
 def join_ways(strategy: Strategy, means: Means) -> str:

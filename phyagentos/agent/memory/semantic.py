@@ -12,13 +12,12 @@ from enum import StrEnum
 
 import msgspec
 
+from phyagentos.agent.memory.entries import Entry, name_objects
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.scopes import compute_id, compute_scope
-from phyagentos.protocol.sessions.calibration import compute_interval
-from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.knowledge import Fact
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
-EVIDENCE_KEPT = 5  # the latest bundles that are named
 P_BAD, P_GOOD = 0.8, 0.95  # share of first attempts: not good enough, and good enough
 ALPHA, BETA = 0.05, 0.1  # chance to promote a bad one, to turn down a good one
 STARTS_MIN = 8  # different starts that any promotion needs
@@ -28,35 +27,6 @@ GAIN = math.log(P_GOOD / P_BAD)  # of a success, in favour of "good"
 LOSS = math.log((1.0 - P_GOOD) / (1.0 - P_BAD))  # of a failure
 PROMOTES = math.log(1.0 / ALPHA)
 TURNS_DOWN = math.log(BETA / (1.0 - ALPHA))
-
-
-class Count(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Successes among trials, as the verifier judged them."""
-
-    successes: int = 0
-    trials: int = 0
-
-    def add(self, *, success: bool) -> "Count":
-        """One more trial."""
-        return Count(successes=self.successes + success, trials=self.trials + 1)
-
-    @property
-    def mean(self) -> float:
-        """Mean of the Beta posterior under a flat prior; 0.5 without trials."""
-        return (self.successes + 1) / (self.trials + 2)
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The 95 % score interval of Wilson."""
-        return compute_interval(self.successes, self.trials)
-
-    def __str__(self) -> str:
-        """`19 of 20 (95 % [76, 99])`."""
-        if not self.trials:
-            return "none yet"
-        low, high = self.interval
-        share = 100 * self.successes / self.trials
-        return f"{self.successes} of {self.trials} ({share:.0f} % [{100 * low:.0f}, {100 * high:.0f}])"
 
 
 class Rank(StrEnum):
@@ -99,25 +69,48 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return Trial(rank=rank, ratio=ratio, starts=starts)
 
 
-class Pattern(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One way of doing something in one scope.
+class Pattern(Entry, frozen=True, kw_only=True, omit_defaults=True):
+    """One way of doing something in one scope, counted over first attempts.
 
     Attributes:
         strategy: Empty for the skill's own way.
     """
 
-    id: str
-    scope: Scope
     strategy: Strategy = OWN_WAY
-    count: Count = Count()
     trial: Trial = Trial()
     causes: dict[str, int] = {}
-    evidence: tuple[str, ...] = ()
-    last_seq: int = 0
-    state: Standing = Standing.ACTIVE
-    reason: str = ""
-    note: str = ""
-    by: str = ""
+
+    def add(self, episode: Episode, seq: int) -> "Pattern":
+        """The pattern with one more episode."""
+        causes = dict(self.causes)
+        if not episode.is_success:
+            causes[episode.cause] = causes.get(episode.cause, 0) + 1
+        return msgspec.structs.replace(
+            self,
+            count=self.count.add(success=episode.is_success),
+            trial=self.trial.add(episode.seed, success=episode.is_success),
+            causes=causes,
+            evidence=self.join_evidence(episode),
+            last_seq=seq,
+        )
+
+    def is_promoted(self, seq: int) -> bool:
+        """Whether it is the default of its scope."""
+        return self.trial.rank is Rank.PROMOTED and self.is_active(seq)
+
+    def describe(self, seq: int) -> Fact:
+        """Its entry of KNOWLEDGE.md at record `seq` of memory."""
+        way = str(self.strategy) or "the skill's own way"
+        worst = max(self.causes, key=lambda cause: (self.causes[cause], cause), default="")
+        failing = f"; most often {worst}" if worst else ""
+        what = f"{self.scope.skill} of {name_objects(self.scope)} by {self.scope.target}, {way}"
+        return Fact(
+            statement=f"{what}: {self.count} first attempts succeed{failing}.",
+            **self.describe_common(seq),
+            strategy=self.strategy,
+            rate=str(self.count),
+            promoted=self.is_promoted(seq),
+        )
 
 
 def find_pattern_id(episode: Episode) -> str | None:
@@ -126,19 +119,3 @@ def find_pattern_id(episode: Episode) -> str | None:
     if not episode.is_first or is_by_other_means:
         return None
     return compute_id("way", compute_scope(episode), "", msgspec.to_builtins(episode.strategy))
-
-
-def extend(pattern: Pattern | None, episode: Episode, id: str, seq: int) -> Pattern:
-    """The pattern with one more episode."""
-    known = pattern or Pattern(id=id, scope=compute_scope(episode), strategy=episode.strategy)
-    causes = dict(known.causes)
-    if not episode.is_success:
-        causes[episode.cause] = causes.get(episode.cause, 0) + 1
-    return msgspec.structs.replace(
-        known,
-        count=known.count.add(success=episode.is_success),
-        trial=known.trial.add(episode.seed, success=episode.is_success),
-        causes=causes,
-        evidence=(*known.evidence, *([episode.evidence] if episode.evidence else []))[-EVIDENCE_KEPT:],
-        last_seq=seq,
-    )

@@ -12,7 +12,7 @@ import yaml
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.experience_log import Event
 from phyagentos.agent.memory.memory import find_seq
-from phyagentos.agent.memory.methodological import Correction, judge
+from phyagentos.agent.memory.methodological import Correction
 from phyagentos.agent.memory.semantic import Rank
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.skill_runtimes import Learned, SkillRuntime
@@ -125,7 +125,7 @@ def compose(
 
 
 def _check(lesson: Correction, skills: Mapping[str, SkillRuntime], seq: int) -> None:
-    state, why = judge(lesson, seq)
+    state, why = lesson.judge(seq)
     names = [*(each.skill for each in lesson.means.prepare), lesson.means.skill or lesson.scope.skill]
     strangers = [each for each in names if each not in skills or skills[each].kind != "builtin"]
     if lesson.means.prepare and not strangers and state is Standing.ACTIVE and lesson.trial.rank is Rank.PROMOTED:

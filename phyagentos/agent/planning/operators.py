@@ -313,10 +313,9 @@ def _find_support(
 def _is_whole(skill: SkillRuntime, given: Mapping[str, Any], world: Environment) -> bool:
     """Whether every argument is there, each another thing, and parts are of the thing that is opened or closed."""
     names = [value for value in given.values() if isinstance(value, str)]
-    needed = (k for k, p in skill.parameters.items() if not p.optional and p.default is None)
     wholes = {given.get(key) for key, parameter in skill.parameters.items() if parameter.mechanism}
     parts = {world.entities[name].part_of for name in names if name in world.entities} - {""}
-    return (not wholes or parts <= wholes) and all(k in given for k in needed) and len(names) == len(set(names))
+    return (not wholes or parts <= wholes) and all(k in given for k in skill.needed) and len(names) == len(set(names))
 
 
 def _iter_bound(literals: Iterable[Effect], given: Mapping[str, Any], target: str, scope: Scope) -> Iterator[Effect]:

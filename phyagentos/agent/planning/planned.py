@@ -13,7 +13,6 @@ from typing import Any
 import yaml
 
 from phyagentos.agent.goals.catalogue import Catalogue
-from phyagentos.agent.goals.graph import draw_flowchart
 from phyagentos.agent.goals.selector import find_lacks, find_predicates
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.planning.answer_sets import AnswerSetPlanner
@@ -28,6 +27,7 @@ from phyagentos.agent.planning.problem import (
     iter_states,
     order_steps,
 )
+from phyagentos.protocol.documents.flowchart import Arrow, Box, render_flowchart
 from phyagentos.protocol.world.environment import Environment
 
 
@@ -156,8 +156,9 @@ def _dump(data: dict[str, Any]) -> str:
 
 def render_mermaid(planned: PlannedGoal) -> str:
     """The partial order as a Mermaid flowchart."""
-    edges = ((before, "-->", step.name) for step in planned.steps for before in step.after)
-    return draw_flowchart({step.name: (step.skill, step.target) for step in planned.steps}, edges)
+    boxes = [Box(name=step.name, title=step.name, below=[f"{step.skill} on {step.target}"]) for step in planned.steps]
+    arrows = [Arrow(before, step.name) for step in planned.steps for before in step.after]
+    return render_flowchart(boxes, arrows, direction="LR")
 
 
 def _iter_steps(plan: Plan, problem: PlanningProblem, roles: Mapping[str, str]) -> Iterator[Step]:

@@ -92,8 +92,7 @@ def _iter_ways(
         parameters = {keys[0]: name, keys[1]: [round(value, 4) for value in spot]}
         support, key = find_support(world, name), find_parameter(skill, ParameterRole.SUPPORT)
         parameters |= {key: support.name} if key and support else {}
-        needed = (k for k, p in skill.parameters.items() if not p.optional and p.default is None)
-        if any(key not in parameters for key in needed):
+        if any(key not in parameters for key in skill.needed):
             continue
         chance = _CHANCE if tolerance_m >= _EASY_M else _CHANCE_NARROW
         because = f"the planner met {name} in the way"

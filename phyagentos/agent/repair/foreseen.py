@@ -79,9 +79,8 @@ def _find_preparation(
         if skill is None:
             return None
         given = {key: value for key, value in case.session.parameters.items() if key in skill.parameters}
-        needed = {key for key, each in skill.parameters.items() if not each.optional and each.default is None}
         choice = Choice(skill=skill.skill, target=case.session.target, parameters=given)
-        return choice if needed <= given.keys() and not cleared else None
+        return choice if skill.accepts(given) and not cleared else None
     moved = {str(value) for session in cleared for value in session.parameters.values()}
     for name in _iter_near(case, world, preparation.kind):
         ways = [] if name in moved else clearing.propose_moving(case, world, target, name, set())

@@ -6,9 +6,10 @@ relations is promised where a parameter chooses among them by name (`relation: {
 """
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
-from phyagentos.agent.goals.selector import Choice, begins_with_holding, find_lacks, unify
+from phyagentos.agent.goals.selector import Choice, begins_with_holding, bind_guarantee, find_lacks, unify
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, propose
 from phyagentos.agent.repair.case import Case
@@ -35,22 +36,34 @@ _FITTING = frozenset(
 
 
 def propose_other_skill(case: Case) -> Iterator[Alternative]:
-    """One alternative for each untried skill that promises the same; an agent directs only where it is named."""
-    world, target = case.world, case.catalogue.targets.get(case.session.target)
-    if case.cause not in _FITTING or world is None or target is None or case.replans_left <= 0:
+    """One alternative for each untried skill that promises the same; an agent directs only where it is named.
+
+    After an interruption only for skills that begin with what is held.
+    """
+    world, target, own = case.world, case.catalogue.targets.get(case.session.target), case.session.skill
+    resumes = case.cause in _INTERRUPTIONS
+    is_fitting = resumes or case.cause in _FITTING
+    if not is_fitting or world is None or target is None or case.replans_left <= 0:
         return
-    tried = {status.contract.skill for status in case.lineage} | {case.session.skill, case.choice.skill}
+    tried = set() if resumes else {status.contract.skill for status in case.lineage} | {own}
     promised = find_promises(case)
     for name, skill in sorted(case.catalogue.skills.items()):
-        if skill.loop is not None or name in tried or not promised or next(find_lacks(skill, target), None):
+        may_follow = begins_with_holding(skill) if resumes else skill.loop is None
+        is_tried = name in tried or name == case.choice.skill
+        if not may_follow or is_tried or not promised or next(find_lacks(skill, target), None):
             continue
-        parameters = cover(promised, skill, world)
+        parameters = _bind_held(case, promised, skill) if resumes else cover(promised, skill, world)
         if parameters is None or find_false(skill, parameters, world, case.session):
             continue
-        because = f"{name} promises {'; '.join(skill.guarantees)}, which covers {'; '.join(promised)}"
+        begins = "begins with what is held already, and " if resumes else ""
+        because = f"{name} {begins}promises {'; '.join(skill.guarantees)}, which covers {'; '.join(promised)}"
         choice = Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,))
-        effect, requires = f"{name} instead of {case.session.skill}", bind_requires(case, choice)
-        yield propose(case, AlternativeKind.OTHER_SKILL, choice, effect, _CHANCE, because, requires=requires)
+        child: dict[str, Any] = {"requires": bind_requires(case, choice)}
+        chance, effect, cost = _CHANCE, f"{name} instead of {own}", None
+        if resumes:
+            chance, effect, cost = _CHANCE_HELD, f"{name} for the rest of {own}", (1, case.time_of.get(own, SESSION_S))
+            child |= {"strategy": case.session.strategy, "lead": LEAD}
+        yield propose(case, AlternativeKind.OTHER_SKILL, choice, effect, chance, because, cost, **child)
 
 
 def propose_other_target(case: Case) -> Iterator[Alternative]:
@@ -94,24 +107,17 @@ def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) ->
     """Arguments with which a skill keeps every promise, None without any."""
     parameters: dict[str, Any] = {}
     for wanted in promised:
-        formula = parse_predicate(wanted).formula
-        for text in skill.guarantees:
-            bound = _bind(formula, parse_predicate(text, template=True).formula, world)
-            if bound is not None and all(parameters.get(key, value) == value for key, value in bound.items()):
-                parameters.update(bound)
-                break
-        else:
+        if bind_guarantee(parse_predicate(wanted).formula, skill, parameters, partial(_bind, world=world)) is None:
             return None
     parameters.pop("target", None)
     key, object = (find_parameter(skill, role) for role in (ParameterRole.SUPPORT, ParameterRole.OBJECT))
     moved = world.find_movable([parameters[object]] if object in parameters else parameters.values())
     if key and moved is not None and (support := find_support(world, moved)) is not None:
         parameters = {key: support.name} | parameters
-    needed = {key for key, p in skill.parameters.items() if not p.optional and p.default is None}
     kinds = {name: entity.kind for name, entity in world.entities.items()}
     if any(p.kinds and kinds.get(str(parameters.get(key))) not in p.kinds for key, p in skill.parameters.items()):
         return None
-    return parameters if needed <= parameters.keys() <= skill.parameters.keys() else None
+    return parameters if skill.accepts(parameters) else None
 
 
 def _bind(wanted: Formula, offered: Formula, world: Environment) -> dict[str, Any] | None:
@@ -145,47 +151,23 @@ def find_false(skill: SkillRuntime, parameters: dict[str, Any], world: Environme
     return ""
 
 
-def propose_resume_held(case: Case) -> Iterator[Alternative]:
-    """One alternative for each skill that begins with holding and keeps the promises of the node's own skill."""
-    world, target = case.world, case.catalogue.targets.get(case.session.target)
-    if case.cause not in _INTERRUPTIONS or world is None or target is None or case.replans_left <= 0:
-        return
-    for name, skill in sorted(case.catalogue.skills.items()):
-        if name == case.choice.skill or not begins_with_holding(skill) or next(find_lacks(skill, target), None):
-            continue
-        parameters = _bind_held(case, skill)
-        if parameters is None or find_false(skill, parameters, world, case.session):
-            continue
-        because = f"{name} begins with what is held already, and promises {'; '.join(skill.guarantees)}"
-        effect, time_s = f"{name} for the rest of {case.session.skill}", case.time_of.get(case.session.skill, SESSION_S)
-        choice = Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,))
-        requires = bind_requires(case, choice)
-        child = {"strategy": case.session.strategy, "requires": requires, "lead": LEAD}
-        yield propose(case, AlternativeKind.OTHER_SKILL, choice, effect, _CHANCE_HELD, because, (1, time_s), **child)
-
-
-def _bind_held(case: Case, skill: SkillRuntime) -> dict[str, Any] | None:
-    """Arguments with which the skill keeps every promise of the node's own; shared arguments stay."""
-    promised = find_promises(case)
-    bound = {key: value for key, value in case.session.parameters.items() if key in skill.parameters}
+def _bind_held(case: Case, promised: tuple[str, ...], skill: SkillRuntime) -> dict[str, Any] | None:
+    """Arguments with which the skill keeps every promise; those that it shares with the session stay."""
+    found: dict[str, Any] = {}
     for wanted in promised:
-        found = next((each for text in skill.guarantees if (each := _choose(wanted, text, skill)) is not None), None)
-        if found is None:
+        if bind_guarantee(parse_predicate(wanted).formula, skill, found, partial(_choose, skill=skill)) is None:
             return None
-        bound |= found
+    bound = {key: value for key, value in case.session.parameters.items() if key in skill.parameters} | found
     bound.pop("target", None)
-    needed = {key for key, each in skill.parameters.items() if not each.optional and each.default is None}
-    return bound if promised and needed <= bound.keys() <= skill.parameters.keys() else None
+    return bound if skill.accepts(bound) else None
 
 
-def _choose(wanted: str, guarantee: str, skill: SkillRuntime) -> dict[str, Any] | None:
+def _choose(wanted: Formula, offered: Formula, skill: SkillRuntime) -> dict[str, Any] | None:
     """Arguments that make a guarantee, or one of its alternatives, the wanted promise."""
-    formula: Formula = parse_predicate(wanted).formula
-    offered = parse_predicate(guarantee, template=True).formula
     if not isinstance(offered, Or):
-        return unify(formula, offered)
+        return unify(wanted, offered)
     for part in offered.parts:
-        if isinstance(part, Call) and (bound := unify(formula, part)) is not None:
+        if isinstance(part, Call) and (bound := unify(wanted, part)) is not None:
             chooser = next((key for key, each in skill.parameters.items() if part.name in each.choices), None)
             return None if chooser is None else {**bound, chooser: part.name}
     return None

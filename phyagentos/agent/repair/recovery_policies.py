@@ -8,7 +8,7 @@ from phyagentos.agent.repair.alternative import Alternative, AlternativeKind, De
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.clearing import propose_clearing
 from phyagentos.agent.repair.looking import propose_looking
-from phyagentos.agent.repair.other_means import propose_other_skill, propose_other_target, propose_resume_held
+from phyagentos.agent.repair.other_means import propose_other_skill, propose_other_target
 from phyagentos.agent.repair.repetition import find_repeated, find_unseen
 from phyagentos.agent.repair.retrying import propose_retry
 
@@ -17,7 +17,6 @@ Generator = Callable[[Case], Iterator[Alternative]]
 GENERATORS: tuple[Generator, ...] = (
     propose_looking,
     propose_retry,
-    propose_resume_held,
     propose_other_skill,
     propose_clearing,
     propose_other_target,

@@ -4,6 +4,7 @@ A skill declares its needs, its guarantees and what carries it out, a tree, a po
 call; it holds no code and no limits.
 """
 
+from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal, TypeGuard
@@ -117,6 +118,11 @@ class Parameter(Authored):
     minimum: float | None = None
     maximum: float | None = None
 
+    @property
+    def is_needed(self) -> bool:
+        """Whether it must be given."""
+        return not self.optional and self.default is None
+
 
 class Output(Authored):
     """A value a skill leaves behind, for data edges of the goal graph.
@@ -229,6 +235,15 @@ class SkillRuntime(Authored):
     loop: AgentLoop | None = None
     promoted: tuple[PromotedWay, ...] = ()
     learned: Learned | None = None
+
+    @property
+    def needed(self) -> list[str]:
+        """Arguments that must be given."""
+        return [name for name, each in self.parameters.items() if each.is_needed]
+
+    def accepts(self, names: Iterable[str]) -> bool:
+        """Whether these arguments are all that must be given, and no others than it has."""
+        return {*self.needed} <= {*names} <= self.parameters.keys()
 
     @pydantic.model_validator(mode="before")
     @classmethod

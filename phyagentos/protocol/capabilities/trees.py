@@ -1,6 +1,8 @@
 """Behaviour trees as people write them: `trees/<name>.yaml` in, frozen nodes out.
 
-Structure is checked here, ports where leaves are known. `$name` refers to a key of the tree, else a value is literal.
+Structure is checked here, ports where leaves are known. `${name}` refers to a key of the tree, else a value is literal;
+`$name`, as it was written before, means the same. A tree without `inputs` or `outputs` has those of the skill of
+its name.
 """
 
 import re
@@ -13,10 +15,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pydantic
+from typing_extensions import override
 
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.capabilities.skill_runtimes import Output, Parameter, read_skill
 from phyagentos.protocol.documents.schema import Address, Authored, Located, read_yaml, salvage, validate
 
+_OF_PORTS = {"type", "description", "optional", "default"}
 PortType = Literal[
     "entity",
     "entities",
@@ -34,6 +40,7 @@ PortType = Literal[
     "payload",
 ]
 REFERENCE = re.compile(r"\$\{([a-z][a-z0-9_]*)\}")
+_SHORT = re.compile(r"\$([A-Za-z0-9_]*)")  # of before; still read, with a warning
 
 
 class TreePort(Authored):
@@ -50,7 +57,7 @@ class TreeHeader(Authored):
 
     tree: str = pydantic.Field(pattern=r"^[a-z][a-z0-9_/]*$", description="The file's name without suffix.")
     description: str
-    inputs: dict[str, TreePort] = {}
+    inputs: dict[str, TreePort] = pydantic.Field({}, description="Those of the skill of the tree's name by default.")
     outputs: dict[str, TreePort] = {}
     root: dict[str, Any] | str = pydantic.Field(description="One node; every node is a mapping with one key.")
 
@@ -96,7 +103,7 @@ class TimeoutForm(InvertForm):
 class ForEachForm(InvertForm):
     """Body of `for_each`: the key that takes each element in turn, and the list, by its key or as a literal."""
 
-    each: str = pydantic.Field(pattern=r"^\$[a-z][a-z0-9_]*$")
+    each: str = pydantic.Field(pattern=r"^\$(\{[a-z][a-z0-9_]*\}|[a-z][a-z0-9_]*)$")
     values: str | list[Any] = pydantic.Field(alias="in")
 
 
@@ -159,9 +166,13 @@ _FORMS: dict[NodeKind, type[Authored]] = {
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """`$name`: a key of the tree."""
+    """`${name}`: a key of the tree."""
 
     key: str
+
+    @override
+    def __str__(self) -> str:
+        return f"${{{self.key}}}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,16 +219,48 @@ def read_tree(path: Path) -> Tree:
 
 def load_tree(path: Path) -> tuple[Tree | None, tuple[Problem, ...]]:
     """A tree as far as it can be read, and every structural problem; raises DefinitionError for what is no YAML."""
-    try:
-        changed = path.stat()
-    except OSError:
-        return _load_tree(path, 0, 0)
-    return _load_tree(path, changed.st_mtime_ns, changed.st_size)
+    skill = _find_skill(path)
+    return _load_tree(path, _read_state(path), skill, _read_state(skill))
 
 
 @lru_cache(maxsize=256)
-def _load_tree(path: Path, _changed_ns: int, _size: int) -> tuple[Tree | None, tuple[Problem, ...]]:
-    return parse_tree(read_yaml(path), path)
+def _load_tree(
+    path: Path, _state: tuple[int, int], skill: Path | None, _skill_state: tuple[int, int]
+) -> tuple[Tree | None, tuple[Problem, ...]]:
+    tree, problems = parse_tree(read_yaml(path), path)
+    missing = {"inputs", "outputs"} - tree.header.model_fields_set if tree is not None else set()
+    if tree is None or skill is None or not missing:
+        return tree, problems
+    try:
+        declared = read_skill(skill)[0]
+    except DefinitionError as error:
+        return tree, (*problems, *error.problems)
+    if declared.tree != tree.header.tree:
+        return tree, problems
+    found = {}
+    for key in missing:
+        ports: Mapping[str, Parameter | Output] = declared.parameters if key == "inputs" else declared.outputs
+        found[key] = {name: TreePort(**each.model_dump(include=_OF_PORTS)) for name, each in ports.items()}
+    return replace(tree, header=tree.header.model_copy(update=found)), problems
+
+
+def _find_skill(path: Path) -> Path | None:
+    """The skill of the tree's name: beside it, else the one that ships."""
+    root = next((parent.parent for parent in path.parents if parent.name == "trees"), None)
+    if root is None:
+        return None
+    name = path.relative_to(root / "trees").with_suffix("")
+    files = (each / "skills" / name / "SKILL.md" for each in (root, find_shipped_root()))
+    return next((file for file in files if file.is_file()), None)
+
+
+def _read_state(path: Path | None) -> tuple[int, int]:
+    """What changes with a file: when it was written [ns], and its size [bytes]."""
+    try:
+        found = path.stat() if path is not None else None
+    except OSError:
+        return 0, 0
+    return (found.st_mtime_ns, found.st_size) if found is not None else (0, 0)
 
 
 def parse_tree(located: Located, path: Path | None = None) -> tuple[Tree | None, tuple[Problem, ...]]:
@@ -240,6 +283,20 @@ def iter_nodes(node: Node) -> Iterator[Node]:
     yield node
     for child in node.children:
         yield from iter_nodes(child)
+
+
+def iter_short_references(tree: Tree) -> Iterator[Problem]:
+    """Where a reference stands as it was written before."""
+    for node in iter_nodes(tree.root):
+        data: Any = tree.located.data
+        for step in node.address:
+            data = data[step]
+        fields = data if isinstance(data, dict) else {}
+        places = [((*node.address, port), value) for port, value in fields.items()]
+        places += [((*node.address, "with", port), value) for port, value in dict(fields.get("with") or {}).items()]
+        for place, value in places:
+            if isinstance(value, str) and _SHORT.fullmatch(value):
+                yield tree.located.problem("OLD_REFERENCE", place, value, f'"${{{value[1:]}}}"')
 
 
 def find_references(text: str) -> tuple[str, ...]:
@@ -329,8 +386,8 @@ def _name_apart(children: list[Node]) -> tuple[Node, ...]:
 
 
 def _parse_value(value: Any) -> Any:
-    if isinstance(value, str) and value.startswith("$") and not value.startswith("${"):
-        return Reference(value[1:])
+    if isinstance(value, str) and (found := REFERENCE.fullmatch(value) or _SHORT.fullmatch(value)):
+        return Reference(found[1])
     if isinstance(value, list):
         return tuple(value)
     return value

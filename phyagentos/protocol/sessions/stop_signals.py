@@ -7,8 +7,10 @@ so a request never waits for the journal; every file that arrives is kept, unrea
 import codecs
 import contextlib
 import hashlib
+import itertools
 import os
 import re
+import secrets
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Literal
@@ -41,6 +43,7 @@ _SURROGATE = re.compile(r"\\u[dD][89a-fA-F][0-9a-fA-F]{2}")  # YAML escapes no h
 _WORDS_MAX = 40  # five keys with their values are possible
 _LOADER: type[yaml.BaseLoader] = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 _Key = tuple[int, int, int]
+_NUMBERS = itertools.count(1)
 _KINDS = ("cancel", "pause", "resume", "estop")
 
 
@@ -56,28 +59,19 @@ class Signal(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 def drop_signal(folder: Path, signal: Signal, clock: Clock) -> Path:
     """Put a request into the folder `signals/` or `signals/new/` as a whole; the file."""
+    signal = signal if signal.at else msgspec.structs.replace(signal, at=clock.wall_iso())
+    return drop_request(folder, msgspec.json.encode(_clean(signal)) + b"\n", clock, ".json")
+
+
+def drop_request(folder: Path, data: bytes, clock: Clock, suffix: str) -> Path:
+    """As `drop_signal`, of a request as it is written; names rise in the order in which a process drops."""
     new = _get_root(folder) / "new"
     new.mkdir(parents=True, exist_ok=True)
-    at = clock.wall_iso()
-    stamp = at.replace(":", "").replace(".", "")
-    data = msgspec.json.encode(_clean(signal if signal.at else msgspec.structs.replace(signal, at=at))) + b"\n"
-    number = 0
-    while True:
-        name = f"{stamp}-{os.getpid()}-{number}"
-        temporary = new.parent / f".{name}.tmp"
-        try:
-            with temporary.open("xb") as file:
-                file.write(data)
-        except FileExistsError:  # another thread of this process within the same microsecond
-            number += 1
-            continue
-        try:
-            (new / f"{name}.json").hardlink_to(temporary)
-            return new / f"{name}.json"
-        except FileExistsError:
-            number += 1
-        finally:
-            temporary.unlink()
+    stamp = clock.wall_iso().replace(":", "").replace(".", "")
+    name = f"{stamp}-{os.getpid()}-{next(_NUMBERS):06d}-{secrets.token_hex(4)}{suffix}"
+    temporary = new.parent / f".{name}.tmp"
+    temporary.write_bytes(data)
+    return temporary.replace(new / name)
 
 
 def take_signals(folder: Path) -> list[Signal]:

@@ -144,11 +144,13 @@ def _iter_list_problems(tree: Tree, node: Node, written: dict[str, type]) -> Ite
     place = (*node.address, "in")
     if isinstance(values, Reference):
         if values.key not in written:
-            found, hint = f"'${values.key}', which nothing writes", format_hint(values.key, written)
-            yield tree.located.problem("UNWRITTEN_KEY", place, found, format_names(f"${key}" for key in written), hint)
+            found, hint = f"'{values}', which nothing writes", format_hint(values.key, written)
+            yield tree.located.problem(
+                "UNWRITTEN_KEY", place, found, format_names(f"${{{key}}}" for key in written), hint
+            )
             return
         kind = written[values.key]
-        found = f"'${values.key}' of type {_name_of(kind)}"
+        found = f"'{values}' of type {_name_of(kind)}"
     else:
         kind, found = find_list_type(values), repr(values)
     if kind is object:  # by a leaf that was not executed
@@ -156,7 +158,7 @@ def _iter_list_problems(tree: Tree, node: Node, written: dict[str, type]) -> Ite
     elif kind not in ELEMENTS:
         yield tree.located.problem("WRONG_TYPE", place, found, "a list: names of entities, or points")
     elif written.setdefault(each, ELEMENTS[kind]) is not ELEMENTS[kind]:
-        found = f"'${each}' of type {_name_of(written[each])}"
+        found = f"'${{{each}}}' of type {_name_of(written[each])}"
         yield tree.located.problem("WRONG_TYPE", (*node.address, "each"), found, f"type {_name_of(ELEMENTS[kind])}")
 
 
@@ -232,7 +234,7 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
         elif isinstance(value, Reference):
             yield from _iter_reference_problems(tree, place, value, {**inputs, **outputs}[port], written)
         elif port in outputs:
-            yield tree.located.problem("NOT_A_KEY", place, repr(value), f"a key such as '${port}' to write to")
+            yield tree.located.problem("NOT_A_KEY", place, repr(value), f"a key such as '${{{port}}}' to write to")
         else:
             yield from _iter_literal_problems(tree, place, value, inputs[port])
     for port, information in inputs.items():
@@ -245,11 +247,11 @@ def _iter_reference_problems(
     tree: Tree, place: tuple[str | int, ...], value: Reference, port: PortInformation, written: dict[str, type]
 ) -> Iterator[Problem]:
     if value.key not in written:
-        found = f"'${value.key}', which nothing writes"
-        expected = format_names(f"${key}" for key in written)
+        found = f"'{value}', which nothing writes"
+        expected = format_names(f"${{{key}}}" for key in written)
         yield tree.located.problem("UNWRITTEN_KEY", place, found, expected, format_hint(value.key, written))
     elif object not in (port.data_type, written[value.key]) and port.data_type is not written[value.key]:
-        found = f"'${value.key}' of type {_name_of(written[value.key])}"
+        found = f"'{value}' of type {_name_of(written[value.key])}"
         yield tree.located.problem("WRONG_TYPE", place, found, f"type {_name_of(port.data_type)}")
 
 
@@ -259,7 +261,7 @@ def _iter_literal_problems(
     try:
         convert_literal(value, port.data_type)
     except TypeError:
-        hint = f"A key is written '${value}'." if isinstance(value, str) else ""
+        hint = f"A key is written '${{{value}}}'." if isinstance(value, str) else ""
         yield tree.located.problem("WRONG_TYPE", place, repr(value), f"type {_name_of(port.data_type)}", hint)
 
 

@@ -173,8 +173,7 @@ def describe_skill_tool(skill: SkillRuntime) -> Tool:
         name: {**shapes.get(each.type, {"type": each.type}), "description": each.description}
         for name, each in skill.parameters.items()
     }
-    needed = [name for name, each in skill.parameters.items() if not each.optional and each.default is None]
-    return Tool(name=skill.skill, description=skill.description, arguments=_make_object(properties, needed))
+    return Tool(name=skill.skill, description=skill.description, arguments=_make_object(properties, skill.needed))
 
 
 def _make_apply(profile: TargetProfile, live: Description) -> dict[str, Any]:

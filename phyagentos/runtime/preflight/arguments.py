@@ -42,7 +42,7 @@ def iter_parameter_problems(session: Session, skill: SkillRuntime) -> Iterator[P
     for name, parameter in skill.parameters.items():
         value, address = session.parameters.get(name), f"parameters.{name}"
         if value is None:
-            if not parameter.optional and parameter.default is None:
+            if parameter.is_needed:
                 fix = f"Give {name!r} under 'with'."
                 yield make_problem("PARAMETER_MISSING", address, "nothing", parameter.type, by, fix)
         elif reason := find_mismatch(parameter, value):

@@ -16,18 +16,21 @@ class Authority:
         self._floors: dict[str, int] = {}  # of sessions that have ended: the least epoch that is still granted
         self._stopped = ""
 
-    def begin(self, session: str, epoch: int) -> Refused | None:
-        """Grant authority; empty, or the reason of a refusal."""
+    def check_begin(self, session: str, epoch: int) -> Refused | None:
+        """Whether authority may be granted."""
         if not session:
             return Refused("MALFORMED", "a session needs a name")
         if self.session and (session, epoch) != (self.session, self._epoch):
             return Refused("NO_AUTHORITY", f"{self.session} has authority; it must end first")
         if epoch < (floor := self._floors.get(session, 0)):
             return Refused("STALE_TOKEN", f"epoch {epoch} of {session} is over; {floor} is the least that is granted")
+        return None
+
+    def begin(self, session: str, epoch: int) -> None:
+        """Grant authority, once `check_begin` has nothing against it."""
         if (session, epoch) != (self.session, self._epoch):
             self._stopped = ""  # the same claim made twice does not undo a stop
         self.session, self._epoch, self._sequence = session, epoch, 0
-        return None
 
     def check(self, session: str, epoch: int) -> Refused | None:
         """Whether a request of this session may be carried out."""

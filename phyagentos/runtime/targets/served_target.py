@@ -127,8 +127,11 @@ class ServedTarget:
         self._log.stamp()
         is_taken = bool(self._ahead) and self._ahead[0][0] is request and self._ahead.popleft()[1]
         try:
-            reply = self._refuse(request, is_taken=is_taken) or self._carry_out(request)
+            reply = self._refuse(request, is_taken=is_taken) or self._look_up(request) or self.driver.carry_out(request)
+            self._note_effects(request, reply)
         except ExecutionError as error:
+            if isinstance(request, wire.Begin) and request.session == self._authority.session:
+                self._authority.end()
             code = "ESTOPPED" if error.code == "ABORTED" and self.look_for_stops() else error.code
             reply = wire.Refused(code, error.message)
         except DefinitionError as error:
@@ -201,7 +204,7 @@ class ServedTarget:
             return wire.Refused("NO_SCENE", "no scene is loaded; send LoadScene first")
         if self.look_for_stops():
             return wire.Refused("ESTOPPED", "the emergency stop is latched; `paos estop --reset` ends it")
-        return self._authority.begin(request.session, request.epoch)
+        return self._authority.check_begin(request.session, request.epoch)
 
     def _refuse_tool(self, request: wire.InvokeTool) -> wire.Refused | None:
         tools = {tool.name: tool for tool in self._describe().tools}
@@ -213,35 +216,35 @@ class ServedTarget:
         self.look_for_stops()
         return self._authority.check_commanding(request.session, request.epoch)
 
-    def _carry_out(self, request: wire.Request) -> wire.Reply:
-        """Let the driver answer, and note what has changed."""
+    def _look_up(self, request: wire.Request) -> wire.Reply | None:
+        """The reply that needs no driver: what it has said before, and a mistake of the request."""
         match request:
             case wire.Describe():
                 return self._describe()
-            case wire.LoadScene():
-                return self._load(request)
+            case wire.LoadScene() if self._is_present(request):
+                return self._loaded
             case wire.Settle() if not 0.0 <= request.duration_s <= SETTLE_MAX_S:  # also when it is NaN
                 message = f"a settling time of {request.duration_s} s; 0 to {SETTLE_MAX_S} s are possible"
-                raise ExecutionError("MALFORMED", message)
-        try:
-            reply: wire.Reply = self.driver.carry_out(request)
-        except ExecutionError:
-            if isinstance(request, wire.Begin):
-                self._authority.end()
-            raise
-        if isinstance(reply, wire.Step):
-            self._note_step(request, reply)
-        elif isinstance(reply, wire.Ended):
-            self._authority.end()
-        return reply
+                return wire.Refused("MALFORMED", message)
+        return None
 
-    def _note_step(self, request: wire.Request, step: wire.Step) -> None:
-        if isinstance(request, wire.Command):
-            self._authority.count()
-            if step.stopped:
-                self._authority.stop(step.stopped)
-        elif isinstance(request, wire.Halt) and request.category == 1 and not self._authority.stopped:
-            self._authority.stop("DRIVES_OFF")
+    def _note_effects(self, request: wire.Request, reply: wire.Reply) -> None:
+        """Keep what the driver's reply has changed: scene, authority, number of commands."""
+        match request, reply:
+            case wire.LoadScene(), wire.Loaded() if not self._is_present(request):
+                self._loaded = reply
+                self._scene, self._description = request, None  # cameras belong to the scene
+                self._note(STATE_WRITE)
+            case wire.Begin(), wire.Ack():
+                self._authority.begin(request.session, request.epoch)
+            case wire.Command(), wire.Step():
+                self._authority.count()
+                if reply.stopped:
+                    self._authority.stop(reply.stopped)
+            case wire.Halt(category=1), wire.Step() if not self._authority.stopped:
+                self._authority.stop("DRIVES_OFF")
+            case _, wire.Ended():
+                self._authority.end()
 
     def _describe(self) -> wire.Description:
         if self._description is None:
@@ -249,14 +252,6 @@ class ServedTarget:
             offers = described.ground_truth and self._truth
             self._description = msgspec.structs.replace(described, ground_truth=offers)
         return self._description
-
-    def _load(self, request: wire.LoadScene) -> wire.Loaded:
-        if self._loaded is not None and self._is_present(request):
-            return self._loaded
-        self._loaded = self.driver.carry_out(request)
-        self._scene, self._description = request, None  # cameras belong to the scene
-        self._note(STATE_WRITE)
-        return self._loaded
 
     def _refuse_unlogged(self) -> None:
         if self._log.is_behind:

@@ -1,8 +1,8 @@
 """TASK.md: the goals of a workspace, the graph of each (Mermaid) with the state of its nodes, and its verdict."""
 
 from phyagentos.protocol.documents.document import FrontMatter
+from phyagentos.protocol.documents.flowchart import Arrow, Box, render_flowchart
 from phyagentos.protocol.documents.markdown import (
-    escape_label,
     flatten,
     format_moment,
     render_block,
@@ -97,16 +97,12 @@ def render_task(goal: tasks.GoalStatus, ledger: Ledger) -> str:
 
 def render_graph(goal: tasks.GoalStatus) -> str:
     """The goal's graph as a Mermaid flowchart, further attempts included, coloured by state; every label is quoted."""
-    steps = {step.name: step for step in tasks.iter_steps(goal)}
-    names = {name: f"n{index}" for index, name in enumerate(steps)}
-    lines = ["flowchart TD"]
-    for name, step in steps.items():
-        lines.append(f'    {names[name]}["<b>{escape_label(name)}</b><br/>{step.state}"]:::{step.state}')
-    for edge in tasks.iter_edges(goal):
-        arrow = "-->" if edge.relation is tasks.Relation.AFTER else f"-- {edge.relation} -->"
-        lines.append(f"    {names[edge.before]} {arrow} {names[edge.step]}")
-    lines += [f"    classDef {state} {color}" for state, color in _COLORS.items()]
-    return "\n".join(lines) + "\n"
+    boxes = [Box(name=s.name, title=s.name, below=[s.state], kind=s.state) for s in tasks.iter_steps(goal)]
+    arrows = [
+        Arrow(each.before, each.step, "" if each.relation is tasks.Relation.AFTER else each.relation)
+        for each in tasks.iter_edges(goal)
+    ]
+    return render_flowchart(boxes, arrows, styles=_COLORS)
 
 
 def _draw(goal: tasks.GoalStatus) -> str:

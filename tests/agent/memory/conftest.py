@@ -57,16 +57,7 @@ def ask(episode, **changes):
 @pytest.fixture
 def open_memory(tmp_path):
     """Opens the memory of a test; every call begins anew from the disk."""
-    opened = []
-
-    def open_it(name="memory", by="test"):
-        memory = Memory(tmp_path / name, clock=ManualClock(), by=by, durable=False)
-        opened.append(memory)
-        return memory
-
-    yield open_it
-    for memory in opened:
-        memory.close()
+    return lambda name="memory", by="test": Memory(tmp_path / name, clock=ManualClock(), by=by, durable=False)
 
 
 @pytest.fixture

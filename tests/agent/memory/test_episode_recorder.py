@@ -79,10 +79,7 @@ class Lab:
         observers = [self.stage.runtime, *([episode_recorder] if learns else [])]
         advisor = MemoryAdvisor(memory, self.surroundings, self.workspace.recalled)
         mission = self.stage.make_mission(observers=observers, advisor=advisor)
-        try:
-            report = mission.run(self.graph, seed=seed)
-        finally:
-            memory.close()
+        report = mission.run(self.graph, seed=seed)
         return report, [
             status.contract for status in mission.ledger.sessions.values() if status.contract.goal == report.goal
         ]
@@ -145,7 +142,6 @@ def test_a_goal_that_goes_on_is_advised_from_the_snapshot_that_it_began_with(lab
     assert not advisor.advise(first).strategy
     assert advisor.begin("tidy", begun) == begun
     assert advisor.advise(first).sources == (lesson.id,)
-    memory.close()
 
 
 def test_without_its_memory_the_same_goal_fails_as_before(lab):
@@ -244,7 +240,6 @@ def test_a_promoted_way_stands_in_the_entry_of_its_skill_until_it_is_demoted(lab
     first = next(each for each in memory.read_all() if each.session == "tidy-1.red")
     good = [make_like(first, number, Strategy(speed=0.5), Verdict.SUCCESS) for number in range(40)]
     memory.record(good)
-    memory.close()
     lab.run(2)
     skills = read_skill_registry(lab.workspace.skill_registry)
     (way,) = skills["pick_and_place"].promoted
@@ -252,7 +247,6 @@ def test_a_promoted_way_stands_in_the_entry_of_its_skill_until_it_is_demoted(lab
     assert {name: skill.model_copy(update={"promoted": ()}) for name, skill in skills.items()} == before
     memory = lab.open()
     memory.record([make_like(first, 100 + number, Strategy(speed=0.5), Verdict.REPLAN) for number in range(10)])
-    memory.close()
     lab.run(3)
     assert read_skill_registry(lab.workspace.skill_registry) == before
 

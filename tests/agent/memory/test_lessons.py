@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from phyagentos.agent.memory import methodological
-from phyagentos.agent.memory.semantic import Count
+from phyagentos.agent.memory.entries import Count
 from phyagentos.protocol.sessions.memory_entries import Embodiment, Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
@@ -198,7 +198,7 @@ def test_a_lesson_that_nothing_confirms_expires(memory):
     memory.record([failed, corrected])
     correction = memory.recall(ask(failed))[0].lesson
     late = memory.experience.seq + methodological.EXPIRES_AFTER + 1
-    state, reason = methodological.judge(correction, late)
+    state, reason = correction.judge(late)
     assert state is Standing.EXPIRED
     assert "nothing confirmed it" in reason
 

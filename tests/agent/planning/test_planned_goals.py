@@ -6,8 +6,8 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from benchmarks.planning_goals_parts.kinematics import find_fault
-from benchmarks.planning_goals_parts.worlds import SOLVABLE, UNSOLVABLE, write_task
+from benchmarks.worlds.kinematics import find_fault
+from benchmarks.worlds.puzzles import SOLVABLE, UNSOLVABLE, write_task
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.agent.goals.spec import WantedGoal

@@ -11,8 +11,8 @@ MUTANTS = (
         edits=(
             Edit(
                 METHODS,
-                'if not correction.tried.successes:\n        return Standing.HYPOTHESIS, ""',
-                'if not correction.tried.successes:\n        return Standing.ACTIVE, ""',
+                'if not self.count.successes:\n            return Standing.HYPOTHESIS, ""',
+                'if not self.count.successes:\n            return Standing.ACTIVE, ""',
             ),
         ),
         tests=(
@@ -94,7 +94,7 @@ MUTANTS = (
     Mutant(
         name="accident_forgiven",
         claim="A lesson that led to a safety event goes on advising.",
-        edits=(Edit(METHODS, "    if correction.accidents:\n", "    if False:\n"),),
+        edits=(Edit(METHODS, "        if self.accidents:\n", "        if False:\n"),),
         tests=("tests/agent/memory/test_cautions.py::test_a_lesson_that_a_safety_event_followed_is_used_no_more",),
     ),
     Mutant(

@@ -4,7 +4,7 @@ import pytest
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
-from phyagentos.protocol.capabilities.trees import read_tree
+from phyagentos.protocol.capabilities.trees import iter_short_references, read_tree
 from phyagentos.runtime.execution.tree_check import check_tree
 
 
@@ -26,6 +26,35 @@ def check(tmp_path, registry):
 
 def test_a_sound_tree_has_no_problem(check):
     assert check(["locate: {object: $object}", "open_gripper"]) == []
+
+
+@pytest.mark.parametrize("reference", ["$object", '"${object}"'])
+def test_a_reference_of_before_means_the_same_as_one_in_braces(check, tmp_path, reference):
+    assert check([f"locate: {{object: {reference}}}"]) == []
+    found = [str(each) for each in iter_short_references(read_tree(tmp_path / "trees" / "mine.yaml"))]
+    warned = ['mine.yaml:7:18: OLD_REFERENCE: found $object; expected "${object}"'] if reference == "$object" else []
+    assert [each.rpartition("/")[2].rstrip(".") for each in found] == warned
+
+
+@pytest.mark.parametrize("declares", [True, False])
+def test_a_tree_without_ports_has_those_of_the_skill_of_its_name(check, tmp_path, declares):
+    (tmp_path / "skills" / "mine").mkdir(parents=True)
+    skill = "skill: mine\ndescription: A skill.\nkind: builtin\ntree: mine\n"
+    skill += "parameters: {thing: {type: entity}}\n"
+    (tmp_path / "skills" / "mine" / "SKILL.md").write_text(f"---\n{skill}---\n")
+    header = "inputs: {object: {type: entity}}" if declares else ""
+
+    assert check(['locate: {object: "${object}"}' if declares else 'locate: {object: "${thing}"}'], header) == []
+    assert list(read_tree(tmp_path / "trees" / "mine.yaml").header.inputs) == ["object" if declares else "thing"]
+
+
+def test_a_changed_copy_of_a_shipped_tree_has_the_ports_of_the_shipped_skill(tmp_path):
+    (tmp_path / "trees").mkdir()
+    text = (find_shipped_root() / "trees" / "take.yaml").read_text()
+    (tmp_path / "trees" / "take.yaml").write_text(text)
+
+    assert "inputs:" not in text
+    assert "object" in read_tree(tmp_path / "trees" / "take.yaml").header.inputs
 
 
 def test_an_unknown_leaf_is_named_with_its_place_and_the_nearest_one(check):
@@ -60,19 +89,21 @@ def test_a_whole_number_passes_as_a_number(check):
 def test_a_key_that_nothing_writes_is_named_with_those_that_are_written(check):
     (problem,) = check(["locate: {object: $objekt}"])
 
-    assert "UNWRITTEN_KEY: found '$objekt', which nothing writes; expected $object. Did you mean 'object'?" in problem
+    assert (
+        "UNWRITTEN_KEY: found '${objekt}', which nothing writes; expected ${object}. Did you mean 'object'?" in problem
+    )
 
 
 def test_a_key_of_another_type_is_refused(check):
     (problem,) = check(["locate: {object: $object, pose: $pose}", "move_linear: {approach: $pose}"])
 
-    assert "WRONG_TYPE: found '$pose' of type Pose; expected type Approach" in problem
+    assert "WRONG_TYPE: found '${pose}' of type Pose; expected type Approach" in problem
 
 
 def test_a_literal_at_an_output_is_refused(check):
     (problem,) = check(["locate: {object: $object, pose: here}"])
 
-    assert "NOT_A_KEY: found 'here'; expected a key such as '$pose' to write to" in problem
+    assert "NOT_A_KEY: found 'here'; expected a key such as '${pose}' to write to" in problem
 
 
 def test_an_unknown_subtree_is_named(check):
@@ -113,15 +144,18 @@ def test_a_list_gives_its_elements_to_the_child_with_their_type(check):
     assert check([looks % "$things", looks.replace("one", "other") % "[red_cube, cup]"], LISTS) == []
 
     (problem,) = check([looks % "$corners"], LISTS)
-    assert "mine.yaml:7:63: WRONG_TYPE: found '$one' of type tuple; expected type str" in problem
+    assert "mine.yaml:7:63: WRONG_TYPE: found '${one}' of type tuple; expected type str" in problem
 
 
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ("$object", "mine.yaml:7:32: WRONG_TYPE: found '$object' of type str; expected a list: names of entities"),
+        ("$object", "mine.yaml:7:32: WRONG_TYPE: found '${object}' of type str; expected a list: names of entities"),
         ("[red_cube, 3]", "mine.yaml:7:32: WRONG_TYPE: found ('red_cube', 3); expected a list"),
-        ("$thing", "mine.yaml:7:32: UNWRITTEN_KEY: found '$thing', which nothing writes; expected $corners, $object"),
+        (
+            "$thing",
+            "mine.yaml:7:32: UNWRITTEN_KEY: found '${thing}', which nothing writes; expected ${corners}, ${object}",
+        ),
     ],
 )
 def test_what_is_no_list_is_refused(check, values, message):
@@ -131,7 +165,7 @@ def test_what_is_no_list_is_refused(check, values, message):
 
 def test_the_element_of_a_list_does_not_take_the_place_of_a_key_of_another_type(check):
     (problem,) = check(["for_each: {each: $object, in: $corners, child: open_gripper}"], LISTS)
-    assert "mine.yaml:7:20: WRONG_TYPE: found '$object' of type str; expected type tuple" in problem
+    assert "mine.yaml:7:20: WRONG_TYPE: found '${object}' of type str; expected type tuple" in problem
 
 
 def test_two_children_of_a_reactive_composite_that_take_time_are_refused(check):

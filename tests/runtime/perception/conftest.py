@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from benchmarks.perception_parts.table import TOP, render_table
+from benchmarks.worlds.table import TOP, render_table
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.settings.sensors import read_sensors

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from benchmarks.perception_parts.table import render_table
+from benchmarks.worlds.table import render_table
 from phyagentos.protocol.world.environment import Shape, ShapeKind, Status
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception.contents import find_bearing

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from benchmarks.perception_parts.table import render_table
+from benchmarks.worlds.table import render_table
 from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 from tests.runtime.perception.conftest import Stage, open_library

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.perception_parts.table import render_table
+from benchmarks.worlds.table import render_table
 from phyagentos.geometry import compute_rotation
 from tests.runtime.perception.conftest import Stage, open_library
 

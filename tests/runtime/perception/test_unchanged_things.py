@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from benchmarks.perception_parts.table import render_table
+from benchmarks.worlds.table import render_table
 from phyagentos.geometry import compute_rotation, compute_tilt
 from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.scenes import read_scene

@@ -15,7 +15,7 @@ def authority():
 
 @pytest.mark.parametrize("epoch", [2, 3])
 def test_no_epoch_is_granted_again_and_none_before_it(authority, epoch):
-    refused = authority.begin("s", epoch)
+    refused = authority.check_begin("s", epoch)
 
     assert (refused.code, refused.message) == (
         "STALE_TOKEN",
@@ -24,18 +24,20 @@ def test_no_epoch_is_granted_again_and_none_before_it(authority, epoch):
 
 
 def test_the_next_epoch_is_granted_and_so_is_any_of_another_session(authority):
-    assert authority.begin("t", 0) is None
+    assert authority.check_begin("t", 0) is None
+    authority.begin("t", 0)
     authority.end()
-    assert authority.begin("s", 4) is None
+    assert authority.check_begin("s", 4) is None
 
 
 def test_an_epoch_below_all_is_refused_to_a_session_that_never_began(authority):
-    assert authority.begin("t", -1).code == "STALE_TOKEN"
+    assert authority.check_begin("t", -1).code == "STALE_TOKEN"
 
 
 def test_the_same_claim_made_twice_does_not_undo_a_stop(authority):
     authority.begin("s", 4)
     authority.stop("ESTOPPED")
 
-    assert authority.begin("s", 4) is None
+    assert authority.check_begin("s", 4) is None
+    authority.begin("s", 4)
     assert authority.check_commanding("s", 4).code == "ESTOPPED"

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from benchmarks.unseen_parts.cases import Draft
-from benchmarks.unseen_parts.forms import make_box, make_vessel
-from benchmarks.unseen_parts.rooms import Thing, draw_color
+from benchmarks.worlds.cases import Draft
+from benchmarks.worlds.forms import make_box, make_vessel
+from benchmarks.worlds.rooms import Thing, draw_color
 
 FAR_M = ((0.70, 0.58), (0.80, 0.50), (0.72, 0.62))  # corners of the table out of reach
 

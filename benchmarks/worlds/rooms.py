@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.unseen_parts.forms import (
+from benchmarks.worlds.forms import (
     DRAWS,
     KINDS,
     Form,

@@ -1,6 +1,6 @@
 """Conditions of suites beside those of the scorer `simulator`: from a recorded simulator state, MuJoCo and numpy alone.
 
-A suite names one as `benchmarks.eyes:is_borne`; nothing of the framework that acted is imported.
+A suite names one as `benchmarks.oracle.conditions:is_borne`; each gets the folder of an evidence bundle first.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,9 +10,10 @@ import mujoco
 import numpy as np
 import yaml
 
-from phyagentos.bench.scorers.simulator_state import REST_SPEED_M_S, read_end
+from benchmarks.oracle.moment import Moment
 
-ROBOTS = Path(__file__).resolve().parents[1] / "robots"
+ROBOTS = Path(__file__).resolve().parents[2] / "robots"
+REST_M_S = 0.05
 GAP_M = 0.006  # between what rests on each other, contact softness and a small tilt included
 LEVEL_COS = 0.985  # ten degrees
 FLOOR_SLACK_M = 0.004
@@ -23,11 +24,10 @@ BASE_JOINTS = ["base_x", "base_y", "base_yaw"]
 
 def is_borne(folder: Path, load: str, carrier: str, half_m: Sequence[float], height_m: float) -> bool:
     """Whether the middle of `load` stands `height_m` [m] above that of a level box of these half extents (2,) [m]."""
-    _, data = read_end(folder)
-    rotation = data.body(carrier).xmat.reshape(3, 3)
-    place = rotation.T @ (data.body(load).xpos - data.body(carrier).xpos)
+    end = Moment.read(folder)
+    place = end.find_local(load, carrier)
     is_over = abs(place[0]) <= half_m[0] and abs(place[1]) <= half_m[1]
-    return bool(rotation[2, 2] > LEVEL_COS and is_over and abs(place[2] - height_m) <= GAP_M)
+    return bool(end.locate(carrier)[0][2, 2] > LEVEL_COS and is_over and abs(place[2] - height_m) <= GAP_M)
 
 
 def is_in_place(folder: Path, thing: str, place: str, center_m: Sequence[float], half_m: Sequence[float]) -> bool:
@@ -40,14 +40,14 @@ def is_in_place(folder: Path, thing: str, place: str, center_m: Sequence[float],
         center_m: (3,) middle of the interior in the frame of the place [m].
         half_m: (3,) half extents of the interior [m].
     """
-    model, data = read_end(folder)
-    base, half, geom = model.body(place), np.array(half_m), model.body(thing).geomadr[0]
-    corners = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, 8) * model.geom_size[geom][:, None]
-    world = data.geom_xpos[geom][:, None] + data.geom_xmat[geom].reshape(3, 3) @ corners
-    local = data.xmat[base.id].reshape(3, 3).T @ (world - data.xpos[base.id][:, None]) - np.array(center_m)[:, None]
+    end, half = Moment.read(folder), np.array(half_m)
+    (turn, at), geom = end.locate(place), end.model.body(thing).geomadr[0]
+    corners = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, 8) * end.model.geom_size[geom][:, None]
+    world = end.data.geom_xpos[geom][:, None] + end.data.geom_xmat[geom].reshape(3, 3) @ corners
+    local = turn.T @ (world - at[:, None]) - np.array(center_m)[:, None]
     within = np.all(np.abs(local[:2].mean(axis=1)) < half[:2])
     within &= -half[2] - FLOOR_SLACK_M < local[2].min() < half[2]
-    return bool(within) and _is_at_rest(model, data, thing)
+    return bool(within) and _is_at_rest(end, thing)
 
 
 def is_posed(
@@ -63,11 +63,10 @@ def is_posed(
     """
     if not (folder / "trajectory.npz").exists():
         return False  # its worker was lost: nothing was measured
-    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
-    joints, wanted = [model.joint(name) for name in posture_rad], np.array(list(posture_rad.values()))
-    with np.load(folder / "terminal.npz") as terminal, np.load(folder / "trajectory.npz") as course:
-        q = terminal["qpos"][[int(joint.qposadr[0]) for joint in joints]]
-        qd = terminal["qvel"][[int(joint.dofadr[0]) for joint in joints]]
+    end, wanted = Moment.read(folder), np.array(list(posture_rad.values()))
+    joints = [end.model.joint(name) for name in posture_rad]
+    q, qd = end.data.qpos[[int(j.qposadr[0]) for j in joints]], end.data.qvel[[int(j.dofadr[0]) for j in joints]]
+    with np.load(folder / "trajectory.npz") as course:
         late = course["time_s"] >= course["time_s"][-1] - held_s
         rows = np.vstack((course["q_measured"][late][:, -len(q) :], q))  # the pose of a base comes first
     return bool((np.abs(rows - wanted) <= POSED_RAD).all() and (np.abs(qd) <= still_rad_s).all())
@@ -78,15 +77,14 @@ def is_standing(folder: Path, body: str, least_m: float, place: str = "", ahead_
 
     With a `place` it also faces that body within 6 degrees, its origin within 7 cm of `ahead_m` from its centre.
     """
-    model, data = read_end(folder)
-    own, R = data.body(body), data.body(body).xmat.reshape(3, 3)
-    pairs = model.geom_bodyid[data.contact.geom[: data.ncon]]
-    roots = {int(model.body_rootid[each]) for pair in pairs if model.body("floor").id in pair for each in pair}
-    stands = R[2, 2] > np.cos(np.radians(10)) and own.xpos[2] >= least_m and model.body(body).id in roots
-    stands &= _is_at_rest(model, data, body)
+    end = Moment.read(folder)
+    R, at = end.locate(body)
+    roots = {int(end.model.body_rootid[each]) for each in end.find_touching("floor")}
+    stands = R[2, 2] > np.cos(np.radians(10)) and at[2] >= least_m and end.find(body) in roots
+    stands &= _is_at_rest(end, body)
     if not place:
         return bool(stands)
-    to_place = (data.body(place).xpos - own.xpos)[:2]
+    to_place = (end.locate(place)[1] - at)[:2]
     turned = np.arctan2(*(R[1::-1, 0])) - np.arctan2(to_place[1], to_place[0])
     faces = abs(np.remainder(turned + np.pi, 2 * np.pi) - np.pi) < np.radians(6)
     return bool(stands and faces and abs(np.linalg.norm(to_place) - ahead_m) < 0.07)
@@ -97,13 +95,11 @@ def is_parked(folder: Path, body: str, mount_wxyz: Sequence[float], place: str, 
 
     `mount_wxyz` is how the base's own frame stands in the world where it is headed along x.
     """
-    model, data = read_end(folder)
-    own, there, mount = data.body(body), data.body(place), np.zeros(9)
+    end, mount = Moment.read(folder), np.zeros(9)
     mujoco.mju_quat2Mat(mount, np.array(mount_wxyz, dtype=float))
-    turned = there.xmat.reshape(3, 3).T @ own.xmat.reshape(3, 3) @ mount.reshape(3, 3).T
-    away = there.xmat.reshape(3, 3).T @ (own.xpos - there.xpos) - at_m
-    is_there = np.linalg.norm(away[:2]) < 0.05 and turned[0, 0] > np.cos(np.radians(6))
-    return bool(is_there) and _is_at_rest(model, data, body)
+    turned = end.locate(place)[0].T @ end.locate(body)[0] @ mount.reshape(3, 3).T
+    is_there = np.linalg.norm((end.find_local(body, place) - at_m)[:2]) < 0.05 and turned[0, 0] > np.cos(np.radians(6))
+    return bool(is_there) and _is_at_rest(end, body)
 
 
 def is_held_up(folder: Path, thing: str, supports: Sequence[str]) -> bool:
@@ -111,17 +107,14 @@ def is_held_up(folder: Path, thing: str, supports: Sequence[str]) -> bool:
 
     A finger is all that hangs on one body whose parent does not move.
     """
-    model, data = read_end(folder)
-    own = model.body(thing).id
-    pairs = model.geom_bodyid[data.contact.geom[: data.ncon]]
-    touching = {int(a if b == own else b) for a, b in pairs if own in (a, b)}
-    fingers = set()
+    end, fingers = Moment.read(folder), set[int]()
+    model, touching = end.model, end.find_touching(thing)
     for body in touching:
         while model.body_weldid[body] and model.body_weldid[model.body_parentid[body]]:
             body = int(model.body_parentid[body])
         fingers |= {body} if model.body_weldid[body] else set()
-    is_free = not touching & {model.body(name).id for name in supports}
-    return is_free and len(fingers) >= 2 and _is_at_rest(model, data, thing)
+    is_free = not touching & {end.find(name) for name in supports}
+    return is_free and len(fingers) >= 2 and _is_at_rest(end, thing)
 
 
 def is_in_posture(
@@ -140,32 +133,24 @@ def is_kept(folder: Path, robot: str, posture: str, body: str, least_m: float) -
 
 def is_within(folder: Path, thing: str, middle_m: Sequence[float], half_m: Sequence[float]) -> bool:
     """Whether the origin of a free body is within a box (3,) along the axes of the world."""
-    _, data = read_end(folder)
-    return bool((np.abs(data.body(thing).xpos - middle_m) <= half_m).all())
+    return bool((np.abs(Moment.read(folder).locate(thing)[1] - middle_m) <= half_m).all())
 
 
 def is_on(folder: Path, upper: str, lower: str) -> bool:
     """Whether one box rests on the top of another: its centre over it, its bottom at that top, at rest."""
-    model, data = read_end(folder)
-    high, low = model.body(upper).id, model.body(lower).id
-    bottom_m = data.xpos[high][2] - _half_height(model, data, high)
-    top_m = data.xpos[low][2] + _half_height(model, data, low)
-    reach = float(model.geom_size[model.body_geomadr[low]][:2].min())
-    is_over = np.all(np.abs(data.xpos[high][:2] - data.xpos[low][:2]) < reach)
-    return bool(abs(bottom_m - top_m) < TOUCH_M and is_over) and _is_at_rest(model, data, upper)
+    end = Moment.read(folder)
+    top_m = end.measure_reach(lower, np.array([0.0, 0.0, 1.0]))
+    reach = float(end.model.geom_size[end.model.body(lower).geomadr[0]][:2].min())
+    is_over = np.all(np.abs(end.locate(upper)[1] - end.locate(lower)[1])[:2] < reach)
+    return bool(abs(end.find_lowest(upper) - top_m) < TOUCH_M and is_over) and _is_at_rest(end, upper)
 
 
 def is_in_box(folder: Path, name: str, middle_m: Sequence[float], half_m: Sequence[float]) -> bool:
     """Whether the centre of a free body is over a level rectangle (2,), (2,) along the axes of the world, at rest."""
-    model, data = read_end(folder)
-    inside = np.all(np.abs(data.body(name).xpos[:2] - np.array(middle_m)) <= np.array(half_m))
-    return bool(inside) and _is_at_rest(model, data, name)
+    end = Moment.read(folder)
+    inside = np.all(np.abs(end.locate(name)[1][:2] - np.array(middle_m)) <= np.array(half_m))
+    return bool(inside) and _is_at_rest(end, name)
 
 
-def _half_height(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> float:
-    geom = model.body_geomadr[body]
-    return float(np.abs(data.geom_xmat[geom].reshape(3, 3)[2]) @ model.geom_size[geom])
-
-
-def _is_at_rest(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> bool:
-    return float(np.linalg.norm(data.qvel[model.body_dofadr[model.body(name).id] :][:3])) < REST_SPEED_M_S
+def _is_at_rest(end: Moment, name: str) -> bool:
+    return end.measure_speed(name) < REST_M_S

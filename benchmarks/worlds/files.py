@@ -1,34 +1,31 @@
-"""A case as the robot gets it: scene, goal graph and faults, in the formats of this project.
+"""A case as the robot gets it: scene and goal graph, in the formats of this project.
 
 What these formats cannot say is left out, and named in `benchmarks/unseen.py`: it is never imitated.
 """
 
-from collections.abc import Sequence
 from itertools import combinations_with_replacement
 from pathlib import Path
+from typing import Any
 
 import yaml
 
-from benchmarks.unseen_parts.cases import Case
-from benchmarks.unseen_parts.rooms import TABLE_RGB, TABLE_X_M, TABLE_Y_M, Room, Thing
+from benchmarks.worlds.cases import Case
+from benchmarks.worlds.rooms import TABLE_RGB, TABLE_X_M, TABLE_Y_M, Room, Thing
 
 FOLDER = "unseen"
 
 
-def write_project(cases: Sequence[Case], root: Path) -> None:
-    """A project folder with every scene and goal graph, and one fault file for all of them."""
-    for case in cases:
-        _write(root / "scenes" / FOLDER / f"{case.name}.yaml", render_scene(case.room, case.name))
-        _write(root / "goal_graphs" / f"{case.name}.yaml", render_goal(case))
-    _write(root / "faults" / "unseen.yaml", render_faults(cases))
+def write_project(folder: Path, scene: dict[str, Any], graph: dict[str, Any], **others: Any) -> Path:
+    """A project with a scene, a goal graph, and other files by their names without `.yaml`; the path of the graph."""
+    path = folder / "goal_graphs" / f"{graph['goal']}.yaml"
+    files = {path: graph, folder / "scenes" / f"{scene['scene']}.yaml": scene}
+    for file, data in (files | {folder / f"{name}.yaml": data for name, data in others.items()}).items():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True))
+    return path
 
 
-def _write(path: Path, data: dict[str, object]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True))
-
-
-def render_scene(room: Room, name: str) -> dict[str, object]:
+def render_scene(room: Room, name: str) -> dict[str, Any]:
     """The scene file of a room."""
     center = ((TABLE_X_M[0] + TABLE_X_M[1]) / 2, (TABLE_Y_M[0] + TABLE_Y_M[1]) / 2)
     half = ((TABLE_X_M[1] - TABLE_X_M[0]) / 2, (TABLE_Y_M[1] - TABLE_Y_M[0]) / 2)
@@ -112,7 +109,7 @@ def _render_place(thing: Thing) -> dict[str, object]:
     return {"position_m": [x, y, z], "yaw_rad": yaw}
 
 
-def render_goal(case: Case) -> dict[str, object]:
+def render_goal(case: Case) -> dict[str, Any]:
     """The goal graph of a case."""
     data: dict[str, object] = {
         "goal": case.name,
@@ -133,14 +130,3 @@ def render_goal(case: Case) -> dict[str, object]:
     if case.accept:
         data["accept"] = list(case.accept)
     return data
-
-
-def render_faults(cases: Sequence[Case]) -> dict[str, object]:
-    """The faults of all cases, each in sessions of its own goal alone, or in the one that it names."""
-    faults = []
-    for case in cases:
-        for fault in case.faults:
-            when = fault["when"]
-            assert isinstance(when, dict)
-            faults.append(fault | {"when": {"session": f"{case.name}.*"} | when})
-    return {"version": 1, "description": "Drawn by benchmarks/unseen_parts.", "faults": faults}

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from benchmarks.unseen_parts.forms import Rng
-from benchmarks.unseen_parts.rooms import Floor, Room, Thing
+from benchmarks.worlds.forms import Rng
+from benchmarks.worlds.rooms import Floor, Room, Thing
 
 
 @dataclass(frozen=True, slots=True)

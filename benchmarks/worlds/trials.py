@@ -1,4 +1,4 @@
-"""Goals to recover in, drawn from seeds: rooms of `benchmarks/unseen_parts`, each with a fault that need not last.
+"""Goals to recover in, drawn from seeds: rooms of `benchmarks/worlds`, each with a fault that need not last.
 
 Half of the faults are the generator's; in the other half a person takes away again what the first node moved, when the
 last one begins. Nodes that only claim something are left out: nothing is to be recovered there. What reach, opening,
@@ -11,11 +11,11 @@ from dataclasses import replace
 from itertools import count, islice
 from pathlib import Path
 
-from benchmarks.unseen_parts.cases import Case, Node
-from benchmarks.unseen_parts.drawn import write_case
-from benchmarks.unseen_parts.feasible import find_ambiguity, find_contradiction, list_obstacles
-from benchmarks.unseen_parts.goals import draw_case
-from benchmarks.unseen_parts.records import is_lasting
+from benchmarks.oracle.feasible import find_ambiguity, find_contradiction, list_obstacles
+from benchmarks.worlds.cases import Case, Node
+from benchmarks.worlds.faults import is_lasting
+from benchmarks.worlds.goals import draw_case
+from benchmarks.worlds.projects import write_case
 
 SPARE_SESSIONS = 3  # that a drawn goal may have beside one for each node: a restart does not always fit
 REPLANS = 4

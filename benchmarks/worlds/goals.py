@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.unseen_parts.cases import Case, Draft, Node
-from benchmarks.unseen_parts.faults import draw_faults
-from benchmarks.unseen_parts.forms import Rng
-from benchmarks.unseen_parts.impossible import draw_impossible
-from benchmarks.unseen_parts.rooms import Room, Thing, add_leaning, draw_room, list_twins
+from benchmarks.worlds.cases import Case, Draft, Node
+from benchmarks.worlds.faults import draw_faults
+from benchmarks.worlds.forms import Rng
+from benchmarks.worlds.impossible import draw_impossible
+from benchmarks.worlds.rooms import Room, Thing, add_leaning, draw_room, list_twins
 
 AGREED_SHARE = 0.5  # of goals in whose room equal things may stand for each other
 FAULT_SHARE, IMPOSSIBLE_SHARE, LEANING_SHARE = 0.26, 0.16, 0.3

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from benchmarks.unseen_parts.cases import Case, Node
-from benchmarks.unseen_parts.rooms import Room, Thing, find_twin
+from benchmarks.worlds.cases import Case, Node
+from benchmarks.worlds.rooms import Room, Thing, find_twin
 
 REACH_M = 0.90  # level distance of a fingertip from the base: 0.70 to the wrist, then flange and hand laid flat
 OPENING_M = 0.080

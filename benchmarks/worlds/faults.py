@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from benchmarks.unseen_parts.forms import Rng
+from benchmarks.worlds.forms import Rng
 
 CAMERAS = ("overhead", "left", "right", "wrist")
 KINDS = ("slip", "nudge", "move", "remove", "stall", "freeze", "blackout", "misdate", "miscalibrate")
@@ -39,3 +39,13 @@ def _draw_lie(kind: str, camera: str, rng: Rng) -> dict[str, object]:
         one["by_rad"] = [round(float(value), 4) for value in rng.uniform(-0.03, 0.03, 3)]
         one["when"] = {}
     return one
+
+
+def find_struck(fault: dict[str, object]) -> str:
+    """What a fault strikes: a thing, a camera (`*`: every one) or a joint."""
+    return str(fault.get("joint") or fault.get("object") or fault.get("camera"))
+
+
+def is_lasting(fault: dict[str, object]) -> bool:
+    """Whether a fault may leave a goal that nobody could meet: the thing is gone, or no camera is to be believed."""
+    return fault["kind"] == "remove" or fault.get("camera") == "*"

@@ -13,7 +13,8 @@ from typing import Any
 
 import yaml
 
-from benchmarks.planning_goals_parts.kinematics import Invalid, Kinematics
+from benchmarks.worlds.files import write_project
+from benchmarks.worlds.kinematics import Invalid, Kinematics
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.assembly.scene_start import draw_start
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
@@ -191,11 +192,7 @@ def write_forgotten(seed: int, folder: Path) -> Path:
     node = {"skill": "pick_and_place", "target": "arm", "with": {"object": "blue_cube", "destination": "drawer"}}
     graph = {"goal": f"forgotten_{seed}", "objective": "Put the blue cube into the drawer.", "scene": name}
     graph |= {"targets": ROBOT, "sessions": {"fill": node}, "accept": ["inside(blue_cube, drawer)"]}
-    paths = [folder / "scenes" / f"{name}.yaml", folder / "goal_graphs" / f"forgotten_{seed}.yaml"]
-    for path, data in zip(paths, (scene | {"scene": name}, graph), strict=True):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
-    return paths[1]
+    return write_project(folder, scene | {"scene": name}, graph)
 
 
 def _pile(scene: Scene, names: list[str], chance: random.Random, heights: list[int]) -> None:

@@ -1,1 +1,0 @@
-"""Parts of `planning_goals.py`."""

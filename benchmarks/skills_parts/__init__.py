@@ -1,1 +1,0 @@
-"""Instances of skills, drawn from seeds, and their judge."""

@@ -1,0 +1,1 @@
+"""Rooms, tables, objects, goals and faults, drawn from seeds: the one generator of worlds that benchmarks share."""
