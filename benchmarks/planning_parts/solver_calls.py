@@ -21,8 +21,8 @@ def count_calls(graph: str, seed: int) -> Counter[str]:
     """
     calls = Counter[str]()
     with tempfile.TemporaryDirectory(prefix="calls-") as folder:
-        goal = paos.run(graph, seed=seed, workspace=Path(folder) / "run", memory="none", pictures=False)
-        for each in goal.sessions:
+        report = paos.run(graph, seed=seed, workspace=Path(folder) / "run", memory="none", pictures=False)
+        for each in paos.open_workspace(report.workspace):
             if (execution := each.status.execution) is not None:
                 calls += count_solver_calls(read_bundle(each.evidence, each.status.contract, execution).events)
     return calls
