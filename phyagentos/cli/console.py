@@ -19,6 +19,7 @@ from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.world.truth import Truth
+from phyagentos.wording import count_criteria
 
 _STYLES = {  # of states and verdicts
     "green": ("succeeded", "done", "success"),
@@ -131,7 +132,7 @@ def summarise(row: Row) -> str:
         facts = (attempt.cause, execution.code, execution.leaf) if execution is not None else (attempt.cause,)
         return " ".join(dict.fromkeys(filter(None, facts)))
     held = sum(criterion.truth is Truth.TRUE for criterion in attempt.criteria)
-    return f"{held} of {len(attempt.criteria)} criteria hold{tell_failure(row)}"
+    return f"{count_criteria(held, len(attempt.criteria))}{tell_failure(row)}"
 
 
 def tell_failure(row: Row) -> str:

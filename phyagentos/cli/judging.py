@@ -18,6 +18,7 @@ from phyagentos.operations.verify import Judged
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.settings.verification import JudgeName
 from phyagentos.protocol.settings.verification_mode import VerificationMode
+from phyagentos.wording import count
 
 _WITH_HELP = f"Judges, comma-separated: {', '.join(JudgeName)}, or installed ones; those of the settings if left out."
 _FRAMES_HELP = "Perceive the stored camera frames again, judge, compare; records nothing."
@@ -67,7 +68,8 @@ def rerun(session: Id, workspace: Space, trust_python: TrustPython = False) -> R
 def _show_again(found: JudgedAgain) -> Reply[JudgedAgain]:
     """Exit code 0 where what is perceived and judged again is equal to what was recorded."""
     equal = "equal to what was recorded" if not found.differences else "not what was recorded"
-    lines = [f"{found.session}: {len(found.criteria)} criteria from {found.looks} looks, {equal}"]
+    criteria = count(len(found.criteria), "criterion", "criteria")
+    lines = [f"{found.session}: {criteria} from {count(found.looks, 'look')}, {equal}"]
     lines += [*map(_render, found.criteria), *(f"  differs: {difference}" for difference in found.differences)]
     return Reply(found, "\n".join(lines), code=ExitCode.GOAL_NOT_MET if found.differences else ExitCode.GOAL_MET)
 

@@ -17,7 +17,7 @@ from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.documents.markdown import format_value
 from phyagentos.protocol.sessions.evidence import Bundle, count_solver_calls, read_bundle
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
-from phyagentos.protocol.sessions.session import Execution, GoalId, SessionStatus
+from phyagentos.protocol.sessions.session import Execution, GoalId, Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -25,7 +25,6 @@ from phyagentos.protocol.world.idealisations import format_idealisations
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.subjects import find_node, get_goal, get_session
 
-_OWN_WAY = "the skill's own way"
 Fact = tuple[str, str]  # what a line is about, and its text
 
 
@@ -88,7 +87,7 @@ def _explain_session(workspace: Workspace, ledger: Ledger, status: SessionStatus
     own, others = status.contract, ledger.sessions.values()
     facts = [("objective", own.objective)]
     if own.parent is not None:
-        facts.append(("parent", f"{own.parent}, strategy {own.strategy or _OWN_WAY}"))
+        facts.append(("parent", f"{own.parent}, {_describe_strategy(own)}"))
     facts += [("advised", sentence) for sentence in own.advice]
     if (execution := status.execution) is None:
         facts.append(("execution", f"none: {status.reason or 'it has not run'}"))
@@ -107,8 +106,12 @@ def _explain_session(workspace: Workspace, ledger: Ledger, status: SessionStatus
         facts += [("thinned", f"{each.at}: {', '.join(each.files)} ({each.rule})") for each in thinned]
     facts += [("fault", f"{fault} never struck in this run") for fault in find_unstruck(workspace.root)]
     children = [each.contract for each in others if each.contract.parent == own.id]
-    facts += [("child", f"{each.id}, strategy {each.strategy or _OWN_WAY}") for each in children]
+    facts += [("child", f"{each.id}, {_describe_strategy(each)}") for each in children]
     return iter([f"{own.id}: {status.state}", *_render(facts)])
+
+
+def _describe_strategy(session: Session) -> str:
+    return f"{session.skill} {session.strategy}" if session.strategy else f"{session.skill} as before"
 
 
 def _iter_execution(execution: Execution) -> Iterator[Fact]:

@@ -19,7 +19,7 @@ from phyagentos.protocol.sessions.evidence import BEFORE
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.session import SessionStatus
-from phyagentos.store.views.tasks import split_reason
+from phyagentos.store.views.tasks import describe_fault
 from phyagentos.view.documents import Documents
 from phyagentos.view.frames import read_frames
 
@@ -73,7 +73,8 @@ def _read_goal(documents: Documents, query: Query, _: Session) -> dict[str, Any]
     if goal is None:
         return {"goal": None, "goals": []}
     svg = draw_goal(goal, find=query.find, link=lambda step: query.link(session=step.session) if step.session else "")
-    replans = [(each, *split_reason(each, documents.ledger)) for node in goal.nodes.values() for each in node.replans]
+    every = [each for node in goal.nodes.values() for each in node.replans]
+    replans = [(each, describe_fault(each, documents.ledger)) for each in every]
     return {"goal": goal, "goals": list(documents.ledger.goals)[-20:], "svg": svg, "replans": replans}
 
 

@@ -47,7 +47,7 @@ def test_acceptance_needs_facts_that_were_observed_at_the_end():
     late = msgspec.structs.replace(DONE, time_s=FRESH_S + 0.5)
     (criterion,) = PredicateJudge().judge(make_bundle(late))
     assert criterion.truth is Truth.UNKNOWN
-    assert "red_cube was last seen 1.5 s before, allowed are 1 s" in criterion.because
+    assert "red_cube was last seen 1.5 s before; up to 1 s is allowed" in criterion.because
 
 
 def test_a_snapshot_older_than_the_one_before_the_session_proves_nothing():

@@ -54,7 +54,7 @@ def test_the_best_way_that_was_rehearsed_is_taken_and_looked_ahead_again(tmp_pat
     assert advice.strategy == Strategy(speed=0.5)
     assert advice.threshold is None
     assert "4 of 10 rollouts succeed" in advice.reasons[0]
-    assert "with speed 0.5 it is 9 of 10" in advice.reasons[0]
+    assert "at half speed it is 9 of 10" in advice.reasons[0]
 
 
 def test_where_no_way_is_likely_enough_the_best_is_tried_all_the_same(tmp_path):
@@ -73,7 +73,7 @@ def test_where_no_other_way_is_better_the_own_one_is_tried(tmp_path):
 
     assert advice is not None
     assert (advice.strategy, advice.threshold) == (OWN_WAY, 0.0)
-    assert "none of 1 other ways is better" in advice.reasons[0]
+    assert "none of 1 alternative is better" in advice.reasons[0]
 
 
 def test_a_child_that_is_refused_too_is_not_refused_again(tmp_path):

@@ -143,7 +143,7 @@ def test_what_stays_unseen_is_looked_at_twice_and_then_its_cause_is_told(make_st
     red = [session for session in report.sessions if session.node == "red"]
     assert [session.state for session in red] == ["replanned", "replanned", "failed"]
     assert red[0].cause == "EVIDENCE_MISSING"
-    assert "It was looked for 2 times" in red[-1].reason
+    assert "After 2 looks: " in red[-1].reason
 
 
 def lose_runner(world, session):

@@ -100,7 +100,7 @@ def test_what_none_of_the_judges_answers_is_unknown_and_never_met(judges, unansw
     attempt = SessionVerifier(judges=judges).judge(bundle, BUDGET)
     assert attempt.verdict is not Verdict.SUCCESS
     assert [each.text for each in attempt.criteria if each.truth is Truth.UNKNOWN] == [unanswered]
-    assert f"{unanswered} is unknown: none of the judges that were asked answers it" in attempt.reason
+    assert f"{unanswered} is unknown: no judge of this session answers it" in attempt.reason
 
 
 def test_a_hold_condition_without_a_sample_is_unknown():
@@ -138,7 +138,6 @@ def test_the_cause_comes_from_evidence_and_decides_whether_another_attempt_is_wo
     attempt = SessionVerifier().judge(bundle, BUDGET)
     assert (attempt.cause, attempt.verdict) == (cause.value, verdict)
     assert diagnose(bundle, attempt.criteria).cause.layer is layer
-    assert attempt.reason.startswith(f"{layer}: ")
 
 
 @pytest.mark.parametrize("verdict", [Verdict.FAILURE, Verdict.REPLAN])
@@ -164,7 +163,7 @@ def test_fingers_that_closed_on_air_are_a_missed_grasp_although_the_skill_comple
     session = make_session(skill="pick", accept=("holding(panda, red_cube)",), parameters={"object": "red_cube"})
     attempt = SessionVerifier().judge(make_bundle(make_world(), session=session), BUDGET)
     assert (attempt.verdict, attempt.cause) == (Verdict.REPLAN, Cause.GRASP_MISSED)
-    assert "panda holds nothing with fingers 0.0800 m apart" in attempt.reason
+    assert "panda holds nothing, its fingers 80 mm apart" in attempt.reason
 
 
 def test_the_reason_names_the_leaf_and_the_number_that_decided():
@@ -181,8 +180,7 @@ def test_the_reason_names_the_leaf_and_the_number_that_decided():
         ),
     )
     attempt = SessionVerifier().judge(make_bundle(make_world(), execution=failed("GRASP_MISSED"), trace=trace), BUDGET)
-    assert "pick/verify ended skill_failed with GRASP_MISSED" in attempt.reason
-    assert "from neither side (width_m 0.0004)" in attempt.reason
+    assert "from neither side, in pick/verify (width_m 0.0004)" in attempt.reason
 
 
 def _violated() -> Criterion:
@@ -294,7 +292,7 @@ def test_alike_things_end_a_session_at_once_with_their_names():
 
     assert (attempt.verdict, attempt.cause, attempt.missing_evidence) == (Verdict.FAILURE, Cause.AMBIGUOUS, ())
     assert attempt.criteria[0].alternatives == ("blue_cube", "red_cube")
-    assert "nothing tells blue_cube and red_cube apart" in attempt.reason
+    assert "blue_cube and red_cube look alike" in attempt.reason
 
     agreed = make_session(interchangeable=(("red_cube", "blue_cube"),))
     attempt = SessionVerifier().judge(make_bundle(after, session=agreed), BUDGET)

@@ -151,7 +151,7 @@ def test_the_final_table_names_nodes_verdicts_times_and_pictures(replanned):
     print_report(report, replanned.fold.rows(), Console(file=text, width=160))
     assert "goal tidy-7: not met  because" in text.getvalue()
     assert "6.5 s" in text.getvalue()
-    assert "1 of 1 criteria hold" in text.getvalue()
+    assert "the criterion holds" in text.getvalue()
     assert str(picture) in text.getvalue()
 
 
@@ -170,7 +170,7 @@ def test_a_success_whose_execution_was_lost_is_never_shown_as_plain_success(run,
     for shown in (stream.getvalue(), text.getvalue()):
         assert "but the execution failed: runner_lost GRASP_LOST" in shown
     assert "success (execution failed)" in text.getvalue()
-    assert "1 of 1 criteria hold, but" in text.getvalue()
+    assert "the criterion holds, but" in text.getvalue()
 
 
 @pytest.mark.parametrize(

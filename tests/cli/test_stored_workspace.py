@@ -47,7 +47,7 @@ def test_why_tells_cause_and_child(stored, paos):
     told = paos("why", "red", "-w", stored).out
     assert "GRASP_LOST" in told
     assert f"{GOAL}.red.r1" in told
-    assert "avoid grasps yaw+000, speed 0.5" in told
+    assert "with another grasp (not yaw 0°) at half speed" in told
 
 
 def test_its_graph_shows_the_child_and_is_that_of_an_agent_of_today(stored, paos):

@@ -61,7 +61,7 @@ def run_session(pens, id, attempt, *consequences):
 @pytest.fixture
 def tail(pens):
     nodes = {"red": {"skill": "pick_and_place"}} | {f"n{number}": {} for number in range(NODES_NAMED)}
-    change = "GRASP_LOST: the cube slipped; another grasp than yaw+270; at 0.5 of the speed"
+    change = "pick_and_place again with another grasp (not yaw 270°) at half speed"
     pens[Side.AGENT].commit(
         [
             Entry("goal:tidy-7", "goal_submitted", {"graph": "tidy", "seed": 7, "objective": "Tidy the table"}),
@@ -99,7 +99,8 @@ def test_the_log_tells_the_story_in_order_and_nothing_twice(tail):
         "**tidy-7.red** (runtime) passed preflight, running",
         "**tidy-7.red** (runtime) execution completed; 0.00 s simulated, 0 commands.",
         "**tidy-7.red** (agent) verdict replan (GRASP_LOST): the cube slipped.",
-        "**tidy-7/red** (agent) tidy-7.red continues as tidy-7.red.r1: another grasp than yaw+270; at 0.5 of the speed",
+        "**tidy-7/red** (agent) tidy-7.red continues as tidy-7.red.r1: "
+        "pick_and_place again with another grasp (not yaw 270°) at half speed",
         "**tidy-7.red.r1** (agent) asks: Put the red cube away (pick_and_place on panda, revises tidy-7.red)",
         "**tidy-7.red.r1** (runtime) claimed, epoch 1",
         "**tidy-7.red.r1** (runtime) passed preflight, running",

@@ -12,8 +12,8 @@ from phyagentos.store.views.tasks import (
     EDGES_DRAWN,
     GOALS_SHOWN,
     NODES_DRAWN,
+    describe_fault,
     render_tasks,
-    split_reason,
 )
 from phyagentos.testing import make_contract
 
@@ -68,15 +68,16 @@ def test_a_graph_is_drawn_while_a_forge_can_draw_it(ledger, nodes, after, is_dra
     assert text.count("| waiting |") == nodes
 
 
-def test_a_replan_is_told_in_two_parts_as_long_as_the_verdict_is_known(ledger):
+def test_why_a_session_was_revised_is_read_from_its_verdict_else_from_its_rejection(ledger):
     attempt = Attempt(verdict=Verdict.REPLAN, criteria=(), cause="GRASP_LOST", reason="the cube slipped.")
-    replan = Replan(
-        session="a", child="a.r1", reason="GRASP_LOST: the cube slipped; another grasp than yaw+90; slower."
-    )
-    assert split_reason(replan, ledger) == (replan.reason, "")
+    replan = Replan(session="a", child="a.r1", reason="pick again at half speed")
+    assert describe_fault(replan, ledger) == ""
+
+    ledger.sessions["a"] = make_status("a", reason="panda is busy")
+    assert describe_fault(replan, ledger) == "panda is busy"
 
     ledger.sessions["a"] = make_status("a", attempts=(attempt,))
-    assert split_reason(replan, ledger) == ("GRASP_LOST: the cube slipped", "another grasp than yaw+90; slower")
+    assert describe_fault(replan, ledger) == "GRASP_LOST: the cube slipped."
 
 
 def test_a_session_is_linked_to_its_evidence_where_it_left_some(ledger):

@@ -26,7 +26,7 @@ def test_a_posture_is_reached_when_every_measured_joint_is_within_the_tolerance(
     missed = value("in_posture(arm, fist)", look(0.5, 1.06))
     assert missed.truth is Truth.FALSE
     assert missed.measured == {"joint": 2, "off_rad": pytest.approx(0.06)}
-    assert "joint 2 of arm is 0.060 rad from fist, allowed are 0.05 rad" in missed.because
+    assert "joint 2 of arm is 3.4° from fist; up to 2.9° is allowed" in missed.because
     assert value("in_posture(arm, fist, 0.1)", look(0.5, 1.06)).truth is Truth.TRUE
 
 

@@ -419,7 +419,7 @@ def test_what_lies_in_a_cup_that_fell_over_is_not_on_it_where_its_datum_is_the_l
         return world(cup, cube("a", 0.0, -0.04, 0.009, shapes=plate, datum_m=datum_m, **more))
 
     found = value("on(a, cup)", lies((0.0, 0.0, 0.0)))
-    assert (found.truth, found.because) == (Truth.FALSE, "the datum of a is 0.021 m below that of cup")
+    assert (found.truth, found.because) == (Truth.FALSE, "the datum of a is 21 mm below that of cup")
     assert truth("on(a, cup)", lies((0.0, 0.0, 0.022))) is truth("on(a, cup)", lies(None)) is Truth.TRUE
     unsure = lies((0.0, 0.0, 0.0205), position_std_m=0.0005)
     assert truth("on(a, cup)", unsure) is Truth.UNKNOWN

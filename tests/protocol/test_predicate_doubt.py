@@ -44,7 +44,7 @@ def test_what_is_known_exactly_is_never_in_doubt(text, x, y):
 def test_only_what_is_near_the_limit_is_unknown(x, expected):
     found = value("inside(a, tray)", seen(x))
     assert found.truth == expected
-    assert ("within what the measurement may be off" in found.because) == (expected == "unknown")
+    assert ("within the uncertainty of the measurement" in found.because) == (expected == "unknown")
 
 
 def test_a_larger_uncertainty_leaves_more_open():
@@ -121,8 +121,8 @@ def test_force_and_width_tell_that_something_is_held_and_perception_tells_what(f
 @pytest.mark.parametrize(
     ("more", "because"),
     [
-        ({"width_m": 0.02}, "the fingers are 0.0200 m apart, and a is 0.0400 m wide between them"),
-        ({"width_m": 0.06}, "and a is 0.0400 m wide between them"),
+        ({"width_m": 0.02}, "the fingers are 20 mm apart, and a is 40 mm wide between them"),
+        ({"width_m": 0.06}, "and a is 40 mm wide between them"),
         ({"x": 0.06}, "and a is not between them"),
         ({"y": 0.03}, "and a is not between them"),
         ({"z": 0.09}, "and a is not between them"),
@@ -178,7 +178,7 @@ def test_a_metric_is_unknown_in_a_snapshot_and_compared_where_it_was_measured():
     view = View(now=world(), metrics={"peak_force_n": 41.5})
     found = parse_predicate("metric(peak_force_n) <= 40").evaluate(view)
     assert (found.truth, found.measured) == (Truth.FALSE, {"peak_force_n": 41.5})
-    assert "peak_force_n is 41.5 (asked: <= 40)" in found.because
+    assert "peak_force_n is 41.5 (required: <= 40)" in found.because
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ def test_a_metric_is_unknown_in_a_snapshot_and_compared_where_it_was_measured():
     ("seen_s", "status", "because"),
     [
         (9.9, Status.HIDDEN, "a was hidden in this look, last seen 0.1 s before"),
-        (8.0, Status.SEEN, "a was last seen 2.0 s before, allowed are 1 s"),
+        (8.0, Status.SEEN, "a was last seen 2.0 s before; up to 1 s is allowed"),
     ],
 )
 def test_what_the_deciding_look_did_not_show_is_unknown(text, seen_s, status, because):

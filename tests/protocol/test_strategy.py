@@ -24,5 +24,5 @@ def test_two_strategies_avoid_what_either_does_and_the_own_speed_wins():
 
 
 def test_people_read_it_as_words():
-    assert str(Strategy(avoid_grasps=("a", "b"), speed=0.5)) == "avoid grasps a and b, speed 0.5"
+    assert str(Strategy(avoid_grasps=("a", "b"), speed=0.5)) == "with another grasp (not a or b) at half speed"
     assert str(OWN_WAY) == ""

@@ -104,7 +104,7 @@ def test_a_session_tells_what_was_asked_who_did_it_what_was_seen_and_why(ledger)
         "| `inside(red_cube, red_tray)` | accept | **no** | it lies 0.31 m beside the tray | distance_m = 0.3123 |",
     ):
         assert fact in section
-    assert "**Revises:** `tidy-7.red`; differently: avoid grasps yaw+000 and yaw+090, speed 0.5" in text
+    assert "**Revises:** `tidy-7.red`; differently: with another grasp (not yaw 0° or yaw 90°) at half speed" in text
     assert text.startswith("---\nphy: sessions/1\nview: 14\n---\n")
     assert text.count("stateDiagram-v2") == 1
     assert text.endswith("<!-- end of view -->\n")
@@ -188,7 +188,7 @@ def test_a_task_shows_goal_nodes_criteria_and_verdict(run, ledger):
         "`count(inside(*, red_tray)) >= 1`",
         "| red | active | the red cube | pick_and_place |  | "
         "[tidy-7.red](evidence/tidy-7.red) (replanned), tidy-7.red.r1 (pending) |  |",
-        "| [tidy-7.red](evidence/tidy-7.red) | tidy-7.red.r1 | the cube slipped |  |",
+        "| [tidy-7.red](evidence/tidy-7.red) | tidy-7.red.r1 | GRASP_LOST: verify_grasp measured 0.001 m",
         "| `inside(red_cube, red_tray)` | accept | **no** |",
     ):
         assert fact in text

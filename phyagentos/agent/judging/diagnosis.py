@@ -25,6 +25,7 @@ from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.sessions.verdicts import Criterion, Support
 from phyagentos.protocol.world.environment import SURE, Environment, Status
 from phyagentos.protocol.world.truth import Truth
+from phyagentos.wording import count, format_length
 
 DISTURBED_M = 0.03  # fingers that close beside a thing shift it by less
 GONE_M = 0.55  # a thing so far from where it stood is not within reach any more
@@ -123,7 +124,7 @@ def diagnose_after_looking(bundle: Bundle, criteria: Sequence[Criterion]) -> Dia
     seen = [each for each in others if world.shows(each.name)]
     if not seen or 2 * len(seen) < len(others):
         return replace(diagnosis, cause=Cause.OBJECT_HIDDEN)
-    fact = f"{name} was looked for and not seen, {len(seen)} of {len(others)} other things were"
+    fact = f"{name} was looked for and not seen, unlike {len(seen)} of {len(others)} other objects"
     return replace(diagnosis, cause=Cause.OBJECT_GONE, fact=fact, is_hopeless=True)
 
 
@@ -182,14 +183,14 @@ def _find_disturbance(bundle: Bundle, timeline: ManipulationTimeline) -> tuple[C
         return None  # where it is now is not known
     touched = timeline.stage >= Stage.GRASPED or _was_held(timeline)
     if not touched and _is_out_of_reach(timeline):
-        fact = f"{name} was carried off by {moved_m:.2f} m without being held; {_describe_end(bundle)}"
+        fact = f"{name} was carried off by {format_length(moved_m)} without being held; {_describe_end(bundle)}"
         return Cause.OBJECT_GONE, fact
     pushes = not timeline.grips  # a skill that only pushes moves things without holding them
     if not touched and not pushes and moved_m > DISTURBED_M:
-        return Cause.OBJECT_MOVED, f"{name} moved {moved_m:.3f} m without being held; {_describe_end(bundle)}"
+        return Cause.OBJECT_MOVED, f"{name} moved {format_length(moved_m)} without being held; {_describe_end(bundle)}"
     if timeline.stage is Stage.RELEASED and timeline.since_release_m > ROLLED_M:
-        text = f"{name} was put down and then moved {timeline.since_release_m:.3f} m without being held"
-        return Cause.OBJECT_MOVED, text
+        moved = format_length(timeline.since_release_m)
+        return Cause.OBJECT_MOVED, f"{name} was put down and then moved {moved} without being held"
     return None
 
 
@@ -217,8 +218,9 @@ def _judge_completed(
     if Meaning.HOLDING in (read_statement(each).meaning for each in wanted):
         return Cause.GRASP_MISSED, f"{name} is not held although the skill reported success"
     if moved_m > MOVED_M:
-        return Cause.PLACED_WRONG, f"{name} moved {moved_m:.3f} m, but not to where it was wanted"
-    return Cause.WITHOUT_EFFECT, f"{name or 'nothing'} moved {moved_m:.3f} m in {execution.ticks} commands"
+        return Cause.PLACED_WRONG, f"{name} moved {format_length(moved_m)}, but not to where it was wanted"
+    commands = count(execution.ticks, "command")
+    return Cause.WITHOUT_EFFECT, f"{name or 'nothing'} moved {format_length(moved_m)} in {commands}"
 
 
 def _is_out_of_reach(timeline: ManipulationTimeline, *, is_recorded: bool = True) -> bool:
@@ -237,13 +239,16 @@ def _was_held(timeline: ManipulationTimeline) -> bool:
 
 
 def _describe_end(bundle: Bundle) -> str:
-    """`pick/verify_grasp failed with GRASP_MISSED: the fingers, 0.4 mm apart, ... (width_m 0.0004)`."""
+    """`the fingers closed on nothing, in pick/verify_grasp (width_m 0.0004)`; without a message how it ended."""
     execution, event = bundle.execution, find_failed_leaf(bundle)
     code = f" with {execution.code}" if execution.code else ""
     message = (execution.message or (event.message if event else "")).rstrip(".")
     numbers = [f"{k} {v:.4g}" for k, v in (event.numbers if event else {}).items() if isinstance(v, float)]
-    text = f"{execution.leaf or 'the execution'} ended {execution.ended}{code}" + (f": {message}" if message else "")
-    return f"{text} ({', '.join(numbers)})" if numbers else text
+    if not message:
+        message, where = f"{execution.leaf or 'the execution'} ended {execution.ended}{code}", ""
+    else:
+        where = f", in {execution.leaf}" if execution.leaf else ""
+    return f"{message}{where}" + (f" ({', '.join(numbers)})" if numbers else "")
 
 
 def _has_anything_moved(before: Environment | None, after: Environment) -> bool:
@@ -265,7 +270,7 @@ def _find_contradiction(criteria: Sequence[Criterion]) -> tuple[Cause, str] | No
     demands = {part for each in formulas if each for part in (each.parts if isinstance(each, And) else (each,))}
     for demand in sorted((each for each in demands if isinstance(each, Not)), key=render):
         if demand.body in demands:
-            fact = f"{render(demand.body)} and {render(demand)} are both asked for, and no world meets both"
+            fact = f"{render(demand.body)} and {render(demand)} are both required, and no world meets both"
             return Cause.CRITERIA_CONTRADICT, fact
     return None
 

@@ -28,6 +28,7 @@ from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.world.environment import ENVIRONMENT, Environment, read_environment
 from phyagentos.protocol.world.truth import Truth
+from phyagentos.wording import count_criteria
 
 Age = tuple[int, str]
 
@@ -163,7 +164,7 @@ def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str])
         verdict = Verdict.SUCCESS
         is_whole = not graph.rescuers and not any(node.is_conditional for node in graph.nodes.values())
         nodes = "every node" if is_whole else "every node on a branch that was taken"
-        reason = f"{nodes} is done and all {len(criteria)} criteria of the goal are true"
+        reason = f"{nodes} is done, and {count_criteria(len(criteria), len(criteria))}"
     return Outcome(verdict=verdict, reason=reason, criteria=criteria, now=evidence.all.now)
 
 

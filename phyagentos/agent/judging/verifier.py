@@ -25,6 +25,7 @@ from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, EvidenceRe
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
+from phyagentos.wording import count, count_criteria
 
 DEFAULT_JUDGES: tuple[Judge, ...] = (PredicateJudge(), HoldJudge(), MetricJudge(), LookaheadJudge())
 MOST_MISSING = 8  # a child session looks at one entity, or at a few that stand together
@@ -108,11 +109,11 @@ class SessionVerifier:
 
     def _explain_decision(self, diagnosis: Diagnosis, history: History, missing: Sequence[str]) -> str:
         if diagnosis.is_hopeless:
-            return "Another attempt cannot mend it."
+            return "Another attempt cannot help."
         if self.mode is VerificationMode.ENFORCE:
             return "Nothing is replanned: verification only enforces."
         if history.replans >= history.max_replans:
-            return f"The budget of {history.max_replans} replans is spent."
+            return f"The budget of {count(history.max_replans, 'replan')} is spent."
         look = f"First look again at {', '.join(missing)}. " if missing else ""
         return f"{look}Replan {history.replans + 1} of {history.max_replans}."
 
@@ -129,7 +130,7 @@ def _find_unanswered(session: Session, criteria: Sequence[Criterion]) -> Iterato
         answered = {each.text for each in criteria if each.kind != FORESEEN and each.kind != other}
         for text in texts:
             if text not in answered:
-                yield make_unknown(text, kind, "", "none of the judges that were asked answers it")
+                yield make_unknown(text, kind, "", "no judge of this session answers it")
 
 
 def _find_reason(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[Diagnosis, tuple[str, ...]]:
@@ -182,19 +183,19 @@ def _refer(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[EvidenceRefer
 
 
 def _explain_success(bundle: Bundle, criteria: Sequence[Criterion]) -> str:
-    text, execution = (
-        f"all {len(criteria)} criteria are true; {criteria[0].text}: {criteria[0].because}",
-        bundle.execution,
-    )
+    text, execution = count_criteria(len(criteria), len(criteria)), bundle.execution
     if execution.ended is Ended.COMPLETED:
-        return f"acceptance: {text}." + (f" {execution.code}: {execution.message}." if execution.code else "")
-    leaf = f" at {execution.leaf}" if execution.leaf else ""
-    code = f" with {execution.code}" if execution.code else ""
-    ended = f"The execution ended {execution.ended}{leaf}{code}, which does not change what was achieved."
-    return f"acceptance: {text}. {ended}"
+        return f"{text}; {execution.code}: {execution.message}" if execution.code else text
+    return f"{text}, although the execution ended {execution.ended}"
 
 
 def _explain(diagnosis: Diagnosis, criteria: Sequence[Criterion]) -> str:
     ranked = sorted((each for each in criteria if each.truth is not Truth.TRUE), key=lambda e: e.truth is Truth.UNKNOWN)
-    more = [f"{each.text} is {each.truth}: {each.because}." for each in ranked[:1] if each.text not in diagnosis.fact]
-    return " ".join((f"{diagnosis.cause.layer}: {diagnosis.fact}.", *more))
+    more = [_explain_criterion(each) for each in ranked[:1] if each.text not in diagnosis.fact]
+    return " ".join(f"{sentence}." for sentence in (diagnosis.fact, *more))
+
+
+def _explain_criterion(criterion: Criterion) -> str:
+    """The fact behind a false criterion, which says which one it is; of any other, the criterion as well."""
+    is_plain = criterion.truth is Truth.FALSE and criterion.because
+    return criterion.because if is_plain else f"{criterion.text} is {criterion.truth}: {criterion.because}"

@@ -192,7 +192,7 @@ class Recovery:
         advice = revise_refused(refused, self.evidence.root / "evidence" / contract.id)
         if advice is None:
             return []
-        way, why = advice.strategy, (refused.reason, *advice.reasons)
+        way, why = advice.strategy, advice.reasons
         revision = Revision(
             parent=contract.id, strategy=way, requires=contract.requires, reasons=why, threshold=advice.threshold
         )
@@ -252,7 +252,7 @@ class Recovery:
                 strategy=status.contract.strategy or subject.contract.strategy,
                 requires=revise_requires(miss, find_of_skill(miss.session, catalogue))[0],
                 choice=keep_means(self.facts.graph.choices[node], miss, catalogue),
-                reasons=(f"{miss.cause}: {miss.reason}", f"{status.contract.id} has prepared it"),
+                reasons=(f"{status.contract.id} has prepared it",),
             )
             return attempt, self._submit(node, revision, miss, revision.reasons, restores=True)
         entries = self._repair(node, miss)

@@ -11,6 +11,7 @@ from typing import Any
 from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.repair.case import Case
+from phyagentos.wording import format_share
 
 SESSION_S = 12.0  # declared simulated time of a session of manipulation, until one of the goal is measured [s]
 CHANCE_MIN = 0.05  # what is less likely to help is not worth a session
@@ -53,11 +54,11 @@ class Alternative:
         return self.chance / max(self.sim_time_s, 1e-9)
 
     def __str__(self) -> str:
-        """`retry (chance 0.75, 1 session, 12 s): at 0.5 of the speed`."""
+        """`pick_and_place again at half speed; estimated success 75 %, 12 s`."""
         if self.kind is AlternativeKind.GIVE_UP:
-            return f"{self.kind}: {self.effect}"
-        sessions = f"{self.sessions} session{'s' if self.sessions != 1 else ''}"
-        return f"{self.kind} (chance {self.chance:.2f}, {sessions}, {self.sim_time_s:.0f} s): {self.effect}"
+            return self.effect
+        time = f"{self.sim_time_s:.0f} s" + (f" in {self.sessions} sessions" if self.sessions != 1 else "")
+        return f"{self.effect}; estimated success {format_share(self.chance)}, {time}"
 
 
 def propose(
@@ -75,7 +76,7 @@ def propose(
     It costs one session of the time that its skill takes, unless `cost` says how many, and of what simulated time [s].
     """
     sessions, sim_time_s = cost or (1, case.time_of.get(choice.skill, SESSION_S))
-    revision = Revision(parent=case.latest.id, choice=choice, **{"reasons": (case.explanation, because)} | child)
+    revision = Revision(parent=case.latest.id, choice=choice, **{"reasons": (because,)} | child)
     return Alternative(
         kind=kind,
         effect=effect,
@@ -96,11 +97,11 @@ class Decision:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """One sentence for each fact behind the decision."""
+        """One sentence for each fact behind the decision, what is done first."""
         own = self.chosen.revision.reasons if self.chosen.revision else ()
-        because = (f"{self.chosen}; {self.chosen.because}" if self.chosen.because else str(self.chosen),)
-        over = tuple(f"rather than {other.kind} (chance {other.chance:.2f}): {why}" for other, why in self.passed)
-        return (*own, *because, *over)
+        because = (self.chosen.because,) if self.chosen.because else ()
+        over = (f"rather than {other.kind} ({format_share(other.chance)}): {why}" for other, why in self.passed)
+        return tuple(dict.fromkeys((str(self.chosen), *own, *because, *over)))
 
 
 def choose_by_worth(case: Case, alternatives: list[Alternative]) -> Decision:
@@ -117,12 +118,12 @@ def choose_by_worth(case: Case, alternatives: list[Alternative]) -> Decision:
         elif chosen is None:
             chosen = each
         else:
-            passed.append((each, f"{each.worth / chosen.worth:.2f} of the chance per second"))
+            passed.append((each, f"it is worth {format_share(each.worth / chosen.worth)} as much a second"))
     if chosen is None:
-        why = "; ".join(f"{other.kind}: {reason}" for other, reason in passed) or "no other way is known"
+        why = "; ".join(f"{other.kind}: {reason}" for other, reason in passed) or "no other repair is known"
         chosen = Alternative(
             kind=AlternativeKind.GIVE_UP,
-            effect="the node is blocked",
+            effect="given up",
             chance=0.0,
             sessions=0,
             sim_time_s=0.0,

@@ -175,11 +175,6 @@ class Case:
         return self.miss.world
 
     @property
-    def explanation(self) -> str:
-        """`<cause>: <reason>`, the first reason of every revision."""
-        return f"{self.cause}: {self.miss.reason}"
-
-    @property
     def latest(self) -> Session:
         """The session that the child continues: this one, or its latest preparation."""
         return self.lineage[-1].contract if self.lineage else self.session

@@ -24,6 +24,7 @@ from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadResult,
 from phyagentos.protocol.sessions.means import Means, Preparation
 from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.world.environment import Environment
+from phyagentos.wording import count, format_share
 
 NEAR_M = 0.16  # a thing that is farther from all that the session names is not in its way
 
@@ -128,8 +129,9 @@ def revise_refused(refused: SessionStatus, folder: Path) -> Advice | None:
 
 
 def _explain(own: Alternative, best: Alternative, result: LookaheadResult) -> str:
-    ahead = f"{own.succeeded:.4g} of {own.samples} {result.cases} succeed, {result.threshold:.0%} are asked"
+    ahead = f"{own.succeeded:.4g} of {own.samples} {result.cases} succeed, {format_share(result.threshold)} is required"
     cause = f", mostly {own.likely_cause}" if own.likely_cause else ""
     if best is own:
-        return f"look-ahead: {ahead}{cause}; none of {len(result.alternatives)} other ways is better, so it is tried"
-    return f"look-ahead: {ahead}{cause}; with {best.strategy} it is {best.succeeded:.4g} of {best.samples}"
+        others = count(len(result.alternatives), "alternative")
+        return f"look-ahead: {ahead}{cause}; none of {others} is better, so it is tried"
+    return f"look-ahead: {ahead}{cause}; {best.strategy} it is {best.succeeded:.4g} of {best.samples}"

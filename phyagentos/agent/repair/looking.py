@@ -40,7 +40,7 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
     effect = f"{choice.skill} looks for {name}, then the same criteria are judged again"
     because = f"it is unknown whether the objective was met, look {looks + 1} of {LOOKS_MAX}"
     time_s, child = case.time_of.get(choice.skill, SESSION_S / 3), {"purpose": PURPOSE, "lead": LEAD}
-    child |= {"requires": (), "reasons": (case.explanation,)}  # it is there to find out
+    child |= {"requires": (), "reasons": ()}  # it is there to find out
     yield propose(case, AlternativeKind.LOOK, choice, effect, _CHANCE * 0.5**looks, because, (1, time_s), **child)
 
 
@@ -68,6 +68,6 @@ def settle(bundle: Bundle, attempt: Attempt) -> Attempt:
         cause=diagnosis.cause.value,
         kind=diagnosis.kind.value,
         support=diagnosis.support,
-        reason=f"{attempt.reason} It was looked for {LOOKS_MAX} times: {diagnosis.fact}.",
+        reason=f"{attempt.reason} After {LOOKS_MAX} looks: {diagnosis.fact}.",
         missing_evidence=(),
     )

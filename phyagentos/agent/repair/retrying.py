@@ -22,8 +22,9 @@ from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import normalize_text, state
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.sessions.session import Session
-from phyagentos.protocol.sessions.strategy import SiteLabel
+from phyagentos.protocol.sessions.strategy import SiteLabel, format_label
 from phyagentos.protocol.sessions.trace import Role, find_label
+from phyagentos.wording import count
 
 SLOWER = 0.5  # physics: at half speed a slippery 0.5 kg cube stays in the fingers in 59 of 60 transports
 SLOWEST = 0.25
@@ -69,7 +70,7 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
     chance = 0.0 if case.replans_left <= 0 or _is_undecided_for_good(case) else chance
     retry = Alternative(
         kind=AlternativeKind.OTHER_GRASP if avoids_else and not returns else AlternativeKind.RETRY,
-        effect=f"{case.session.skill} with {after}" if after else f"{case.session.skill} again",
+        effect=f"{case.session.skill} again {after}".rstrip(),
         chance=chance,
         sim_time_s=case.time_of.get(case.session.skill, SESSION_S),
         because=_explain(case, same),
@@ -82,27 +83,23 @@ def revise(miss: UnmetObjective, of_skill: Collection[str] = ()) -> Revision:
     """The revision for a cause with the same skill; `of_skill` are preconditions from the skill."""
     parent, cause = miss.session, miss.cause
     strategy = parent.strategy
-    reasons = [f"{cause.value}: {miss.reason}"]
+    reasons = []
     if cause in _AVOID_GRASP and (grasp := find_label(miss.trace, Role.PLAN_GRASP)):
         strategy = strategy.avoid(grasp=grasp)
-        reasons.append(f"another grasp than {grasp}")
     if cause in _AVOID_SITE and (label := find_label(miss.trace, Role.PLAN_SITE)):
-        site = SiteLabel.parse(label).site  # the place is at fault, whichever way the hand was turned
-        strategy = strategy.avoid(site=site)
-        reasons.append(f"another site than {site}")
+        strategy = strategy.avoid(site=SiteLabel.parse(label).site)  # at fault however the hand was turned
     if cause is Cause.ADAPTER_REFUSED:  # the world is the same, and so would be the answer to the same way
         site, grasp = (find_label(miss.trace, role) for role in (Role.PLAN_SITE, Role.PLAN_GRASP))
         strategy = strategy.avoid(site=site) if site else strategy.avoid(grasp=grasp) if grasp else strategy
-        reasons += [f"another way than {site or grasp}, which was refused"] if site or grasp else []
+        reasons += [f"{format_label(site or grasp)} was refused"] if site or grasp else []
     if cause in _GO_SLOWER:
         strategy = strategy.slow_down(SLOWER, SLOWEST)
-        reasons.append(f"at {strategy.speed:g} of the speed")
     if cause is Cause.NO_PLAN and (grasp := _find_grasp_in_the_way(miss)):
         strategy = strategy.avoid(grasp=grasp)
-        reasons.append(f"another grasp than {grasp}, which reaches no place")
+        reasons.append(f"{format_label(grasp)} reaches no place")
     elif cause is Cause.NO_PLAN:
         allowed = strategy.avoid_nothing()
-        reasons += ["every grasp and site is allowed again: nothing else was found"] if strategy != allowed else []
+        reasons += ["every grasp and site is allowed again, as no other was found"] if strategy != allowed else []
         strategy = allowed
     requires, changes = revise_requires(miss, of_skill)
     return Revision(parent=parent.id, strategy=strategy, requires=requires, reasons=(*reasons, *changes))
@@ -223,4 +220,4 @@ def _explain(case: Case, same: int) -> str:
         return f"{LOOKS_MAX} looks did not decide it, and the next attempt would be judged as they were"
     if case.replans_left <= 0:
         return "the node's budget of replans is spent"
-    return f"it has failed {same} time{'s' if same != 1 else ''} before with {case.cause}" if same else ""
+    return f"it has failed {count(same, 'time')} before with {case.cause}" if same else ""

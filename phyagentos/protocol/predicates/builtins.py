@@ -1,6 +1,6 @@
 """The built-in predicates: each a small function from facts to a reading; see `library` for the contract.
 
-Tolerances are chosen for table-top things of 2 to 20 cm.
+Tolerances are chosen for table-top objects of 2 to 20 cm.
 """
 
 import math
@@ -37,6 +37,7 @@ from phyagentos.protocol.world.entity_geometry import (
     find_tops_below,
 )
 from phyagentos.protocol.world.environment import CLOSED_M, CLOSES_AT, FRESH_S, OPENS_AT, Entity, Status, TargetState
+from phyagentos.wording import compare_angles, compare_lengths, format_angle, format_length, format_share
 
 RIM_M = 0.003  # how far below the rim the lowest point must lie: what rests on the rim is not inside
 FLOOR_SLACK_M = 0.010  # contact penetration and the rounding of floors
@@ -58,6 +59,7 @@ DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
 POSTURE_RAD = 0.05  # the error of a servo that carries a load stays below
 FACING_RAD = 0.1  # by which a base in its place may be turned
 APART_M = 0.05  # by which a base may stand nearer or farther than it should
+_BOUNDS = {"side_x_m": "side", "side_y_m": "side", "below_rim_m": "rim", "above_floor_m": "floor"}
 
 
 def _find_position_doubt(view: View, *entities: Entity | None) -> float:
@@ -105,8 +107,12 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
     doubts_m = (doubt_m, doubt_m, *(doubt_m + _find_low_doubt(a, up),) * 2)
     sign = -1.0 if margin >= 0 else 1.0
     turned = min((s + sign * d) / max(h, 1e-3) for s, d, h in zip(slack_m.values(), doubts_m, scales, strict=True))
-    side = "within" if margin >= 0 else "outside"
-    because = f"{a.name} is {abs(slack_m[worst]):.3f} m {side} the limit {worst.removesuffix('_m')} of {b}"
+    off, bound = format_length(slack_m[worst]), _BOUNDS[worst]
+    because = (
+        f"{a.name} is inside {b}, {off} from its tightest bound ({bound})"
+        if margin >= 0
+        else f"{a.name} is not inside {b}, {off} beyond its bound ({bound})"
+    )
     return Reading(margin, {name: round(s, 5) for name, s in slack_m.items()}, because, abs(margin - turned))
 
 
@@ -119,7 +125,8 @@ def measure_centred(view: View, a: Entity, b: Entity, tol_m: float) -> Reading:
     """Datums no further apart than `tol_m` as seen from above; centres where one has none."""
     *_, (one, other) = zip(_list_points(a), _list_points(b), strict=False)  # in the order: centre, datum
     apart_m = math.dist(one[:2], other[:2])
-    because = f"{a.name} is {apart_m:.3f} m off the middle of {b.name}, allowed are {tol_m:g} m"
+    apart, allowed = compare_lengths(apart_m, tol_m)
+    because = f"{a.name} is {apart} off the middle of {b.name}; up to {allowed} is allowed"
     scale_m = max(tol_m, 1e-3)
     doubt = _find_position_doubt(view, a, b) / scale_m
     return Reading((tol_m - apart_m) / scale_m, {"apart_m": round(apart_m, 5)}, because, doubt)
@@ -138,7 +145,7 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
     gap_m = top.measure_gap(a)
     measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
     if (below_m := _measure_below(a, of)) > 0.0:  # b fell over, or a leans on it from beside
-        because = f"the datum of {a.name} is {below_m:.3f} m below that of {b}"
+        because = f"the datum of {a.name} is {format_length(below_m)} below that of {b}"
         return Reading(-below_m / allowed_m, measured, because, doubt_m / allowed_m)
     is_near = abs(gap_m) <= allowed_m + doubt_m
     between = _find_between(view, a, b, top.point_m[2], gap_m + allowed_m) if is_near else None
@@ -147,9 +154,10 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
             raise FactUnknown(f"{reason}; it may be between {a.name} and {b}")
         return Reading(-1.0, measured | {"between": between.name}, f"{between.name} is between {a.name} and {b}")
     if gap_m > allowed_m and (sunk_m := _measure_sunk(view, a, b)) > allowed_m:
-        because = f"{a.name} rests in the hollow of {b}, {sunk_m:.3f} m below its rim"
+        because = f"{a.name} rests in the hollow of {b}, {format_length(sunk_m)} below its rim"
         return Reading(sunk_m / allowed_m, measured, because, doubt_m / allowed_m)
-    because = f"the lowest point of {a.name} is {gap_m:+.4f} m from the top of {b}, allowed are {allowed_m:.4f} m"
+    gap, allowed = compare_lengths(gap_m, allowed_m)
+    because = f"the lowest point of {a.name} is {gap} {_name_side(gap_m)} the top of {b}; up to {allowed} is allowed"
     return Reading((allowed_m + doubt_m / 2 - abs(gap_m)) / allowed_m, measured, because, doubt_m / 2 / allowed_m)
 
 
@@ -163,9 +171,13 @@ def measure_above(view: View, a: Entity, b: str) -> Reading:
     if top is None:
         return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
     gap_m = top.measure_gap(a)
-    because = f"the lowest point of {a.name} is {gap_m:+.4f} m from the top of {b}"
+    because = f"the lowest point of {a.name} is {format_length(gap_m)} {_name_side(gap_m)} the top of {b}"
     measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
     return Reading((gap_m + allowed_m + doubt_m / 2) / allowed_m, measured, because, doubt_m / 2 / allowed_m)
+
+
+def _name_side(gap_m: float) -> str:
+    return "above" if gap_m >= 0.0 else "below"
 
 
 def _find_sure_top(view: View, a: Entity, b: str, doubt_m: float, near_m: float) -> Top | None:
@@ -175,7 +187,7 @@ def _find_sure_top(view: View, a: Entity, b: str, doubt_m: float, near_m: float)
         possible = _find_top(view, a, b, FOOTPRINT_SLACK_M + doubt_m)
         found = [abs(top.measure_gap(a)) for top in (sure, possible) if top is not None]
         if len(found) == 1 and found[0] <= near_m:
-            raise FactMarginal(f"whether {a.name} is above {b} is within what the measurement may be off")
+            raise FactMarginal(f"whether {a.name} is above {b} is within the uncertainty of the measurement")
     return _find_top(view, a, b, FOOTPRINT_SLACK_M)
 
 
@@ -263,7 +275,7 @@ def measure_holding(view: View, target: str, a: str) -> Reading:
         return Reading(1.0 if held else -1.0, {"held": held}, f"{a} is {'' if held else 'not '}held by {target}")
     held = a in state.holding
     holds = ", ".join(state.holding) or "nothing"
-    because = f"{target} holds {holds} with fingers {state.gripper_width_m:.4f} m apart"
+    because = f"{target} holds {holds}, its fingers {format_length(state.gripper_width_m)} apart"
     return Reading(1.0 if held else -1.0, {"held": held, "gripper_width_m": round(state.gripper_width_m, 5)}, because)
 
 
@@ -273,7 +285,7 @@ def _measure_perceived_holding(view: View, target: str, a: str, state: TargetSta
         raise FactUnknown(f"target {target} is not in the snapshot")
     measured = {"grip_force_n": state.grip_force_n or 0.0, "gripper_width_m": round(state.gripper_width_m, 5)}
     if not state.is_gripping:
-        because = f"the fingers of {target}, {state.gripper_width_m:.4f} m apart, press on nothing"
+        because = f"the fingers of {target}, {format_length(state.gripper_width_m)} apart, press on nothing"
         return Reading(-1.0, {"held": False, **measured}, because)
     if entity is None:
         raise FactUnknown(f"{target} holds something, and {a} is not in the snapshot")
@@ -292,8 +304,8 @@ def _demand_grasp(view: View, a: Entity, state: TargetState) -> None:
     if between_m is None:
         raise FactUnknown(f"the fingers press on something, and {a.name} is not between them")
     if abs(between_m - state.gripper_width_m) > WIDTH_M + _find_position_doubt(view, a):
-        width = f"the fingers are {state.gripper_width_m:.4f} m apart"
-        raise FactUnknown(f"{width}, and {a.name} is {between_m:.4f} m wide between them")
+        width, between = compare_lengths(state.gripper_width_m, between_m)
+        raise FactUnknown(f"the fingers are {width} apart, and {a.name} is {between} wide between them")
     if a.looks < 1:
         raise FactUnknown(f"no look has shown {a.name} in the hand since it was lifted")
 
@@ -301,7 +313,8 @@ def _demand_grasp(view: View, a: Entity, state: TargetState) -> None:
 def measure_at(view: View, a: Entity, place: Place, tol_m: float) -> Reading:
     """Centre within `tol_m` of a point, or of a place's box."""
     distance_m = compute_box_distance(place.pose, place.half_m, compute_center(a))
-    because = f"{a.name} is {distance_m:.3f} m from {place.name}, allowed are {tol_m:g} m"
+    distance, allowed = compare_lengths(distance_m, tol_m)
+    because = f"{a.name} is {distance} from {place.name}; up to {allowed} is allowed"
     scale_m = max(tol_m, 1e-3)
     doubt = _find_position_doubt(view, a, view.now.entities.get(place.name)) / scale_m
     return Reading((tol_m - distance_m) / scale_m, {"distance_m": round(distance_m, 5)}, because, doubt)
@@ -312,7 +325,8 @@ def measure_contains(view: View, a: Entity, least: float) -> Reading:
     if a.contents is None or not view.now.time_s - a.contents.observed_at_s <= FRESH_S:
         raise FactUnknown(f"no look shows what is in {a.name} now")
     surely, most = a.contents.least, a.contents.most
-    because = f"{surely} to {most} balls are in {a.name}, asked are {least:g}"
+    found = f"{surely}" if surely == most else f"{surely} to {most}"
+    because = f"{a.name} holds {found} balls; at least {least:g} are wanted"
     middle, scale = (surely + most + 1) / 2, max(least, 1.0)
     return Reading((middle - least) / scale, {"least": surely, "most": most}, because, (most - surely) / 2 / scale)
 
@@ -320,7 +334,8 @@ def measure_contains(view: View, a: Entity, least: float) -> Reading:
 def measure_near(view: View, a: Entity, b: Place, distance_m: float) -> Reading:
     """Distance between centres."""
     apart_m = math.dist(compute_center(a), b.pose.position_m)
-    because = f"{a.name} and {b.name} are {apart_m:.3f} m apart, allowed are {distance_m:g} m"
+    apart, allowed = compare_lengths(apart_m, distance_m)
+    because = f"{a.name} and {b.name} are {apart} apart; up to {allowed} is allowed"
     scale_m = max(distance_m, 1e-3)
     doubt = _find_position_doubt(view, a, view.now.entities.get(b.name)) / scale_m
     return Reading((distance_m - apart_m) / scale_m, {"distance_m": round(apart_m, 5)}, because, doubt)
@@ -354,12 +369,12 @@ def measure_exists(view: View, a: str) -> Reading:
 
 def measure_upright(view: View, a: Entity) -> Reading:
     """Its z axis within 15 degrees of the vertical."""
-    return _read_tilt(view, a, UPRIGHT_RAD, 1.0)
+    return _read_tilt(view, a, UPRIGHT_RAD, 1.0, "up to {} is upright")
 
 
 def measure_fallen(view: View, a: Entity) -> Reading:
     """Its z axis more than 45 degrees from the vertical."""
-    return _read_tilt(view, a, FALLEN_RAD, -1.0)
+    return _read_tilt(view, a, FALLEN_RAD, -1.0, "more than {} is fallen")
 
 
 def measure_moved(view: View, a: Entity) -> Reading:
@@ -375,7 +390,7 @@ def measure_moved(view: View, a: Entity) -> Reading:
     doubt_m, doubt_rad = _find_position_doubt(view, a, was), _find_turn_doubt(view, a, was)
     turned_rad = compute_least_turn(a, was, *((0.0,) if is_exact else (SAME_SIDE_M, doubt_m)))
     margin = max(moved_m / MOVED_M, turned_rad / MOVED_RAD) - 1.0
-    because = f"{a.name} moved {moved_m:.3f} m and turned {math.degrees(turned_rad):.1f} degrees"
+    because = f"{a.name} moved {format_length(moved_m)} and turned {format_angle(turned_rad)}"
     least_rad = turned_rad if is_exact or turned_rad < MOVED_RAD else compute_least_turn(a, was, doubt_m)
     if max(a.tilt_std_rad, was.tilt_std_rad) > MOVED_RAD:  # another pose fits as well, which is turned, too
         least_rad = 0.0
@@ -390,34 +405,34 @@ def measure_open(view: View, a: Entity) -> Reading:
     """Its joint is at least 90 % open, or as far as its mechanism says."""
     opening, doubt = _get_joint(a), _find_joint_doubt(view, a)
     asked = a.mechanism.opens_at if a.mechanism is not None else OPENS_AT
-    return Reading(opening - asked, {"opening": opening}, f"{a.name} is {opening:.0%} open", doubt)
+    return Reading(opening - asked, {"opening": opening}, f"{a.name} is {format_share(opening)} open", doubt)
 
 
 def measure_closed(view: View, a: Entity) -> Reading:
     """Its joint is at most 10 % open, or as little as its mechanism says."""
     opening, doubt = _get_joint(a), _find_joint_doubt(view, a)
     allowed = a.mechanism.closes_at if a.mechanism is not None else CLOSES_AT
-    return Reading(allowed - opening, {"opening": opening}, f"{a.name} is {opening:.0%} open", doubt)
+    return Reading(allowed - opening, {"opening": opening}, f"{a.name} is {format_share(opening)} open", doubt)
 
 
 def measure_tilt(view: View, a: Entity) -> Reading:
     """Angle between its z axis and the vertical [rad]."""
     tilt_rad = compute_tilt(a.pose)
-    because = f"{a.name} leans {math.degrees(tilt_rad):.1f} degrees"
+    because = f"{a.name} leans {format_angle(tilt_rad)}"
     return Reading(tilt_rad, {"tilt_rad": round(tilt_rad, 5)}, because, _find_tilt_doubt(view, a))
 
 
 def measure_height(view: View, a: Entity) -> Reading:
     """Height of its lowest point above the world's origin [m]."""
     height_m = compute_lowest(a)
-    because = f"the lowest point of {a.name} is at {height_m:.3f} m"
+    because = f"the lowest point of {a.name} is at a height of {height_m:.3f} m"
     return Reading(height_m, {"height_m": round(height_m, 5)}, because, _find_position_doubt(view, a))
 
 
 def measure_distance(view: View, a: Entity, b: Place) -> Reading:
     """Distance between centres [m]."""
     apart_m = math.dist(compute_center(a), b.pose.position_m)
-    because = f"{a.name} and {b.name} are {apart_m:.3f} m apart"
+    because = f"{a.name} and {b.name} are {format_length(apart_m)} apart"
     doubt = _find_position_doubt(view, a, view.now.entities.get(b.name))
     return Reading(apart_m, {"distance_m": round(apart_m, 5)}, because, doubt)
 
@@ -441,7 +456,8 @@ def measure_in_posture(view: View, target: str, posture: str, tol_rad: float) ->
     off_rad = [abs(is_at - asked) for is_at, asked in zip(own, wanted, strict=True)]
     worst_rad = max(off_rad)
     joint = off_rad.index(worst_rad) + 1 + len(state.q_rad) - len(own)
-    because = f"joint {joint} of {target} is {worst_rad:.3f} rad from {posture}, allowed are {tol_rad:g} rad"
+    off, most = compare_angles(worst_rad, tol_rad)
+    because = f"joint {joint} of {target} is {off} from {posture}; up to {most} is allowed"
     scale_rad = max(tol_rad, 1e-3)
     measured: dict[str, float | str | bool] = {"joint": joint, "off_rad": round(worst_rad, 5)}
     return Reading((tol_rad - worst_rad) / scale_rad, measured, because, DOUBT_STDS * state.q_std_rad / scale_rad)
@@ -453,8 +469,8 @@ def measure_standing(view: View, target: str, least_m: float) -> Reading:
     if state is None or state.trunk is None:
         raise FactUnknown(f"how the base of {target} stands is not in the snapshot")
     tilt_rad, height_m = compute_tilt(state.trunk), state.trunk.position_m[2]
-    leans = f"{target} leans {math.degrees(tilt_rad):.1f} degrees"
-    because = f"{leans} at a height of {height_m:.3f} m, asked are {least_m:g} m"
+    height, least = compare_lengths(height_m, least_m)
+    because = f"{target} leans {format_angle(tilt_rad)} at a height of {height}; at least {least} is wanted"
     margin = min(1.0 - tilt_rad / UPRIGHT_RAD, (height_m - least_m) / max(least_m, 1e-3))
     return Reading(margin, {"tilt_rad": round(tilt_rad, 5), "height_m": round(height_m, 5)}, because)
 
@@ -475,9 +491,8 @@ def measure_docked(view: View, target: str, place: Place, standoff_m: float) -> 
         ahead = (place.pose.position_m[0] - x, place.pose.position_m[1] - y, 0.0)
         off_m, allowed_m = abs(math.hypot(*ahead) - standoff_m), APART_M
     turned_rad = abs(math.remainder(heading_rad - math.atan2(ahead[1], ahead[0]), math.tau))
-    because = (
-        f"the base of {target} is {off_m:.3f} m off {place.name}, and turned {math.degrees(turned_rad):.1f} degrees"
-    )
+    (off, most), (turned, turn) = compare_lengths(off_m, allowed_m), compare_angles(turned_rad, FACING_RAD)
+    because = f"the base of {target} is {off} off {place.name} and turned {turned}; up to {most} and {turn} is allowed"
     margin = 1.0 - max(off_m / allowed_m, turned_rad / FACING_RAD)
     doubt = _find_position_doubt(view, view.now.entities.get(place.name)) / allowed_m
     return Reading(margin, {"off_m": round(off_m, 5), "turned_rad": round(turned_rad, 5)}, because, doubt)
@@ -498,9 +513,10 @@ def measure_unstated(view: View) -> Reading:
     raise FactUnknown("no criterion is stated yet: write a predicate in place of unstated()")
 
 
-def _read_tilt(view: View, a: Entity, limit_rad: float, sign: float) -> Reading:
+def _read_tilt(view: View, a: Entity, limit_rad: float, sign: float, meaning: str) -> Reading:
     tilt_rad = compute_tilt(a.pose)
-    because = f"{a.name} leans {math.degrees(tilt_rad):.1f} degrees, the limit is {math.degrees(limit_rad):.0f}"
+    tilt, limit = compare_angles(tilt_rad, limit_rad)
+    because = f"{a.name} leans {tilt}; {meaning.format(limit)}"
     doubt = _find_tilt_doubt(view, a) / limit_rad
     return Reading(sign * (1.0 - tilt_rad / limit_rad), {"tilt_rad": round(tilt_rad, 5)}, because, doubt)
 

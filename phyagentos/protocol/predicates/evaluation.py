@@ -81,8 +81,7 @@ def evaluate(formula: syntax.Formula, view: View) -> Evaluation:
     try:
         for world, names in iter_exchanged(formula, view):
             if _evaluate_each(formula, world).truth is not believed.truth:
-                told = f"{believed.because}, if the names are as believed"
-                because = f"nothing tells {' and '.join(names)} apart: {told}"
+                because = f"{' and '.join(names)} look alike: {believed.because}, if the names are as believed"
                 return replace(believed, truth=Truth.UNKNOWN, because=because, margin=0.0, alternatives=names)
     except ValueError as error:
         return _unknown(str(error))
@@ -141,7 +140,7 @@ def _evaluate_number(call: syntax.Call, relation: str, bound: float, view: View)
         return _doubt(reading)
     truth = Truth.TRUE if _RELATIONS[relation](reading.value, bound) else Truth.FALSE
     margin = _compute_margin(reading.value, relation, bound) / max(abs(bound), 0.01)
-    because = f"{reading.because} (asked: {relation} {syntax.format_number(bound)})"
+    because = f"{reading.because} (required: {relation} {syntax.format_number(bound)})"
     return Evaluation(truth, reading.measured, because, margin)
 
 
@@ -245,7 +244,7 @@ def _bind(formula: syntax.Formula, name: str, *, into_counts: bool = True) -> sy
 
 
 def _doubt(reading: Reading) -> Evaluation:
-    because = f"{reading.because}, which is within what the measurement may be off"
+    because = f"{reading.because}, within the uncertainty of the measurement"
     return Evaluation(Truth.UNKNOWN, reading.measured, because, 0.0, is_marginal=True)
 
 

@@ -3,9 +3,19 @@
 On disk its keys are the fields' names; what is not done differently is left out.
 """
 
+import re
 from typing import NamedTuple
 
 import msgspec
+
+from phyagentos.wording import format_share
+
+_TURN = re.compile(r"\byaw([+-]\d+)")
+
+
+def format_label(label: str) -> str:
+    """The label of a grasp or a site as people read it: `site4.yaw 90°`."""
+    return _TURN.sub(lambda found: f"yaw {int(found[1])}°", label)
 
 
 class SiteLabel(NamedTuple):
@@ -48,10 +58,11 @@ class Strategy(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return self != OWN_WAY
 
     def __str__(self) -> str:
-        """`avoid grasps yaw+000 and yaw+090, speed 0.5`; empty when nothing is done differently."""
-        shown = (("avoid grasps", self.avoid_grasps), ("avoid sites", self.avoid_sites))
-        parts = [f"{name} {' and '.join(labels)}" for name, labels in shown if labels]
-        return ", ".join([*parts, f"speed {self.speed:g}"] if self.speed != OWN_WAY.speed else parts)
+        """`with another grasp (not yaw 0°) at half speed`; empty when nothing is done differently."""
+        shown = (("with another grasp", self.avoid_grasps), ("at another site", self.avoid_sites))
+        parts = [f"{name} (not {' or '.join(map(format_label, labels))})" for name, labels in shown if labels]
+        slow = "at half speed" if self.speed == 0.5 else f"at {format_share(self.speed)} of the speed"
+        return " ".join(parts if self.speed == OWN_WAY.speed else [*parts, slow])
 
     def avoid(self, *, grasp: str = "", site: str = "") -> "Strategy":
         """The same, without this grasp or this site."""

@@ -59,7 +59,7 @@ class Replan(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         session: Its parent.
         child: The session; it may still be to be submitted.
-        reason: What went wrong, and what is done differently.
+        reason: What is done differently, and why so.
         relation: How it continues its parent.
         after: Nodes that must be done again before it.
     """
@@ -115,7 +115,7 @@ class GoalStatus(msgspec.Struct, kw_only=True, omit_defaults=True):
         replans: Budget spent so far.
         verdict: `success` or `failure`, `unverified` when verification is off; empty before the end.
         criteria: What the verdict rests on; the evidence is a path relative to the workspace.
-        reason: Why the verdict fell, or the goal was cancelled.
+        reason: Why the goal has its verdict, or the goal was cancelled.
         is_cancelled: Whether an end was requested.
         file: Name of the graph in `goals/` since it was amended; empty while it is as submitted.
         asked: Graphs in `goals/` that a person wants instead, and that the agent has not answered yet.
@@ -218,7 +218,7 @@ def iter_edges(goal: GoalStatus) -> Iterator[Edge]:
 TASK = DocumentFormat(
     name="task",
     file="TASK.md",
-    summary="The goals of a workspace: what was asked, how each node of the graph stands, and why the verdict fell.",
+    summary="The goals of a workspace: what was asked, how each node of the graph stands, and why it was judged so.",
     block=GoalStatus,
     key="id",
     front=FrontMatter,

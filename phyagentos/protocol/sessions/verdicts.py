@@ -97,7 +97,7 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         verdict: The decision.
         criteria: Each criterion with the evidence that it used.
         cause: Coded cause of what went wrong (`GRASP_LOST`); empty on success, never of a miss.
-        reason: One sentence that names the layer, the leaf and the number that decided.
+        reason: What decided, in a sentence for people.
         sensing: `truth` or `perceived`.
         verifier: Name and version of the verifier.
         mode: What the judgement was for.

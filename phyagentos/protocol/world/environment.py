@@ -398,7 +398,7 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         if not age_s >= -AHEAD_S:  # also when it is NaN
             return f"{entity.name} is dated {-age_s:.1f} s after the snapshot"
         if not age_s <= allowed_s:
-            return f"{entity.name} was last seen {age_s:.1f} s before, allowed are {allowed_s:g} s"
+            return f"{entity.name} was last seen {age_s:.1f} s before; up to {allowed_s:g} s is allowed"
         if entity.status not in {Status.SEEN, Status.HELD}:
             return f"{entity.name} was {entity.status} in this look, last seen {age_s:.1f} s before"
         if entity.is_unsure:

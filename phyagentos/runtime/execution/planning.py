@@ -322,7 +322,9 @@ class MovingLeaf(PlanningLeaf[Motion]):
                 self._pressed_n = 0.0
             elif felt_n > self._pressed_n:
                 self._player = None
-                return self.fail(FailureCode.CONTACT, f"a contact of {felt_n:.0f} N, allowed are {self._stop_n:g} N")
+                return self.fail(
+                    FailureCode.CONTACT, f"a contact of {felt_n:.0f} N; up to {self._stop_n:g} N is allowed"
+                )
         progress = player.tick(step)
         if progress is Progress.MOVING:
             return Status.RUNNING

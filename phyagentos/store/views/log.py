@@ -12,7 +12,6 @@ from phyagentos.store.admission import GoalEvent
 from phyagentos.store.ledger import Ledger, read_replan
 from phyagentos.store.records import JOURNAL_ID, Record
 from phyagentos.store.views.sessions import describe_attempt, describe_execution
-from phyagentos.store.views.tasks import split_reason
 
 NODES_NAMED = 10
 LINES_SHOWN = 1000  # some hundred sessions; a person scrolls no further back
@@ -46,7 +45,7 @@ _PLAIN = {
     GoalEvent.NODE_RESCUED.value: "made up for",
     GoalEvent.INVALIDATED.value: "holds no longer",
     GoalEvent.NODE_WAITS.value: "waits",
-    GoalEvent.BUDGET_SPENT.value: "a replan was paid for",
+    GoalEvent.BUDGET_SPENT.value: "counted as a replan",
     GoalEvent.GOAL_CANCELLED.value: "cancelled",
 }
 _SILENT = frozenset({"check", "halt", "verify"})
@@ -96,9 +95,7 @@ def _take_note(record: Record, ledger: Ledger) -> _Note:
         return _Note(record, ledger.sessions.get(SessionId(record.id)), "")
     if record.ev in _NODE_ENDS:
         return _Note(record, None, _find_judged(record, ledger))
-    return _Note(
-        record, None, split_reason(read_replan(record.body or {}), ledger)[1] if record.ev == _CHILD_OF else ""
-    )
+    return _Note(record, None, read_replan(record.body or {}).reason if record.ev == _CHILD_OF else "")
 
 
 def _format(note: _Note) -> LogLine:

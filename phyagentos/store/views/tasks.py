@@ -22,7 +22,7 @@ ADVISED_SHOWN = 20  # sessions of a goal that memory changed; the others are cou
 
 _HEAD = """# Tasks
 
-The goals of this workspace, newest first: what was asked, how each node of the graph stands, and why the verdict fell.
+The goals of this workspace, newest first: what was asked, how each node of the graph stands, and why it was judged so.
 
 - **Written by** the agent, from the goal and node records of the journal in `sessions/`, which is the truth.
 - **An edit amends an open goal**: of its YAML, nodes that have not begun may be taken out, `after`, `accept` and
@@ -90,7 +90,7 @@ def render_task(goal: tasks.GoalStatus, ledger: Ledger) -> str:
         parts.append("**Replans:**\n")
         parts.append(_render_replans(goal, ledger))
     if goal.criteria:
-        parts += ["**Why the goal's verdict fell:**\n", render_criteria(goal.criteria, ".").rstrip("\n") + "\n"]
+        parts += ["**Why the goal has this verdict:**\n", render_criteria(goal.criteria, ".").rstrip("\n") + "\n"]
     parts.append(render_block(goal))
     return "\n".join(parts) + "\n"
 
@@ -130,22 +130,20 @@ def _render_nodes(goal: tasks.GoalStatus, ledger: Ledger) -> str:
 
 def _render_replans(goal: tasks.GoalStatus, ledger: Ledger) -> str:
     rows = (
-        (_link(ledger, each.session), _link(ledger, each.child), *split_reason(each, ledger))
+        (_link(ledger, each.session), _link(ledger, each.child), describe_fault(each, ledger), each.reason)
         for node in goal.nodes.values()
         for each in node.replans
     )
     return render_table(("session", "revised as", "what went wrong", "what is done differently"), rows)
 
 
-def split_reason(replan: tasks.Replan, ledger: Ledger) -> tuple[str, str]:
-    """What went wrong, and what the child does differently; all as the former when they cannot be distinguished."""
+def describe_fault(replan: tasks.Replan, ledger: Ledger) -> str:
+    """Why the parent of a session was revised: the cause and reason of its verdict, or why it was rejected."""
     parent = ledger.sessions.get(replan.session)
-    attempt = parent.decision if parent is not None else None
-    if attempt is not None:
-        wrong = f"{attempt.cause}: {attempt.reason}".rstrip(".")
-        if replan.reason.startswith(wrong):
-            return wrong, replan.reason[len(wrong) :].strip(" .;")
-    return replan.reason, ""
+    if parent is None:
+        return ""
+    attempt = parent.decision
+    return f"{attempt.cause}: {attempt.reason}" if attempt is not None and attempt.cause else parent.reason
 
 
 def _describe_verdict(goal: tasks.GoalStatus) -> str:
