@@ -141,6 +141,21 @@ def test_another_seed_may_go_another_way(planner, build, home):
     assert motions[0].trajectory.q_rad.tobytes() != motions[1].trajectory.q_rad.tobytes()
 
 
+def test_an_answer_counts_what_it_called_of_each_library(planner, build, home):
+    found = planner.answer(FindGrasps(world=build.scene(1), object="cube0", q_rad=home, seed=1))
+    direct = planner.answer(PlanMove(world=World(()), q_rad=home, goals_rad=home[None] + 0.4, seed=1))
+    wall = build.fixed("wall", (0.5, 0.0, 0.35), build.box((0, 0, 0), (0.25, 0.01, 0.35)))
+    left, right = (home + np.array((turn, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0)) for turn in (-0.9, 0.9))
+    around = planner.answer(PlanMove(world=World((wall,)), q_rad=left, goals_rad=right[None], seed=1))
+
+    assert found.stages.calls.keys() == {"mink"}
+    assert found.stages.calls["mink"] >= sum(
+        goal.hover.iterations + goal.line.iterations for goal in found.stages.goals
+    )
+    assert direct.stages.calls == {"toppra": 1}
+    assert around.stages.calls["ompl"] == 2
+
+
 def test_half_speed_takes_about_twice_as_long(planner, build, home):
     request = PlanMove(world=World(()), q_rad=home, goals_rad=home[None] + 0.4, seed=1)
     full, half = (planner.answer(msgspec.structs.replace(request, speed=speed)) for speed in (1.0, 0.5))
