@@ -5,6 +5,8 @@ It is complete without this package: MuJoCo alone loads the scene, numpy the arr
 
 import contextlib
 import hashlib
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +96,14 @@ def read_bundle(folder: Path, session: Session, execution: Execution, *, with_co
         )
     except (msgspec.MsgspecError, OSError) as error:
         raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder}: {error}") from error
+
+
+def count_solver_calls(events: Iterable[Event]) -> Counter[str]:
+    """How often the planner called each of its libraries (`runtime.motion.calls`) in a session."""
+    calls = Counter[str]()
+    for event in events:
+        calls.update(event.details.get("stages", {}).get("calls", {}))
+    return calls
 
 
 def refer_to(file: str, data: bytes) -> EvidenceReference:
