@@ -81,8 +81,8 @@ def _measure(command: list[str]) -> tuple[int, dict[str, float]]:
     return child.wait() if child is not None else 0, find_figures(lines)
 
 
-def main() -> int:
-    """Measure, or read what was measured, and keep it."""
+def read_arguments(words: list[str] | None = None) -> argparse.Namespace:
+    """What is asked; options may stand before and after the name, and behind `--` stands the command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("name")
     parser.add_argument("--what", default="")
@@ -91,13 +91,18 @@ def main() -> int:
     parser.add_argument("--suite", type=Path, help="folder of a run of `paos bench`, in place of an output")
     parser.add_argument("--without", default="", help="names of figures, with commas between them")
     parser.add_argument("run", nargs="*", metavar="-- COMMAND")
-    given = parser.parse_args()
+    return parser.parse_intermixed_args(words)
+
+
+def main() -> int:
+    """Measure, or read what was measured, and keep it."""
+    given = read_arguments()
     path = RECORDS / f"{given.name}.json"
     before = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     what, says = given.what or before.get("what", ""), given.says or before.get("says", "")
     command = shlex.join(given.run) or given.command
     if not (what and says and command):
-        parser.error("a first record needs --what and --says, and every record a command")
+        sys.exit("a first record needs --what and --says, and every record a command")
     status, found = (0, read_suite(given.suite / "report.json")) if given.suite else _measure(given.run)
     figures = {name: each for name, each in found.items() if name not in given.without.split(",")}
     record = make_record(given.name, command, figures, what, says)

@@ -11,13 +11,13 @@ import numpy as np
 import yaml
 
 from benchmarks.oracle.moment import Moment
+from benchmarks.oracle.predicates import Judge
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 REST_M_S = 0.05
 GAP_M = 0.006  # between what rests on each other, contact softness and a small tilt included
 LEVEL_COS = 0.985  # ten degrees
 FLOOR_SLACK_M = 0.004
-TOUCH_M = 0.004  # between a bottom and the top that carries it
 POSED_RAD, POSED_S, REST_RAD_S = 0.05, 0.9, 0.05  # of a posture: how near, how long before the end, how still
 BASE_JOINTS = ["base_x", "base_y", "base_yaw"]
 
@@ -136,20 +136,17 @@ def is_within(folder: Path, thing: str, middle_m: Sequence[float], half_m: Seque
     return bool((np.abs(Moment.read(folder).locate(thing)[1] - middle_m) <= half_m).all())
 
 
-def is_on(folder: Path, upper: str, lower: str) -> bool:
-    """Whether one box rests on the top of another: its centre over it, its bottom at that top, at rest."""
-    end = Moment.read(folder)
-    top_m = end.measure_reach(lower, np.array([0.0, 0.0, 1.0]))
-    reach = float(end.model.geom_size[end.model.body(lower).geomadr[0]][:2].min())
-    is_over = np.all(np.abs(end.locate(upper)[1] - end.locate(lower)[1])[:2] < reach)
-    return bool(abs(end.find_lowest(upper) - top_m) < TOUCH_M and is_over) and _is_at_rest(end, upper)
+def is_so(folder: Path, text: str, **regions: Sequence[Sequence[float]]) -> bool:
+    """Whether a predicate is true at the end.
 
-
-def is_in_box(folder: Path, name: str, middle_m: Sequence[float], half_m: Sequence[float]) -> bool:
-    """Whether the centre of a free body is over a level rectangle (2,), (2,) along the axes of the world, at rest."""
+    Args:
+        folder: An evidence bundle.
+        text: As goal graphs have it; what has to do with a beginning counts from the end, too.
+        regions: Centre (3,) and half extents (3,) of those that it names [m].
+    """
     end = Moment.read(folder)
-    inside = np.all(np.abs(end.locate(name)[1][:2] - np.array(middle_m)) <= np.array(half_m))
-    return bool(inside) and _is_at_rest(end, name)
+    boxes = {name: (np.array(center), np.array(half)) for name, (center, half) in regions.items()}
+    return Judge({}, boxes, end, end).judge(text) >= 0
 
 
 def _is_at_rest(end: Moment, name: str) -> bool:

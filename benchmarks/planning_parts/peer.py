@@ -17,12 +17,14 @@ from ompl import util as ou
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.motion.chain import build_chain
 from phyagentos.runtime.motion.moves import ATTEMPTS, DENSE_RAD, thin_out
-from phyagentos.runtime.motion.path import ITERATIONS, RANGE_RAD, RESOLUTION_RAD, compute_length, densify, round_corners
+from phyagentos.runtime.motion.path import ITERATIONS, RANGE_RAD, compute_length, densify, round_corners
 from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes
 from phyagentos.runtime.motion.requests import Array, PlanMove
 from phyagentos.runtime.motion.robot_model import RobotModel
 from phyagentos.runtime.motion.timing import JointLimits, Timed, time_path
 from phyagentos.runtime.motion.transport import Care, time_carry
+
+RESOLUTION_RAD = 0.03  # of an edge, as our checks take it
 
 
 @dataclass(slots=True)

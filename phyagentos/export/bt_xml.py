@@ -144,7 +144,7 @@ def _write_model(parent: ET.Element, name: str, model: NodeModel) -> None:
         ET.SubElement(ET.SubElement(element, "MetadataFields"), "Metadata", facts)
 
 
-def encode(value: Any) -> str:
+def encode(value: object) -> str:
     """A value of a port as an attribute: `{key}`, a text as it is unless it could be JSON, anything else as JSON."""
     if isinstance(value, Reference):
         return f"{{{value.key}}}"

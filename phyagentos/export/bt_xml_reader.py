@@ -14,6 +14,7 @@ from xml.parsers import expat
 from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.export.bt_xml import APART, FORMS, UNWIRED, VERSION, decode
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Located, read_text
 from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP
 
@@ -107,7 +108,7 @@ class _Reader:
         name = _fit_name(element.id)
         if name != element.id:
             self._refuse(element, f"the tree {element.id!r}", "small letters, digits and _", f"Call it {name!r}.")
-        data: dict[str, Any] = {"tree": name, "description": description}
+        data: Fields = {"tree": name, "description": description}
         self.marks = {(): element.mark}
         for port in model.children:
             if group := {"input_port": "inputs", "output_port": "outputs"}.get(port.tag):
@@ -133,7 +134,7 @@ class _Reader:
         kind, tag = _classify(element)
         key = tag if kind is NodeKind.LEAF else kind.value
         self.marks[address] = self.marks[*address, key] = element.mark
-        body: dict[str, Any] = self._read_values(element, kind)
+        body: dict[str, object] = self._read_values(element, kind)
         name = element.attributes.get("name", default)
         if kind is NodeKind.CONDITION:
             if name != default or body.keys() != {"predicate"}:
@@ -145,7 +146,7 @@ class _Reader:
         body |= self._read_children(element, kind, (*address, key))
         return {key: body} if body or kind is not NodeKind.LEAF else key
 
-    def _read_children(self, element: Element, kind: NodeKind, place: Address) -> dict[str, Any]:
+    def _read_children(self, element: Element, kind: NodeKind, place: Address) -> Fields:
         holds = FORMS[kind].holds if kind in FORMS else ""
         if holds != "children" and len(element.children) != bool(holds):
             expected = (
@@ -164,10 +165,10 @@ class _Reader:
             children.append(self._read_node(child, (*place, *step), numbered))
         return {holds: children} if holds == "children" else {holds: children[0]} if holds and children else {}
 
-    def _read_values(self, element: Element, kind: NodeKind) -> dict[str, Any]:
+    def _read_values(self, element: Element, kind: NodeKind) -> Fields:
         """Values of the attributes that are ports, as the tree format writes them."""
         own, key = FORMS[kind].number if kind in FORMS else ("", "")
-        values: dict[str, Any] = {}
+        values: dict[str, object] = {}
         for name, text in element.attributes.items():
             if name in _SILENT or text.startswith(f"{{{UNWIRED}") or (name, text) == ("_autoremap", "false"):
                 continue

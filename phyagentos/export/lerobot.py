@@ -16,6 +16,7 @@ from phyagentos.errors import needs_extra
 from phyagentos.export.demonstrations import POSE, Choice, Demonstration, Demonstrations
 from phyagentos.export.video import write_mp4
 from phyagentos.protocol.documents.durable_files import require_empty
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.evidence import write_json
 
 STATE, ACTION, WORLD, IMAGES = "observation.state", "action", "observation.environment_state", "observation.images."
@@ -43,7 +44,7 @@ def write_dataset(data: Demonstrations, choice: Choice, folder: Path, version: s
     starts = np.concatenate(([0], ends[:-1]))
     table, files = _tabulate(data, tasks, starts), starts // FRAMES_PER_FILE  # of whole episodes
     pixels: list[Table] = []
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, object]] = []
     for number in np.unique(files):
         here = np.flatnonzero(files == number)
         place = {"chunk_index": int(number) // FILES_PER_FOLDER, "file_index": int(number) % FILES_PER_FOLDER}
@@ -88,16 +89,16 @@ def _tabulate(data: Demonstrations, tasks: list[str], starts: NDArray[np.int64])
     }
 
 
-def _join(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+def _join(rows: Sequence[Mapping[str, object]]) -> dict[str, list[Any]]:
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
 def _describe_episode(
     each: Demonstration, table: Table, pixels: Table, place: Mapping[str, int], span_s: tuple[float, ...]
-) -> dict[str, Any]:
+) -> Fields:
     """A row of `meta/episodes`: where its frames and pictures lie, what it shows, and whose word says that it does."""
     first, length = int(table["index"][0]), len(each.state)
-    row: dict[str, Any] = {"episode_index": int(table["episode_index"][0]), "tasks": [each.task], "length": length}
+    row: dict[str, object] = {"episode_index": int(table["episode_index"][0]), "tasks": [each.task], "length": length}
     row |= {"dataset_from_index": first, "dataset_to_index": first + length}
     row |= {f"data/{name}": value for name, value in place.items()}
     for key in pixels:
@@ -111,9 +112,9 @@ def _describe_episode(
     return row | {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
 
 
-def _measure(table: Table) -> dict[str, dict[str, Any]]:
+def _measure(table: Table) -> dict[str, Fields]:
     """Statistics of each feature; of pictures those of sampled pixels (n, 3), in LeRobot's form (3, 1, 1)."""
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, dict[str, object]] = {}
     for key, values in table.items():
         each = values.astype(np.float64).reshape(len(values), -1)
         numbers = {"min": each.min(0), "max": each.max(0), "mean": each.mean(0), "std": each.std(0)}
@@ -123,11 +124,11 @@ def _measure(table: Table) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _describe_form(data: Demonstrations, choice: Choice, n_tasks: int, table: Table) -> dict[str, Any]:
+def _describe_form(data: Demonstrations, choice: Choice, n_tasks: int, table: Table) -> Fields:
     """`info.json`."""
     poses = [f"{entity}.{number}" for entity in choice.entities for number in POSE]
     names: dict[str, Sequence[str] | None] = {STATE: data.names, ACTION: data.names, WORLD: poses}
-    features: dict[str, Any] = {
+    features: dict[str, object] = {
         name: {"dtype": values.dtype.name, "shape": values.shape[1:] or (1,), "names": names.get(name)}
         for name, values in table.items()
     }
@@ -175,11 +176,11 @@ def _iter_and_sample(key: str, episodes: Sequence[Demonstration], sampled: Seque
         kept[key] = np.concatenate(pixels) / 255.0
 
 
-def _write_parquet(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, str] | None = None) -> None:
+def _write_parquet(path: Path, columns: Mapping[str, object], metadata: Mapping[str, str] | None = None) -> None:
     import pyarrow as pa
     from pyarrow import parquet
 
-    def convert(values: Any) -> Any:
+    def convert(values: object) -> Any:
         if isinstance(values, np.ndarray) and values.ndim == 2:
             return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
         return pa.array(values)

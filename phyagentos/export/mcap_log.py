@@ -68,7 +68,7 @@ def write_mcap(workspace: Workspace, status: SessionStatus, to: Path) -> None:
 
     of_joints = {"type": "object", "properties": dict.fromkeys(joints, _NUMBER)}
     rows = {name: of_joints if values.ndim > 1 else _NUMBER for name, values in arrays.items()}
-    forms: dict[str, tuple[str, Any]] = {"/trajectory": ("phyagentos.Trajectory", rows)}
+    forms: dict[str, tuple[str, object]] = {"/trajectory": ("phyagentos.Trajectory", rows)}
     forms |= {"/tree": ("phyagentos.TraceEvent", _TREE), "/session": ("phyagentos.Transition", _TRANSITIONS)}
     forms |= {f"/camera/{camera}": ("foxglove.CompressedImage", _IMAGE) for _, _, camera, *_ in pictures}
     messages = heapq.merge(

@@ -11,6 +11,7 @@ import numpy as np
 
 from phyagentos.errors import needs_extra
 from phyagentos.pictures.playback import Playback
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.session import SessionStatus
 
 TIMELINE = "target_time"
@@ -59,7 +60,7 @@ def _make_shape(rerun: Any, model: mujoco.MjModel, geom: Any) -> tuple[Any, ...]
         vertices = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]]
         faces = model.mesh_face[mesh.faceadr[0] :][: mesh.facenum[0]]
         return (rerun.Mesh3D(vertex_positions=vertices, triangle_indices=faces, albedo_factor=rgba),)
-    span: dict[str, Any] = {"lengths": [2 * half], "radii": [radius]}
+    span: Fields = {"lengths": [2 * half], "radii": [radius]}
     forms = {
         kinds.mjGEOM_BOX: (rerun.Boxes3D, {"half_sizes": [geom.size]}),
         kinds.mjGEOM_SPHERE: (rerun.Ellipsoids3D, {"half_sizes": [(radius, radius, radius)]}),

@@ -15,7 +15,7 @@ from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
 from phyagentos.assembly.planted_faults import find_unstruck
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.documents.markdown import format_value
-from phyagentos.protocol.sessions.evidence import Bundle, read_bundle
+from phyagentos.protocol.sessions.evidence import Bundle, count_solver_calls, read_bundle
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
 from phyagentos.protocol.sessions.session import Execution, GoalId, Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
@@ -98,6 +98,8 @@ def _explain_session(workspace: Workspace, ledger: Ledger, status: SessionStatus
         bundle = read_bundle(workspace.root / execution.evidence, own, execution)
         bundle = msgspec.structs.replace(bundle, prior=prior)
         facts += chain.from_iterable(_iter_attempt(attempt, bundle) for attempt in status.attempts)
+        calls = ", ".join(f"{solver} {count}" for solver, count in sorted(count_solver_calls(bundle.events).items()))
+        facts.append(("planned by", calls and f"{calls} calls"))
         manifest = read_manifest(bundle.folder)
         thinned = manifest.thinned if manifest is not None else ()
         facts.append(("evidence", str(bundle.folder)))

@@ -6,11 +6,12 @@ session, and forgets what is final once it can be looked up.
 
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import msgspec
 
 from phyagentos.errors import DefinitionError, PhyAgentOSError, format_hint, format_names
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lifecycle import (
     FINAL_STATES,
     REVIEW,
@@ -91,7 +92,7 @@ class Entry(msgspec.Struct, frozen=True):
 
     id: str
     ev: str
-    body: dict[str, Any] | None = None
+    body: Fields | None = None
     epoch: int | None = None
 
 

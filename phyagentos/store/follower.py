@@ -50,10 +50,9 @@ class Follower:
         self._fd = -1
         self._held: list[Record] = []  # read, but not given away because of an error: for the next call
         self._damage: ExecutionError | None = None
-        self._file = ""
         self._inode = (0, 0)
         if position is not None:
-            self._take(segments.open_segment(folder, position.segment), position.segment)
+            self._take(segments.open_segment(folder, position.segment))
             self.segment, self.first_seq = position.segment, position.first_seq
             self.offset, self.seq = position.offset, position.seq
 
@@ -180,7 +179,7 @@ class Follower:
             raise
         if self._fd >= 0:
             os.close(self._fd)
-        self._take(fd, name)
+        self._take(fd)
         self.segment, self.first_seq, self.offset = name, front.first_seq, len(front.encode())
         self.tail = Tail.CLEAN
 
@@ -193,21 +192,16 @@ class Follower:
     def _describe_refusal(self, error: OSError) -> ExecutionError:
         return ExecutionError("JOURNAL_UNREADABLE", f"{self._folder}: {error}. Nothing was changed; try again.")
 
-    def _take(self, fd: int, name: str) -> None:
+    def _take(self, fd: int) -> None:
         status = os.fstat(fd)
         self._fd, self._inode = fd, (status.st_dev, status.st_ino)
-        self._file = str(segments.locate(self._folder, name))
 
     def _stat(self) -> os.stat_result:
         """The segment by its name, as long as that is still the file that was opened."""
         try:
-            status = os.stat(self._file)  # noqa: PTH116 - in every commit
+            status = self.path.stat()
         except FileNotFoundError:
-            self._file = str(self.path)  # it was archived
-            try:
-                status = os.stat(self._file)  # noqa: PTH116 - in every commit
-            except FileNotFoundError:
-                raise describe_move(self.path) from None
+            raise describe_move(self.path) from None
         if (status.st_dev, status.st_ino) != self._inode:
             raise describe_move(self.path)
         return status

@@ -23,6 +23,7 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from phyagentos.errors import Problem
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, REVIEW, SessionState
 from phyagentos.protocol.sessions.session import (
     Amendment,
@@ -313,10 +314,10 @@ class Ledger:
         goal.nodes[name] = msgspec.structs.replace(node, state=state, reason=str(body.get("reason", "")))
 
 
-def _read_changes(before: SessionStatus, record: Record) -> dict[str, Any]:
+def _read_changes(before: SessionStatus, record: Record) -> Fields:
     """What a session record adds to its status."""
     body = record.body or {}
-    changes: dict[str, Any] = {}
+    changes: Fields = {}
     if record.ev == "claim":
         changes = {"epoch": record.epoch or 0, "claimed_by": record.by}
     elif record.ev == "amend":

@@ -10,16 +10,15 @@ from pathlib import Path
 from phyagentos.errors import ExecutionError
 
 LOCK_NAME = ".lock"
-_SHORT_S, _LONG_S, _STUCK_S = 0.00002, 0.00016, 0.0005  # pauses between tries; it is held for some 0.1 ms
-_OLD_S, _OLDEST_S = 0.001, 0.02  # how long who waits has waited
-_TRIES = 20_000  # about ten seconds
+_PAUSE_S = 0.0001  # between tries; it is held for some 0.1 ms
+_TRIES = 60_000  # about ten seconds
 
 
 class PartitionLock:
     """The exclusive lock of one partition, for one `Journal`; its threads take turns by a mutex of their own."""
 
     def __init__(self, folder: Path) -> None:
-        self._path, self._file = folder / LOCK_NAME, str(folder / LOCK_NAME)
+        self._path = folder / LOCK_NAME
         self._fd, self._pid = self._open(), os.getpid()
         status = os.fstat(self._fd)
         self._inode = (status.st_dev, status.st_ino)
@@ -31,15 +30,12 @@ class PartitionLock:
         """
         if self._pid != os.getpid():  # a forked child shares the parent's lock, so it needs one of its own
             self._fd, self._pid = self._open(), os.getpid()
-        waited_s = 0.0
         for _ in range(_TRIES):
             try:
                 fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 meanwhile()
-                pause_s = _choose_pause(waited_s)
-                select.select((), (), (), pause_s)
-                waited_s += pause_s
+                select.select((), (), (), _PAUSE_S)
             else:
                 self._check_place()
                 return
@@ -51,7 +47,7 @@ class PartitionLock:
 
     def _check_place(self) -> None:
         try:
-            status = os.stat(self._file)  # noqa: PTH116 - in every commit
+            status = self._path.stat()
             is_in_place = status.st_ino == self._inode[1] and status.st_dev == self._inode[0]
         except FileNotFoundError:
             is_in_place = False
@@ -82,13 +78,6 @@ class PartitionLock:
         return os.open(
             self._path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644
         )  # what it holds says nothing
-
-
-def _choose_pause(waited_s: float) -> float:
-    """Pause before the next try [s]: doubled at first, short again lest newcomers overtake, long for a stuck holder."""
-    if waited_s >= _OLDEST_S:
-        return _STUCK_S
-    return _SHORT_S if waited_s >= _OLD_S else min(max(waited_s, _SHORT_S), _LONG_S)
 
 
 @contextlib.contextmanager

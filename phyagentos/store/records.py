@@ -10,12 +10,13 @@ import zlib
 from collections.abc import Iterable, Sequence
 from enum import StrEnum
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.body_codec import parse_body
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.session import Session
 
 HEADER_BYTES = 41
@@ -68,7 +69,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     markdown: str = ""
 
     @cached_property
-    def body(self) -> dict[str, Any] | None:
+    def body(self) -> Fields | None:
         """The YAML block as plain data, parsed when first asked for."""
         return parse_body(self.markdown)
 
@@ -77,7 +78,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         """The body of a `submit` record; raises msgspec.ValidationError for an invalid one."""
         return msgspec.convert(self.body or {}, Session)
 
-    def remember(self, body: dict[str, Any] | None, contract: Session | None) -> None:
+    def remember(self, body: dict[str, object] | None, contract: Session | None) -> None:
         """Keep what the writer knows already, so that it is not parsed again in this process."""
         self.__dict__["body"] = body
         if contract is not None:

@@ -8,7 +8,6 @@ import os
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from phyagentos.errors import ExecutionError
 from phyagentos.store.follower import Follower
@@ -87,7 +86,7 @@ class SegmentWriter:
             self.be_durable(self._io.fdatasync, self._fd)
             self._synced_seq = max(self._synced_seq, reached)
 
-    def be_durable(self, sync: Callable[..., None], *args: Any) -> None:
+    def be_durable(self, sync: Callable[..., None], *args: object) -> None:
         """Call something that waits for the disk; a failure, `JOURNAL_NOT_DURABLE`, is final."""
         try:
             sync(*args)

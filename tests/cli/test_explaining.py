@@ -8,7 +8,7 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.sessions.estop import is_latched
-from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, TRACE, encode_lines, write_json
+from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, EVENTS, TRACE, Event, encode_lines, write_json
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.stop_signals import take_signals
 from phyagentos.protocol.sessions.trace import TraceEvent
@@ -58,6 +58,20 @@ def test_why_names_the_leaf_and_the_number_that_decided(replanned, paos):
     text = paos("why", "red", "--workspace", replanned.workspace.root).out
     assert "leaf        pick_and_place/place/lower at 6.10 s: GRASP_LOST" in text
     assert "numbers     width_m 0.00125" in text
+
+
+def test_why_counts_the_calls_of_the_solvers_that_planned_a_session(replanned, paos):
+    leave_evidence(replanned, "tidy-7.red")
+    answers = [
+        Event(time_s=0.1, kind="planner", code="Approaches", details={"stages": {"calls": {"mink": 45}}}),
+        Event(time_s=0.2, kind="planner", code="Motion", details={"stages": {"calls": {"ompl": 2, "toppra": 1}}}),
+        Event(time_s=0.3, kind="planner", code="Motion", details={"stages": {"calls": {"toppra": 1}}}),
+        Event(time_s=0.4, kind="planner", code="Motion", details={"stages": {}}),  # of an earlier version
+    ]
+    (replanned.workspace.evidence / "tidy-7.red" / EVENTS).write_bytes(encode_lines(answers))
+
+    text = paos("why", "red", "--workspace", replanned.workspace.root).out
+    assert "planned by  mink 45, ompl 2, toppra 2 calls" in text
 
 
 def test_why_of_a_session_that_never_ran_says_so(run, paos):

@@ -12,7 +12,7 @@ from phyagentos.cli.schemas import names_of_schemas, render_fields
 from phyagentos.operations.describe import KINDS
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.store.document_registry import FORMATS
-from tools.record import find_figures, make_record
+from tools.record import find_figures, make_record, read_arguments
 from tools.write_reference import HEADLINES, MEASURED, read_records, render_measured, renew_headlines
 
 pytestmark = pytest.mark.slow
@@ -74,6 +74,11 @@ def test_a_measured_figure_stands_with_command_commit_date_and_machine():
     assert "Cups that were kept level: 19 of 20." in page
     assert "`python benchmarks/kept.py`, commit 0123456789ab, 2026-11-28, 2 cores." in page
     assert "| `kept` | 19 |" in page
+
+
+def test_options_of_a_record_may_stand_between_its_name_and_its_command():
+    given = read_arguments(["guard", "--without", "ms", "--", "python", "x.py", "--seeds", "2"])
+    assert (given.name, given.without, given.run) == ("guard", "ms", ["python", "x.py", "--seeds", "2"])
 
 
 def test_every_record_is_whole():

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.oracle.conditions import is_in_box
+from benchmarks.oracle.conditions import is_so
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.scorers.simulator_state import is_in_tray
@@ -28,6 +28,6 @@ def test_a_hemmed_in_cube_and_a_carton_too_wide_are_had_by_clearing_and_by_pushi
 
     assert (hemmed.verdict, wide.verdict) == ("success", "success"), (hemmed, wide)
     assert is_in_tray(ends[0], "red_cube", "red_tray")
-    assert is_in_box(ends[1], "carton", (0.5, -0.32), (0.08, 0.08))
+    assert is_so(ends[1], "inside(carton, zone)", zone=((0.5, -0.32, 0.15), (0.08, 0.08, 0.15)))
     assert "flowchart TD" in (document := (workspace.root / "TASK.md").read_text())
     assert "-- clears -->" in document

@@ -101,7 +101,7 @@ def check_that_solvers_are_named(folder):
             solved = {"toppra": "Ok", "casadi": "solved"}  # what is carried is shaped where it is heavy
             assert stages["scaling"]["status"] == solved[stages["scaling"]["solver"]]
             assert (stages["scaling"]["solver"] == "casadi") <= ("unshaped_grip_share" in stages["scaling"])
-            assert stages.get("path", {}).get("planner", "") in ("", "straight", "RRT-Connect on spheres")
+            assert stages.get("path", {}).get("planner", "") in ("", "straight", "OMPL RRT-Connect")
     assert any("grip_share" in stages.get("scaling", {}) for _, stages in answers)
 
 
@@ -185,7 +185,7 @@ def test_the_attempt_after_a_failed_one_sets_down_what_that_held_and_takes_it_ag
     assert (failed.ended, again.ended) == (Ended.STALLED, Ended.COMPLETED), (failed.message, again.leaf, again.message)
     assert load_terminal(bench.workspace / failed.evidence).body("green_cube").xpos[2] > 0.1, "it is held"
     assert is_in_tray(load_terminal(bench.workspace / again.evidence), "green_cube", "green_tray")
-    assert falls["green_cube"] < 0.01, falls
+    assert falls["green_cube"] < 0.02, falls  # set down, not dropped from where it was held
 
 
 def test_what_slips_out_while_it_is_set_down_leaves_the_hand_free_for_the_next_thing(build_world, build):

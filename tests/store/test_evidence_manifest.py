@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.protocol.sessions import evidence, evidence_manifest
+from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import (
     MANIFEST,
     OBJECTS,
@@ -109,14 +109,14 @@ def test_a_worker_that_seals_late_does_not_undo_what_a_clean_up_has_written(stor
     folder = store.run("g.a", seal=False)
     pruned = []
 
-    def read_slowly(path, real=evidence_manifest._read_bytes):
+    def read_slowly(path, real=Path.read_bytes):
         data = real(path)
-        if Path(path).name == evidence.TRAJECTORY and not pruned:  # the last one
+        if path.name == evidence.TRAJECTORY and not pruned:  # the last one
             pruned.append(True)
             store.prune()
         return data
 
-    monkeypatch.setattr(evidence_manifest, "_read_bytes", read_slowly)
+    monkeypatch.setattr(Path, "read_bytes", read_slowly)
     manifest = store.sealer.seal(folder)
     monkeypatch.undo()
 
@@ -144,8 +144,8 @@ def test_a_file_system_without_links_keeps_whole_bundles(store, monkeypatch):
 @pytest.mark.parametrize("model", [MODEL, b"small"])
 def test_a_model_is_read_once_however_many_sessions_share_it(tmp_path, monkeypatch, model):
     read = []
-    real = evidence_manifest._read_bytes
-    monkeypatch.setattr(evidence_manifest, "_read_bytes", lambda path: (read.append(Path(path).name), real(path))[1])
+    real = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: (read.append(path.name), real(path))[1])
     sealer = Sealer(tmp_path)
     for number in range(40):
         folder = tmp_path / f"g.{number}"

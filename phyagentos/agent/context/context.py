@@ -10,7 +10,6 @@ from collections.abc import Iterable
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import yaml
@@ -19,6 +18,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.body_codec import render_yaml
 from phyagentos.protocol.documents.document import Front
 from phyagentos.protocol.documents.markdown import render_block, render_front
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Authored
 
 BYTES_A_TOKEN = 3  # of such texts; byte-pair vocabularies of 100 000 entries and more need 3.2 to 3.6, as measured
@@ -32,7 +32,7 @@ class Section(msgspec.Struct, frozen=True):
     """One section: items by name, the most needed first; whole ones are dropped from the end."""
 
     name: str
-    items: dict[str, Any]
+    items: Fields
 
 
 class Context(Front, frozen=True, kw_only=True, omit_defaults=True, dict=True):
@@ -89,7 +89,7 @@ def build_context(purpose: str, sections: Iterable[Section], budget_tokens: int)
     raise DefinitionError.of("CONTEXT_TOO_LARGE", f"context for {purpose}", found, expected)
 
 
-def select(section: str, entry: msgspec.Struct | Authored, **more: Any) -> dict[str, Any]:
+def select(section: str, entry: msgspec.Struct | Authored, **more: object) -> Fields:
     """What a section shows of an entry, and `more`; what has its default value, or is empty, is left out."""
     plain = msgspec.to_builtins(entry) if isinstance(entry, msgspec.Struct) else entry.model_dump(exclude_defaults=True)
     return {name: plain[name] for name in FIELDS.get(section, plain) if name in plain} | {

@@ -41,7 +41,7 @@ def iter_sections(workspace: Workspace, ledger: Ledger, goal: GoalStatus | None)
     if world is not None:
         yield from _iter_world(world, goal)
     used = {name for node in nodes.values() for name in (node.skill, node.target)}
-    skills: dict[str, Any] = {}
+    skills: dict[str, object] = {}
     for skill in sorted(read_skill_registry(workspace.skill_registry).values(), key=lambda e: e.skill not in used):
         types = {key: each.type for key, each in skill.parameters.items()}
         skills[skill.skill] = select("skills", skill, parameters=types)
@@ -59,7 +59,7 @@ def iter_sections(workspace: Workspace, ledger: Ledger, goal: GoalStatus | None)
 
 def describe_attempts(sessions: Sequence[SessionStatus]) -> Section:
     """Sessions, how they ended, and their verdicts."""
-    items: dict[str, Any] = {}
+    items: dict[str, object] = {}
     for each in sessions:
         parts = (each, each.decision, each.contract, each.execution)
         shown = (select("attempts", part) for part in parts if part is not None)
@@ -106,7 +106,7 @@ def _iter_world(world: Snapshot, goal: GoalStatus | None) -> Iterator[Section]:
         true_of.setdefault(each.arguments[0], []).append(each.text)
     robots = {name: true_of.get(name, []) for name in world.targets}
     yield Section("snapshot", {world.scene: select("snapshot", world, targets=robots)})
-    things: dict[str, Any] = {}
+    things: dict[str, object] = {}
     for thing in sorted(world.entities.values(), key=lambda e: (e.name not in named, not e.movable, e.name)):
         at_m, unseen = [round(value, 4) for value in thing.pose.position_m], world.explain_unseen(thing)
         more = {"at_m": at_m, "unseen": unseen, "relations": true_of.get(thing.name)}

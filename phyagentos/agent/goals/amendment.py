@@ -16,6 +16,7 @@ from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.selector import Choice
 from phyagentos.errors import Problem
 from phyagentos.protocol.documents.durable_files import replace_durably
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.predicate import View, iter_entities, parse_predicate, substitute
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
@@ -27,13 +28,13 @@ _NEW = NodeStatus()
 _TAKEN_OUT = frozenset({NodeState.BLOCKED, NodeState.SKIPPED})  # begun, and yet nothing that was done
 
 
-def describe_node(graph: GoalGraph, name: str) -> dict[str, Any]:
+def describe_node(graph: GoalGraph, name: str) -> Fields:
     """A node as the journal holds it."""
     node, choice = graph.nodes[name], graph.choices[name]
     return _describe(node.spec.objective, choice, node)
 
 
-def _describe(objective: str, carried: NodeStatus | Choice, ordered: NodeStatus | Node) -> dict[str, Any]:
+def _describe(objective: str, carried: NodeStatus | Choice, ordered: NodeStatus | Node) -> Fields:
     failing = {"on_failure": [list(edge) for edge in ordered.on_failure]} if ordered.on_failure else {}
     named = {"objective": objective, "skill": carried.skill, "target": carried.target, "after": list(ordered.after)}
     return {**named, **failing, "reasons": list(carried.reasons)}
@@ -69,7 +70,7 @@ def _iter_changed(old: GoalGraph, new: GoalGraph, name: str) -> Iterator[str]:
         yield "what it comes after"
 
 
-def compute_difference(new: GoalGraph, nodes: Mapping[str, NodeStatus]) -> dict[str, Any]:
+def compute_difference(new: GoalGraph, nodes: Mapping[str, NodeStatus]) -> Fields:
     """Body of the record that amends a goal: nodes that are new or changed, names that are gone, acceptance."""
     changed = {}
     for name in new.nodes:
@@ -112,7 +113,7 @@ def find_graph(workspace: Workspace, goal: GoalStatus) -> Path:
     return workspace.goals / goal.file if goal.file else workspace.goal_file_of(goal.id)
 
 
-def keep_graph(workspace: Workspace, goal: GoalId, authored: Any) -> Path:
+def keep_graph(workspace: Workspace, goal: GoalId, authored: object) -> Path:
     """Keep another graph in `goals/`, as data or as a whole file; the record that takes it over comes later."""
     content = authored if isinstance(authored, bytes) else encode_graph(authored)
     file = workspace.amended_file_of(goal, content)
@@ -120,6 +121,6 @@ def keep_graph(workspace: Workspace, goal: GoalId, authored: Any) -> Path:
     return file
 
 
-def encode_graph(authored: Any) -> bytes:
+def encode_graph(authored: object) -> bytes:
     """A graph as a file."""
     return yaml.safe_dump(authored, sort_keys=False, allow_unicode=True).encode()

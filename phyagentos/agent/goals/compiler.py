@@ -17,6 +17,7 @@ from phyagentos.agent.goals.spec import REFERENCE, NodeSpec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.placed_scenes import name_placed
 from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.predicate import has_metric, parse_predicate, substitute
 from phyagentos.protocol.predicates.syntax import format_value
 from phyagentos.protocol.sessions.calibration import TrackRecord
@@ -117,9 +118,7 @@ class SessionCompiler:
             kept=self.graph.kept if name in self.graph.brought and not purpose else (),
         )
 
-    def _bind(
-        self, name: str, choice: Choice, purpose: str, outputs: Outputs | None
-    ) -> "tuple[dict[str, Any], _Resolver]":
+    def _bind(self, name: str, choice: Choice, purpose: str, outputs: Outputs | None) -> "tuple[Fields, _Resolver]":
         """The arguments of a session in the order of its skill, and what puts them into its predicates."""
         node, own = self.graph.nodes[name], self.graph.choices[name]
         skills = [self.catalogue.skills[choice.skill], *([] if purpose else [self.catalogue.skills[own.skill]])]
@@ -204,7 +203,7 @@ def _wants_state(skill: SkillRuntime, spec: NodeSpec) -> bool:
     return bool(promised) and all(each.is_lasting for each in promised) and not any(map(has_metric, spec.accept))
 
 
-def _check_resolved(parameters: Mapping[str, Any], goal: GoalId, node: str) -> None:
+def _check_resolved(parameters: Mapping[str, object], goal: GoalId, node: str) -> None:
     expected = "an output that the session before left"
     problems = [
         Problem("OUTPUT_MISSING", f"{goal}.{node}: {'.'.join(map(str, path))}", f"no value for {reference}", expected)
@@ -215,7 +214,7 @@ def _check_resolved(parameters: Mapping[str, Any], goal: GoalId, node: str) -> N
         raise DefinitionError(problems)
 
 
-def _describe(skill: str, parameters: Mapping[str, Any]) -> str:
+def _describe(skill: str, parameters: Mapping[str, object]) -> str:
     """A sentence such as `Pick and place: object red_cube, destination red_tray.`."""
     title = skill.replace("_", " ").capitalize()
     arguments = ", ".join(f"{key.replace('_', ' ')} {format_value(value)}" for key, value in parameters.items())

@@ -21,6 +21,7 @@ from phyagentos.agent.goals.expansion import iter_strings, substitute_value
 from phyagentos.agent.goals.spec import NAME_MAX, NODE_NAME, REFERENCE, AnyOf, GoalSpec, GraphParameter, Include
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Located, read_yaml, salvage
 
 INCLUDES_MAX = 100  # of one graph: files that include the next one twice double in number with every level
@@ -63,7 +64,7 @@ class Composer:
             self.flat = replace(located, data=head | {"sessions": {}}, origins=dict(located.origins))
             self.bundle = self._add(located, values, _Scope())
 
-    def _bind(self, located: Located, given: Mapping[str, Item]) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _bind(self, located: Located, given: Mapping[str, Item]) -> tuple[Fields, Fields]:
         """All but the sessions with values for parameters, and the values; the default stands for an unsound one."""
         data, values = located.data, {}
         kinds = self._catalogue.find_kinds(str(data.get("scene"))) if "parameters" in data else None
@@ -86,7 +87,7 @@ class Composer:
             if path[0] != "sessions" or ".outputs." not in match[1]:
                 self.problems.append(located.unknown("UNKNOWN_REFERENCE", path, match[1], possible, match[0]))
 
-    def _add(self, located: Located, values: Mapping[str, Any], scope: _Scope) -> dict[str, Any]:
+    def _add(self, located: Located, values: Mapping[str, object], scope: _Scope) -> Fields:
         """Adds the nodes of a graph; returns its bundle."""
         bundled = dict(located.data["sessions"])
         for name, authored in located.data["sessions"].items():
@@ -107,7 +108,7 @@ class Composer:
                 self._add_node(located, path, full, node, scope)
         return as_dict(located.data) | {"sessions": bundled}
 
-    def _add_node(self, located: Located, path: Address, full: str, node: Any, scope: _Scope) -> None:
+    def _add_node(self, located: Located, path: Address, full: str, node: object, scope: _Scope) -> None:
         """Adds one node, with what its include gives to it."""
         self.flat.data["sessions"][full] = node
         if scope.prefix:
@@ -199,7 +200,7 @@ class Composer:
         scope = replace(scope, holds=(*scope.holds, *holds), defaults={**scope.defaults, **own})
         return self._add(inner, values, scope)
 
-    def _extend(self, owner: dict[str, Any], path: Address, items: Sequence[Item]) -> None:
+    def _extend(self, owner: dict[str, object], path: Address, items: Sequence[Item]) -> None:
         """Adds items to the list at a path, each with the place where it is written."""
         own = owner.get(str(path[-1])) or []
         if items and isinstance(own, list | tuple):
@@ -214,17 +215,17 @@ def _iter_parameters(located: Located) -> Iterator[tuple[str, GraphParameter]]:
             yield str(name), GraphParameter.model_validate(item)
 
 
-def _fill(node: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+def _fill(node: dict[str, object], values: Mapping[str, object]) -> Fields:
     """A node with values for parameters; its own variables and arguments come before those of the graph."""
     outer = {key: value for key, value in values.items() if key not in as_dict(node.get("foreach"))}
     inner = {key: value for key, value in outer.items() if key not in as_dict(node.get("with"))}
     return {key: substitute_value(item, outer if key in {"with", "foreach"} else inner) for key, item in node.items()}
 
 
-def _lengthen(node: dict[str, Any], prefix: str) -> dict[str, Any]:
+def _lengthen(node: Fields, prefix: str) -> Fields:
     """A node whose edges and references lead to nodes with longer names."""
     outputs = {name for _, text in iter_strings(node) for name in REFERENCE.findall(text) if ".outputs." in name}
-    longer: dict[str, Any] = substitute_value(node, {name: f"${{{prefix}{name}}}" for name in outputs})
+    longer: Fields = substitute_value(node, {name: f"${{{prefix}{name}}}" for name in outputs})
     if isinstance(longer.get("after"), list):
         longer["after"] = [
             each | {"node": f"{prefix}{each.get('node')}"} if isinstance(each, dict) else f"{prefix}{each}"
@@ -233,6 +234,6 @@ def _lengthen(node: dict[str, Any], prefix: str) -> dict[str, Any]:
     return longer
 
 
-def as_dict(value: Any) -> dict[str, Any]:
+def as_dict(value: object) -> Fields:
     """The value where it is a mapping, else an empty one; its form is checked elsewhere."""
     return value if isinstance(value, dict) else {}

@@ -97,7 +97,7 @@ def expand_nodes(
     return nodes
 
 
-def substitute_value(value: Any, parameters: Mapping[str, Any]) -> Any:
+def substitute_value(value: object, parameters: Mapping[str, object]) -> Any:
     """Replace `${path}` in every string of a value; a string that is one reference becomes the value itself."""
     if isinstance(value, str):
         whole = REFERENCE.fullmatch(value.strip())
@@ -111,7 +111,7 @@ def substitute_value(value: Any, parameters: Mapping[str, Any]) -> Any:
     return value
 
 
-def iter_strings(value: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
+def iter_strings(value: object, path: Path = ()) -> Iterator[tuple[Path, str]]:
     """Every string inside a value, with its path."""
     if isinstance(value, str):
         yield path, value

@@ -18,6 +18,7 @@ from phyagentos.agent.goals.spec import GoalSpec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import find_roles
 from phyagentos.protocol.documents.flowchart import Arrow, Box, render_flowchart
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Located, parse_yaml, read_yaml, salvage
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import read_statement
@@ -198,7 +199,7 @@ def override_yaml(located: Located, overrides: Mapping[str, str]) -> Located:
     data, origins = copy.deepcopy(located.data), dict(located.origins)
     for dotted, text in overrides.items():
         *parents, key = dotted.split(".")
-        place: dict[str, Any] = data
+        place: Fields = data
         for parent in parents:
             place[parent] = {} if place.get(parent) is None else place[parent]
             if not isinstance(place := place[parent], dict):

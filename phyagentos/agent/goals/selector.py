@@ -13,6 +13,7 @@ from phyagentos.agent.goals.spec import Promise
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.meaning import find_held, normalize
 from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate, substitute
@@ -40,7 +41,7 @@ class Choice:
 def select(
     skill: str | Promise,
     target: str,
-    arguments: Mapping[str, Any],
+    arguments: Mapping[str, object],
     catalogue: Catalogue,
     *,
     established: Sequence[str] = (),
@@ -86,14 +87,14 @@ def select(
     return Choice(skill=runtime.skill, target=where, parameters=parameters, reasons=reasons, rejected=rejected)
 
 
-def unify(wanted: syntax.Formula, offered: syntax.Formula) -> dict[str, Any] | None:
+def unify(wanted: syntax.Formula, offered: syntax.Formula) -> Fields | None:
     """Values of the variables of `offered` that make it equal to `wanted`, or None."""
     match wanted, offered:
         case syntax.Call(), syntax.Call():
             asked, promised = normalize(wanted), normalize(offered)
             if asked.name != promised.name or len(asked.terms) != len(promised.terms):
                 return None
-            bound: dict[str, Any] = {}
+            bound: dict[str, object] = {}
             for term, pattern in zip(asked.terms, promised.terms, strict=True):
                 if not _unify_term(term, pattern, bound):
                     return None
@@ -109,8 +110,8 @@ def unify(wanted: syntax.Formula, offered: syntax.Formula) -> dict[str, Any] | N
 def bind_guarantee(
     wanted: syntax.Formula,
     runtime: SkillRuntime,
-    parameters: dict[str, Any],
-    bind: Callable[[syntax.Formula, syntax.Formula], dict[str, Any] | None] = unify,
+    parameters: dict[str, object],
+    bind: Callable[[syntax.Formula, syntax.Formula], dict[str, object] | None] = unify,
 ) -> str | None:
     """Add to `parameters` those with which a skill guarantees what is wanted; its guarantee, None without one."""
     for text in runtime.guarantees:
@@ -121,10 +122,10 @@ def bind_guarantee(
     return None
 
 
-def _unify_term(term: syntax.Term, pattern: syntax.Term, bound: dict[str, Any]) -> bool:
+def _unify_term(term: syntax.Term, pattern: syntax.Term, bound: dict[str, object]) -> bool:
     if not isinstance(pattern, syntax.Variable):
         return term == pattern
-    value: Any
+    value: object
     match term:
         case syntax.Name(value) | syntax.Number(value):
             pass
@@ -139,12 +140,12 @@ def _unify_term(term: syntax.Term, pattern: syntax.Term, bound: dict[str, Any]) 
 
 def _iter_skills(
     skill: str | Promise,
-    arguments: Mapping[str, Any],
+    arguments: Mapping[str, object],
     catalogue: Catalogue,
     established: Sequence[str],
     mechanisms: Mapping[str, str],
     rejected: dict[str, str],
-) -> Iterator[tuple[SkillRuntime, dict[str, Any], tuple[str, ...]]]:
+) -> Iterator[tuple[SkillRuntime, Fields, tuple[str, ...]]]:
     """Skills with their parameters and the reasons for these; those that do not fit go to `rejected`."""
     if isinstance(skill, str):
         if skill in catalogue.skills:
@@ -166,7 +167,7 @@ def _iter_skills(
             yield runtime, parameters, (f"{name} guarantees {promise}, so {wanted.text} with {bindings}",)
 
 
-def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, Any]) -> tuple[dict[str, Any], str] | str:
+def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, object]) -> tuple[Fields, str] | str:
     """Parameters and the guarantees that were used, or why the skill does not fit."""
     parameters = dict(arguments)
     used: list[str] = []
@@ -184,7 +185,7 @@ def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, Any])
     return parameters, " and ".join(used)
 
 
-def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, Any], established: Iterable[str]) -> str:
+def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, object], established: Iterable[str]) -> str:
     """What the skill must hold from the start and nothing before it takes hold of; empty where there is none."""
     before = [None, *map(find_held, established)]
     required = (substitute(text, parameters) for text in runtime.requires)
@@ -192,7 +193,7 @@ def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, Any], es
     return next((parse_predicate(text, template=True).text for text in missing), "")
 
 
-def _find_unfit(runtime: SkillRuntime, parameters: Mapping[str, Any], mechanisms: Mapping[str, str]) -> str:
+def _find_unfit(runtime: SkillRuntime, parameters: Mapping[str, object], mechanisms: Mapping[str, str]) -> str:
     """A thing that moves otherwise than the skill presumes; empty where none is known to."""
     for key, parameter in runtime.parameters.items():
         thing = parameters.get(key)

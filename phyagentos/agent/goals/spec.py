@@ -7,6 +7,7 @@ import pydantic
 
 from phyagentos.protocol.capabilities.forecasters import DEFAULT, check_forecasters
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.sessions.session import PRIORITY_MAX, ResetPolicy
 
@@ -91,7 +92,7 @@ class After(Authored):
     on: Literal["success", "failure"] = "success"
 
 
-def _read_edge(value: Any) -> Any:
+def _read_edge(value: object) -> Any:
     """A bare name as a mapping; and the key `on`, which YAML 1.1 takes for a truth value."""
     if isinstance(value, dict):
         return {"on" if key is True else key: item for key, item in value.items()}
@@ -126,7 +127,7 @@ class NodeSpec(Authored):
 
     skill: str | Promise
     target: str = "any"
-    arguments: dict[str, Any] = pydantic.Field(default_factory=dict, alias="with")
+    arguments: Fields = pydantic.Field(default_factory=dict, alias="with")
     after: tuple[Edge, ...] = ()
     foreach: dict[str, tuple[str | int | float | bool, ...] | str] = {}
     when: tuple[str, ...] = ()
@@ -159,8 +160,8 @@ class Include(Authored):
             failure.
     """
 
-    include: str | dict[str, Any]
-    arguments: dict[str, Any] = pydantic.Field(default_factory=dict, alias="with")
+    include: str | Fields
+    arguments: Fields = pydantic.Field(default_factory=dict, alias="with")
     after: tuple[Edge, ...] = ()
     accept: tuple[str, ...] | None = None
 
@@ -179,7 +180,7 @@ class AnyOf(Authored):
         accept: Acceptance criteria of each.
     """
 
-    any_of: tuple[dict[str, Any], ...] = pydantic.Field(min_length=2)
+    any_of: tuple[Fields, ...] = pydantic.Field(min_length=2)
     after: tuple[Edge, ...] = ()
     when: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()

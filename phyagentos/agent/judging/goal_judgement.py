@@ -10,7 +10,6 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -19,6 +18,7 @@ from phyagentos.agent.goals.selector import ANY
 from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.agent.judging.judges.predicates import evaluate_on
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import read_text
 from phyagentos.protocol.predicates.library import ArgumentKind
 from phyagentos.protocol.predicates.predicate import View, has_metric, parse_predicate
@@ -99,7 +99,7 @@ class Evidence:
             return read_bundle(folder, session, execution, with_course=with_course)
         except ExecutionError as error:
             execution = msgspec.structs.replace(execution, message=f"{execution.message} {error}".strip())
-            nothing: dict[str, Any] = {"before": None, "after": None, "holds": (), "trace": (), "events": ()}
+            nothing: Fields = {"before": None, "after": None, "holds": (), "trace": (), "events": ()}
             return Bundle(folder=folder, session=session, execution=execution, **nothing)
 
 

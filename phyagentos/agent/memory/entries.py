@@ -3,11 +3,10 @@
 Each kind has its own policy: patterns (`semantic`), corrections (`methodological`) and cautions (`cautions`).
 """
 
-from typing import Any
-
 import msgspec
 
 from phyagentos.agent.memory.episodes import Episode
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.calibration import compute_interval
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 
@@ -92,7 +91,7 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         """The latest bundles that it rests on, with that of one more episode."""
         return tuple(dict.fromkeys((*self.evidence, *filter(None, (episode.evidence,)))))[-EVIDENCE_KEPT:]
 
-    def describe_common(self, seq: int) -> dict[str, Any]:
+    def describe_common(self, seq: int) -> Fields:
         """What every entry of LESSONS.md and KNOWLEDGE.md says."""
         state, reason = self.judge(seq)
         count = self.outcomes

@@ -6,7 +6,6 @@ An episode repeats nothing of the evidence; it points there.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -16,6 +15,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.placed_scenes import name_plain
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_roles
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.memory_entries import Embodiment, Risk
 from phyagentos.protocol.sessions.session import Ended, Execution, Session, SessionId, SessionStatus
@@ -135,7 +135,7 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     judged_at: str = ""
     graph: str = ""
     begun: str = ""
-    parameters: dict[str, Any] = {}
+    parameters: Fields = {}
     prepared: bool = False
     resumes: bool = False
     risk: Risk | None = None

@@ -4,7 +4,6 @@ It is a function of the records alone and of bounded size: the entry whose last 
 """
 
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 import msgspec
 
@@ -16,6 +15,7 @@ from phyagentos.agent.memory.experience_log import Edit, Event
 from phyagentos.agent.memory.methodological import Correction, Failure
 from phyagentos.agent.memory.scopes import compute_id, compute_scope, find_mismatch, widen
 from phyagentos.agent.memory.semantic import Pattern, find_pattern_id
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.knowledge import Fact
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.means import Preparation
@@ -167,10 +167,10 @@ class Experience(msgspec.Struct, kw_only=True):
 
     def _edit(self, edit: Edit) -> Iterator[str]:
         yield edit.entry
-        kinds: tuple[dict[str, Any], ...] = (self.corrections, self.cautions, self.patterns, self.facts)
+        kinds: tuple[Fields, ...] = (self.corrections, self.cautions, self.patterns, self.facts)
         known = next((each for each in kinds if edit.entry in each), None)
         if known is not None:
-            changes: dict[str, Any] = {"by": edit.by}
+            changes: Fields = {"by": edit.by}
             changes |= {"state": Standing.RETRACTED, "reason": edit.reason} if edit.retracts else {}
             changes |= {"note": edit.note} if edit.note else {}
             can_amend = known is self.corrections or known is self.cautions
@@ -194,12 +194,12 @@ def _describe_preparation(episode: Episode, before: Failure) -> Preparation:
     return Preparation(purpose=episode.purpose, skill=episode.skill, kind=kind)
 
 
-def _drop_oldest(entries: dict[str, Any], kept: int) -> None:
+def _drop_oldest(entries: Fields, kept: int) -> None:
     while len(entries) > kept:
         del entries[next(iter(entries))]
 
 
-def _shrink(entries: dict[str, Any], kept: int) -> None:
+def _shrink(entries: Fields, kept: int) -> None:
     """Drop the oldest that is not retracted: a forgotten retraction would let the entry rise again."""
     standing = (id for id, entry in entries.items() if entry.state is not Standing.RETRACTED)
     if len(entries) > kept and (oldest := next(standing, None)) is not None:

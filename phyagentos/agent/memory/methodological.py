@@ -5,7 +5,6 @@ of the same node, and only the verdict on such a session verifies it.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import msgspec
 
@@ -13,6 +12,7 @@ from phyagentos.agent.memory.entries import Count, Entry, name_objects
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.scopes import compute_id, compute_scope, measure_width, name_left_out, widen
 from phyagentos.agent.memory.semantic import Trial
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.means import OWN_MEANS, Means, Preparation
 from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing
@@ -41,7 +41,7 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     begun: str = ""
     strategy: Strategy = OWN_WAY
     scope: Scope
-    parameters: dict[str, Any] = {}
+    parameters: Fields = {}
     prepared: tuple[Preparation, ...] = ()
 
 
@@ -65,7 +65,7 @@ class Correction(Entry, frozen=True, kw_only=True, omit_defaults=True):
 
     objective: str
     cause: str
-    values: dict[str, Any] = {}
+    values: Fields = {}
     labels: dict[str, dict[str, int]] = {}
     means: Means = OWN_MEANS
     goals: tuple[str, ...] = ()
@@ -219,12 +219,12 @@ def join_ways(strategy: Strategy, means: Means) -> str:
 
 def _begin(scope: Scope, means: Means, failure: Failure, child: Episode) -> Correction:
     values, lists = _split(child.strategy)
-    shape: dict[str, Any] = {
+    shape: dict[str, object] = {
         **values,
         **dict.fromkeys(lists, "*"),
     }  # what stands in the lists is counted, not part of its name
     if means:
-        named: dict[str, Any] = msgspec.to_builtins(means)
+        named: dict[str, object] = msgspec.to_builtins(means)
         shape["means"] = named | {"parameters": sorted(means.parameters)}
     return Correction(
         id=compute_id("lesson", scope, failure.cause, shape),
@@ -237,8 +237,8 @@ def _begin(scope: Scope, means: Means, failure: Failure, child: Episode) -> Corr
     )
 
 
-def _split(strategy: Strategy) -> tuple[dict[str, Any], dict[str, list[str]]]:
+def _split(strategy: Strategy) -> tuple[Fields, dict[str, list[str]]]:
     """Single values, and lists of labels, each by its key."""
-    keyed: dict[str, Any] = msgspec.to_builtins(strategy)
+    keyed: dict[str, object] = msgspec.to_builtins(strategy)
     lists = {key: list(value) for key, value in keyed.items() if isinstance(value, list | tuple)}
     return {key: value for key, value in keyed.items() if key not in lists}, lists

@@ -16,6 +16,7 @@ from phyagentos.agent.memory.methodological import Correction
 from phyagentos.agent.memory.semantic import Rank
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.skill_runtimes import Learned, SkillRuntime
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.predicate import substitute
 from phyagentos.protocol.sessions.memory_entries import Standing
 
@@ -62,7 +63,7 @@ class Composition:
             if key in episode.parameters
         }
         name, attempt = self.skill.skill, start[-1]
-        goal: dict[str, Any] = {"goal": name, "objective": "Try it on a start that is known.", "scene": attempt.scene}
+        goal: Fields = {"goal": name, "objective": "Try it on a start that is known.", "scene": attempt.scene}
         goal |= {"targets": {"robot": attempt.target}, "defaults": {"max_replans": 0}}
         return _render(goal | {"sessions": {"try": {"skill": name, "target": "robot", "with": given}}})
 
@@ -103,7 +104,7 @@ def compose(
         steps.append((skill, {key: key if key in shared else f"{prefix}_{key}" for key in skill.parameters}))
     before = " and ".join(skill.skill for skill, _ in steps)
     steps.append((last, {key: key for key in last.parameters}))
-    needs: dict[str, Any] = {}
+    needs: Fields = {}
     for skill, _ in steps:
         for key, values in skill.needs.model_dump(exclude={"phyagentos"}).items():
             needs[key] = tuple(dict.fromkeys((*needs.get(key, ()), *values)))

@@ -27,6 +27,7 @@ from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.mission.task_document import TaskEdit
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.predicates.predicate import View, parse_predicate, substitute
 from phyagentos.protocol.sessions.session import Session
@@ -180,7 +181,7 @@ class Changes:
         targets = {choice.target: choice.target for choice in self.facts.graph.choices.values()}
         return WantedGoal(**fields, targets=targets, accept=accept)
 
-    def _add_steps(self, planned: "PlannedGoal", node: str, prefix: str) -> dict[str, Any]:
+    def _add_steps(self, planned: "PlannedGoal", node: str, prefix: str) -> Fields:
         """The authored graph with the steps of a plan as nodes that run on the failure of one."""
         authored, graph = self._read_authored(), self.facts.graph
         role_of = {choice.target: graph.nodes[name].spec.target for name, choice in graph.choices.items()}

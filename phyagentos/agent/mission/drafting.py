@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import msgspec
 
@@ -111,7 +110,7 @@ class Drafter:
         body = {"reason": reason, "child": child, "parent": ids[-1], "relation": relation}
         return self._note(node, event, body | ({"after": list(after)} if after else {}))
 
-    def _note(self, node: str, event: GoalEvent, body: Mapping[str, Any]) -> Entry:
+    def _note(self, node: str, event: GoalEvent, body: Mapping[str, object]) -> Entry:
         return Entry(f"{NODE_PREFIX}{self.facts.goal}/{node}", event, dict(body))
 
 

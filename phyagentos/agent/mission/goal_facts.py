@@ -3,7 +3,6 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any
 
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.mission.worklist import GoalDag
@@ -49,9 +48,9 @@ class GoalFacts:
         """Of a node."""
         return self.ledger.goals[self.goal].nodes[name].state
 
-    def note(self, event: GoalEvent, body: dict[str, Any]) -> Entry:
+    def note(self, event: GoalEvent, body: Mapping[str, object]) -> Entry:
         """A record about the goal."""
-        return Entry(f"{GOAL_PREFIX}{self.goal}", event, body)
+        return Entry(f"{GOAL_PREFIX}{self.goal}", event, dict(body))
 
     def is_taken(self, name: str) -> bool | None:
         """Whether every edge on failure to a node has a failure; None while one is undecided."""

@@ -191,7 +191,7 @@ def _list_spots(world: Environment, things: Sequence[str], calls: Iterable[Call]
     return [place_spot(world, point, things) for point in points] + find_spots(world, things, profile, away)
 
 
-def _is_same(operator: Operator, skill: str, target: str, parameters: Mapping[str, Any]) -> bool:
+def _is_same(operator: Operator, skill: str, target: str, parameters: Mapping[str, object]) -> bool:
     given = operator.parameters.items()
     return (operator.skill, operator.target) == (skill, target) and all(parameters.get(k) == v for k, v in given)
 

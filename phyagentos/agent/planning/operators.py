@@ -15,6 +15,7 @@ from phyagentos.agent.planning.problem import Fact, Operator
 from phyagentos.agent.planning.rooms import Spot, count_room, find_in_lane, is_in_reach
 from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.library import ArgumentKind, Meaning
 from phyagentos.protocol.predicates.meaning import find_definition, list_kinds, read_statement, state
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
@@ -88,7 +89,7 @@ class _Draft:
     skill: SkillRuntime
     target: str
     rank: int
-    parameters: dict[str, Any]
+    parameters: Fields
     effects: tuple[Effect, ...]
     requires: tuple[Effect, ...]
     moved: str
@@ -299,7 +300,7 @@ def _list_values(
 
 
 def _find_support(
-    skill: SkillRuntime, thing: str, spot: Spot | None, given: Mapping[str, Any], scope: Scope
+    skill: SkillRuntime, thing: str, spot: Spot | None, given: Mapping[str, object], scope: Scope
 ) -> dict[str, str]:
     """What a thing is put on, where the skill asks for it and no guarantee says it: what is there."""
     key = find_parameter(skill, ParameterRole.SUPPORT)
@@ -310,7 +311,7 @@ def _find_support(
     return {key: name} if name else {}
 
 
-def _is_whole(skill: SkillRuntime, given: Mapping[str, Any], world: Environment) -> bool:
+def _is_whole(skill: SkillRuntime, given: Mapping[str, object], world: Environment) -> bool:
     """Whether every argument is there, each another thing, and parts are of the thing that is opened or closed."""
     names = [value for value in given.values() if isinstance(value, str)]
     wholes = {given.get(key) for key, parameter in skill.parameters.items() if parameter.mechanism}
@@ -318,7 +319,7 @@ def _is_whole(skill: SkillRuntime, given: Mapping[str, Any], world: Environment)
     return (not wholes or parts <= wholes) and all(k in given for k in skill.needed) and len(names) == len(set(names))
 
 
-def _iter_bound(literals: Iterable[Effect], given: Mapping[str, Any], target: str, scope: Scope) -> Iterator[Effect]:
+def _iter_bound(literals: Iterable[Effect], given: Mapping[str, object], target: str, scope: Scope) -> Iterator[Effect]:
     """Effects with arguments; those that name an argument which is left out are left out as well."""
     for call, value in literals:
         bound = parse_predicate(substitute(render(call), {**given, "target": target}), template=True)

@@ -143,14 +143,14 @@ def write_graph(planned: PlannedGoal) -> str:
     lines += [_dump(head), "sessions:\n"]
     for step in planned.steps:
         lines += [f"  # {reason}\n" for reason in step.reasons]
-        node: dict[str, Any] = {"after": list(step.after)} if step.after else {}
+        node: dict[str, object] = {"after": list(step.after)} if step.after else {}
         node |= {"skill": step.skill, "target": step.target, "with": dict(step.parameters)}
         node |= {"accept": list(step.accept)} if step.accept else {}
         lines += [f"  {line}\n" for line in _dump({step.name: node}).splitlines()]
     return "".join([*lines, _dump({"accept": list(wanted.accept)})])
 
 
-def _dump(data: dict[str, Any]) -> str:
+def _dump(data: dict[str, object]) -> str:
     return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=1000)
 
 

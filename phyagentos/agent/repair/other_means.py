@@ -7,7 +7,6 @@ relations is promised where a parameter chooses among them by name (`relation: {
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 from phyagentos.agent.goals.selector import Choice, begins_with_holding, bind_guarantee, find_lacks, unify
 from phyagentos.agent.judging.causes import Cause
@@ -16,6 +15,7 @@ from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.looking import LEAD
 from phyagentos.agent.repair.retrying import find_of_skill, keep_requires, revise_requires
 from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import Statement, normalize_text, read_meanings, read_statement
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
@@ -58,7 +58,7 @@ def propose_other_skill(case: Case) -> Iterator[Alternative]:
         begins = "begins with what is held already, and " if resumes else ""
         because = f"{name} {begins}promises {'; '.join(skill.guarantees)}, which covers {'; '.join(promised)}"
         choice = Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,))
-        child: dict[str, Any] = {"requires": bind_requires(case, choice)}
+        child: dict[str, object] = {"requires": bind_requires(case, choice)}
         chance, effect, cost = _CHANCE, f"{name} instead of {own}", None
         if resumes:
             chance, effect, cost = _CHANCE_HELD, f"{name} for the rest of {own}", (1, case.time_of.get(own, SESSION_S))
@@ -103,15 +103,15 @@ def bind_requires(case: Case, choice: Choice) -> tuple[str, ...]:
     return tuple(by_meaning.values())
 
 
-def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -> dict[str, Any] | None:
+def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -> Fields | None:
     """Arguments with which a skill keeps every promise, None without any."""
-    parameters: dict[str, Any] = {}
+    parameters: dict[str, object] = {}
     for wanted in promised:
         if bind_guarantee(parse_predicate(wanted).formula, skill, parameters, partial(_bind, world=world)) is None:
             return None
     parameters.pop("target", None)
-    key, object = (find_parameter(skill, role) for role in (ParameterRole.SUPPORT, ParameterRole.OBJECT))
-    moved = world.find_movable([parameters[object]] if object in parameters else parameters.values())
+    key, acted_on = (find_parameter(skill, role) for role in (ParameterRole.SUPPORT, ParameterRole.OBJECT))
+    moved = world.find_movable([parameters[acted_on]] if acted_on in parameters else parameters.values())
     if key and moved is not None and (support := find_support(world, moved)) is not None:
         parameters = {key: support.name} | parameters
     kinds = {name: entity.kind for name, entity in world.entities.items()}
@@ -120,7 +120,7 @@ def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) ->
     return parameters if skill.accepts(parameters) else None
 
 
-def _bind(wanted: Formula, offered: Formula, world: Environment) -> dict[str, Any] | None:
+def _bind(wanted: Formula, offered: Formula, world: Environment) -> Fields | None:
     match read_statement(wanted), read_statement(offered):
         case (
             Statement(Meaning.INSIDE, Name(thing), Name(place)),
@@ -139,7 +139,7 @@ def _find_middle(world: Environment, place: str, tolerance_m: float) -> list[flo
     return [round(value, 4) for value in region.pose.position_m]
 
 
-def find_false(skill: SkillRuntime, parameters: dict[str, Any], world: Environment, session: Session) -> str:
+def find_false(skill: SkillRuntime, parameters: dict[str, object], world: Environment, session: Session) -> str:
     """A precondition of the skill that is false now, empty when there is none."""
     view = session.make_view(world, world)
     for text in skill.requires:
@@ -151,9 +151,9 @@ def find_false(skill: SkillRuntime, parameters: dict[str, Any], world: Environme
     return ""
 
 
-def _bind_held(case: Case, promised: tuple[str, ...], skill: SkillRuntime) -> dict[str, Any] | None:
+def _bind_held(case: Case, promised: tuple[str, ...], skill: SkillRuntime) -> Fields | None:
     """Arguments with which the skill keeps every promise; those that it shares with the session stay."""
-    found: dict[str, Any] = {}
+    found: dict[str, object] = {}
     for wanted in promised:
         if bind_guarantee(parse_predicate(wanted).formula, skill, found, partial(_choose, skill=skill)) is None:
             return None
@@ -162,7 +162,7 @@ def _bind_held(case: Case, promised: tuple[str, ...], skill: SkillRuntime) -> di
     return bound if skill.accepts(bound) else None
 
 
-def _choose(wanted: Formula, offered: Formula, skill: SkillRuntime) -> dict[str, Any] | None:
+def _choose(wanted: Formula, offered: Formula, skill: SkillRuntime) -> Fields | None:
     """Arguments that make a guarantee, or one of its alternatives, the wanted promise."""
     if not isinstance(offered, Or):
         return unify(wanted, offered)

@@ -14,7 +14,7 @@ import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import pydantic
 import yaml
@@ -24,6 +24,7 @@ from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.spec import NODE_NAME
 from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.documents.durable_files import create_durably
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.documents.schema import Authored, ModelT, iter_nested, parse_yaml, validate
 from phyagentos.protocol.sessions.session import GoalId
@@ -45,7 +46,7 @@ class Proposal(Authored):
     at: str = pydantic.Field(max_length=40)
     reason: str = pydantic.Field(default="", max_length=2000)
     decider: Literal["person", "policy"] = "person"
-    graph: dict[str, Any]
+    graph: Fields
 
 
 class Decision(Authored):

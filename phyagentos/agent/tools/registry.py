@@ -117,7 +117,7 @@ class ToolRegistry:
             raise DefinitionError.of("TOOL_NOT_OFFERED", name, f"level {self.level}", f"level {tool.level}", hint)
         return tool
 
-    def call(self, name: str, arguments: Any) -> Answer:
+    def call(self, name: str, arguments: object) -> Answer:
         """Check the arguments, plain data as received, and run the tool; raises DefinitionError with every problem."""
         code, size = "", _measure(arguments)
         try:
@@ -139,7 +139,7 @@ class ToolRegistry:
             self._record(ToolCall(at=self._clock.wall_iso(), tool=name[:80], arguments=shown, code=code))
 
 
-def _measure(arguments: Any) -> int:
+def _measure(arguments: object) -> int:
     """Bytes as JSON; 0 where they are none."""
     try:
         return len(msgspec.json.encode(arguments))

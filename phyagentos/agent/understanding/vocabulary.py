@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -21,6 +20,7 @@ from phyagentos.agent.goals.selector import ANY, find_lacks
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.targets import is_beside
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.meaning import normalize
@@ -122,7 +122,7 @@ def _add_synonyms(things: Mapping[str, Thing]) -> dict[str, Thing]:
 
 
 @lru_cache(maxsize=1)
-def read_lexicon() -> dict[str, Any]:
+def read_lexicon() -> Fields:
     """The words of requests, as written."""
     return dict(yaml.safe_load((Path(__file__).parent / "lexicon.yaml").read_text(encoding="utf-8")))
 

@@ -15,6 +15,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.documents.document import DocumentFormat, split_front_matter
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Authored, Located, misfit, parse_library_yaml, read_text, validate
 from phyagentos.protocol.predicates.meaning import read_statement
 from phyagentos.protocol.predicates.predicate import parse_predicate
@@ -49,7 +50,7 @@ class AgentCall(Authored):
 
     call: Literal["observe", "invoke_tool", "query_state", "wait", "finish"]
     tool: str = ""
-    arguments: dict[str, Any] = {}
+    arguments: Fields = {}
     predicate: str = pydantic.Field(default="", max_length=1000)
     seconds: float = pydantic.Field(default=0.0, ge=0.0, le=60.0)
     claim: Literal["success", "failure"] = "success"
@@ -174,7 +175,7 @@ class PromotedWay(Authored):
     target: str = ""
     object: str = ""
     destination: str = ""
-    strategy: dict[str, Any]
+    strategy: Fields
     rate: str = ""
 
 
@@ -299,7 +300,7 @@ def find_parameter(skill: SkillRuntime, role: ParameterRole) -> str:
     return declared or (role.value if role is ParameterRole.SUPPORT and role.value in skill.parameters else "")
 
 
-def find_mismatch(parameter: Parameter, value: Any) -> str:
+def find_mismatch(parameter: Parameter, value: object) -> str:
     """What the value of a parameter should have been; empty when it fits."""
     if parameter.type == "point":
         return "" if _is_point(value) else "three numbers [m] in the world frame"
@@ -322,9 +323,9 @@ def find_mismatch(parameter: Parameter, value: Any) -> str:
     return ""
 
 
-def _is_point(value: Any) -> bool:
+def _is_point(value: object) -> bool:
     return isinstance(value, list | tuple) and len(value) == 3 and all(_is_number(item) for item in value)
 
 
-def _is_number(value: Any) -> TypeGuard[float]:
+def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)

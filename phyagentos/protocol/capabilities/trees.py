@@ -20,6 +20,7 @@ from typing_extensions import override
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.skill_runtimes import Output, Parameter, read_skill
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Authored, Located, read_yaml, salvage, validate
 
 _OF_PORTS = {"type", "description", "optional", "default"}
@@ -59,7 +60,7 @@ class TreeHeader(Authored):
     description: str
     inputs: dict[str, TreePort] = pydantic.Field({}, description="Those of the skill of the tree's name by default.")
     outputs: dict[str, TreePort] = {}
-    root: dict[str, Any] | str = pydantic.Field(description="One node; every node is a mapping with one key.")
+    root: Fields | str = pydantic.Field(description="One node; every node is a mapping with one key.")
 
 
 class CompositeForm(Authored):
@@ -111,7 +112,7 @@ class SubtreeForm(Authored):
     """Body of `subtree`: another tree, its inputs and outputs wired to keys of this one."""
 
     tree: str
-    wiring: dict[str, Any] = pydantic.Field(default={}, alias="with")
+    wiring: Fields = pydantic.Field(default={}, alias="with")
     name: str = ""
 
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import msgspec
 
+from phyagentos.protocol.documents.plain_data import Fields
+
 _OPENING = "\n```yaml\n"
 _CLOSING = "```\n"
 _WORD = r"[A-Za-z_][A-Za-z0-9_./()-]*(?: [A-Za-z0-9_./()-]+)*"
@@ -35,7 +37,7 @@ def render_flow(value: Any) -> str:
     return _render_flow(msgspec.to_builtins(value, str_keys=True))
 
 
-def prepare_body(body: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, str]:
+def prepare_body(body: Mapping[str, Any] | None) -> tuple[Fields | None, str]:
     """The body as any reader gets it (mappings with text as keys, lists, scalars), and as `render_body` writes it."""
     if not body:
         return None, ""
@@ -50,7 +52,7 @@ def render_body(body: Mapping[str, Any] | None) -> str:
     return _render_lines(msgspec.to_builtins(body, str_keys=True)) if body else ""
 
 
-def parse_body(markdown: str) -> dict[str, Any] | None:
+def parse_body(markdown: str) -> Fields | None:
     """The content of the fenced block of a record; None without one; raises YAMLError when it is not YAML."""
     begin = markdown.find(_OPENING)
     end = markdown.rfind("\n" + _CLOSING)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import msgspec
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.documents.plain_data import Fields
 
 if TYPE_CHECKING:
     from phyagentos.protocol.documents.schema import Located
@@ -121,7 +122,7 @@ def read_document(
     return Document(front, blocks)
 
 
-def build_schema(format: DocumentFormat[Any]) -> dict[str, Any]:
+def build_schema(format: DocumentFormat[Any]) -> Fields:
     """The JSON Schema of a document as data."""
     from phyagentos.protocol.documents.struct_schema import build_struct_schema
 
@@ -129,7 +130,7 @@ def build_schema(format: DocumentFormat[Any]) -> dict[str, Any]:
     front = definitions.pop(format.front.__name__)
     properties = front["properties"]
     properties["phy"] = {"const": format.phy, "description": "Kind and version of the document."}
-    blocks: dict[str, Any] = {"type": "object", "description": "By heading." if format.block else "None."}
+    blocks: Fields = {"type": "object", "description": "By heading." if format.block else "None."}
     if format.block is None:
         blocks["maxProperties"] = 0
     else:
@@ -227,7 +228,7 @@ def _convert(kind: type[BlockT], located: "Located") -> BlockT:
     return convert_located(kind, located)
 
 
-def _build_block_schema(kind: type) -> tuple[dict[str, Any], dict[str, Any]]:
+def _build_block_schema(kind: type) -> tuple[Fields, Fields]:
     from phyagentos.protocol.documents.schema import Authored
     from phyagentos.protocol.documents.struct_schema import build_authored_schema, build_struct_schema
 

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from phyagentos.protocol.documents.body_codec import render_yaml
 from phyagentos.protocol.documents.document import Front
@@ -35,7 +34,7 @@ def render_front(front: Front) -> str:
     return f"---\n{render_yaml(front)}---\n\n"
 
 
-def render_block(value: Any) -> str:
+def render_block(value: object) -> str:
     """The fenced block of one struct or mapping."""
     return f"```yaml\n{render_yaml(value)}```\n"
 

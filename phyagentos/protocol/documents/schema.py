@@ -13,7 +13,7 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import pydantic
 import yaml
-from pydantic_core import PydanticCustomError
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from phyagentos.errors import DefinitionError, Problem, find_nearest, format_hint
 from phyagentos.protocol.documents.regular_files import read_regular
@@ -278,7 +278,7 @@ def _join_arities(errors: Sequence[Any]) -> Iterator[Any]:
             yield {**item, "type": "too_long", "loc": (*owner,), "ctx": facts}
 
 
-def _to_problem(model: type[Authored], located: Located, base: Address, item: Any) -> Problem:
+def _to_problem(model: type[Authored], located: Located, base: Address, item: ErrorDetails) -> Problem:
     loc, kind, facts, found = item["loc"], item["type"], item.get("ctx", {}), item.get("input")
     path = _strip_tags(located.data, (*base, *loc))
     key = str(loc[-1]) if loc else ""
@@ -358,7 +358,7 @@ def _show(value: object) -> str:
     return "nothing" if value is None else repr(value)
 
 
-def find_fields(model: type[Authored], loc: tuple[Any, ...]) -> list[str]:
+def find_fields(model: type[Authored], loc: Address) -> list[str]:
     """Names that are possible inside `model` at the place `loc`; empty when the place is free-form."""
     found: list[Any] = [model]
     for step in loc:
@@ -367,7 +367,7 @@ def find_fields(model: type[Authored], loc: tuple[Any, ...]) -> list[str]:
     return [info.alias or name for name, info in models[0].model_fields.items()] if models else []
 
 
-def _enter(annotation: Any, step: Any) -> list[Any]:
+def _enter(annotation: Any, step: str | int) -> list[Any]:
     """Annotations of the value at one step of pydantic's paths; the tag of a union leads to the model itself."""
     if isinstance(annotation, type) and issubclass(annotation, pydantic.BaseModel):
         fields = annotation.model_fields

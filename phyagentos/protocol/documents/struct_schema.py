@@ -13,6 +13,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin
 import msgspec
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Authored, Located
 
 StructT = TypeVar("StructT")
@@ -34,7 +35,7 @@ def convert_located(kind: type[StructT], located: Located, path: Address = ()) -
         raise DefinitionError(located.problem("INVALID_VALUE", path, found=str(error))) from error
 
 
-def build_struct_schema(kind: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+def build_struct_schema(kind: Any) -> tuple[Fields, Fields]:
     """The JSON Schema of a struct, as (schema, definitions).
 
     Unknown keys are refused; the docstring of a field becomes its description.
@@ -49,7 +50,7 @@ def build_struct_schema(kind: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     return schema, definitions
 
 
-def build_authored_schema(kind: type[Authored]) -> tuple[dict[str, Any], dict[str, Any]]:
+def build_authored_schema(kind: type[Authored]) -> tuple[Fields, Fields]:
     """The JSON Schema of an authored model, as (schema, definitions); docstrings become descriptions."""
     schema = kind.model_json_schema(by_alias=True)
     definitions = schema.pop("$defs", {})
@@ -60,7 +61,7 @@ def build_authored_schema(kind: type[Authored]) -> tuple[dict[str, Any], dict[st
     return schema, definitions
 
 
-def describe(definition: dict[str, Any], kind: type) -> None:
+def describe(definition: Fields, kind: type) -> None:
     """Add the docstrings of a class and its fields to its definition."""
     summary, attributes = _read_docstring(kind)
     if summary:

@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise, zip_longest
-from typing import Any
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.predicates import syntax
@@ -178,7 +177,7 @@ def is_metric_only(predicate: Predicate) -> bool:
     return all(each and each.arguments[:1] and each.arguments[0].kind is ArgumentKind.METRIC for each in found)
 
 
-def substitute(text: str, parameters: Mapping[str, Any]) -> str:
+def substitute(text: str, parameters: Mapping[str, object]) -> str:
     """Replace each `${path}` that `parameters` holds by its value, points as `(x, y, z)`; leave the others."""
     return _REFERENCE.sub(lambda m: syntax.format_value(parameters[m[1]]) if m[1] in parameters else m[0], text)
 

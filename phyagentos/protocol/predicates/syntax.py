@@ -5,7 +5,6 @@ Columns are for messages and do not count when two trees are compared.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +170,7 @@ def format_number(value: float) -> str:
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
 
 
-def format_value(value: Any) -> str:
+def format_value(value: object) -> str:
     """A parameter's value as it stands in a predicate: names as they are, points in parentheses."""
     if isinstance(value, bool) or value is None:
         return str(value).lower()

@@ -11,6 +11,7 @@ import msgspec
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.durable_files import create_durably, replace_durably
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.regular_files import DOCUMENT_MAX, REQUEST_MAX, read_regular
 
 
@@ -30,8 +31,8 @@ class Turn(msgspec.Struct, frozen=True, kw_only=True):
     accept: tuple[str, ...]
     calls_left: int
     time_s: float
-    tools: tuple[dict[str, Any], ...]
-    result: dict[str, Any] = {}
+    tools: tuple[Fields, ...]
+    result: Fields = {}
 
 
 class CallFiles:
@@ -53,7 +54,7 @@ class CallFiles:
             return None
         return None if os.path.lexists(self._get_answer(turn.turn)) else turn
 
-    def answer(self, turn: int, call: dict[str, Any]) -> None:
+    def answer(self, turn: int, call: dict[str, object]) -> None:
         """Answer a turn; raises DefinitionError `TURN_OVER` unless it is the one that awaits an answer."""
         awaited = self.find_turn()
         is_open = awaited is not None and awaited.turn == turn

@@ -3,14 +3,17 @@
 It is complete without this package: MuJoCo alone loads the scene, numpy the arrays; everything else is JSON or YAML.
 """
 
+import contextlib
 import hashlib
-import os
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.session import Execution, Session, SessionStatus
 from phyagentos.protocol.sessions.trace import TraceEvent
@@ -36,7 +39,6 @@ PICTURE_BEFORE = "before.png"
 PICTURE_AFTER = "after.png"
 POLICY = "policy.jsonl"  # of a policy: one line for each chunk, runtime.policies.exchanges
 POLICY_PREFIX = "policy-"  # of the files that these lines name: what was shown and answered
-_READ_BYTES = 1 << 16  # most files are read at once
 
 
 class Event(msgspec.Struct, frozen=True, kw_only=True):
@@ -45,7 +47,7 @@ class Event(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
     kind: str
     code: str = ""
-    details: dict[str, Any] = {}
+    details: Fields = {}
 
 
 class Bundle(msgspec.Struct, frozen=True, kw_only=True):
@@ -80,7 +82,7 @@ def read_bundle(folder: Path, session: Session, execution: Execution, *, with_co
     """
     names = (BEFORE, AFTER, HOLDS, *((TRACE, EVENTS) if with_course else ()))
     try:
-        data = {name: found for name in names if (found := _find_bytes(f"{folder}/{name}"))}  # an empty one is none
+        data = {name: found for name in names if (found := _find_bytes(folder / name))}  # an empty one is none
         return Bundle(
             folder=folder,
             session=session,
@@ -96,43 +98,43 @@ def read_bundle(folder: Path, session: Session, execution: Execution, *, with_co
         raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder}: {error}") from error
 
 
+def count_solver_calls(events: Iterable[Event]) -> Counter[str]:
+    """How often the planner called each of its libraries (`runtime.motion.calls`) in a session."""
+    calls = Counter[str]()
+    for event in events:
+        calls.update(event.details.get("stages", {}).get("calls", {}))
+    return calls
+
+
 def refer_to(file: str, data: bytes) -> EvidenceReference:
     """The reference of a judgement to a file that it read."""
     return EvidenceReference(file=file, sha256=hashlib.sha256(data).hexdigest())
 
 
-def encode_json(value: Any) -> bytes:
+def encode_json(value: object) -> bytes:
     """Indented JSON."""
     return msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"
 
 
-def write_json(path: Path, value: Any) -> None:
+def write_json(path: Path, value: object) -> None:
     """Write indented JSON."""
     path.write_bytes(encode_json(value))
 
 
-def encode_lines(values: list[Any]) -> bytes:
+def encode_lines(values: list[object]) -> bytes:
     """One JSON value a line."""
     return b"".join([msgspec.json.encode(value) + b"\n" for value in values])
 
 
-def _decode(data: bytes | None, kind: Any) -> Any:
+def _decode(data: bytes | None, kind: object) -> Any:
     return msgspec.json.decode(data, type=kind) if data else None
 
 
-def _decode_lines(data: bytes | None, kind: Any) -> Any:
+def _decode_lines(data: bytes | None, kind: object) -> Any:
     return tuple(msgspec.json.decode(line, type=kind) for line in (data or b"").splitlines())
 
 
-def _find_bytes(path: str) -> bytes | None:
-    try:
-        fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    except FileNotFoundError:
-        return None
-    try:
-        data = os.read(fd, _READ_BYTES)
-        while part := os.read(fd, _READ_BYTES):
-            data += part
-        return data
-    finally:
-        os.close(fd)
+def _find_bytes(path: Path) -> bytes | None:
+    with contextlib.suppress(FileNotFoundError):
+        return path.read_bytes()
+    return None

@@ -12,12 +12,13 @@ import shutil
 import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, TypeVar
 
 import msgspec
 
 from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.documents.durable_files import replace_durably
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.verdicts import Attempt
 
 MANIFEST = "manifest.json"
@@ -29,6 +30,7 @@ SHARED_BYTES = 64 * 1024  # pictures, models and long traces are larger; what is
 
 _KNOWN_FILES = 64  # a few sessions' worth: what is shared by an episode is used again and again
 
+_PartT = TypeVar("_PartT")
 _Inode = tuple[int, int, int, int]  # device, number, size, time of the last change [ns]
 
 
@@ -49,7 +51,7 @@ class Thinning(msgspec.Struct, frozen=True, kw_only=True):
 
     at: str
     rule: str
-    policy: dict[str, Any]
+    policy: Fields
     files: dict[FileName, FileRecord]
 
 
@@ -118,7 +120,7 @@ class Sealer:
         inode = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)
         record = self._known.pop(inode, None)
         if record is None:
-            data = _read_bytes(entry.path)
+            data = Path(entry.path).read_bytes()
             record = FileRecord(sha256=hashlib.sha256(data).hexdigest(), bytes=len(data))
             if len(data) >= SHARED_BYTES:
                 _share(Path(entry.path), data, self._objects / get_object_name(entry.name, record.sha256))
@@ -137,13 +139,17 @@ def get_object_name(name: str, sha256: str) -> str:
 
 def read_manifest(folder: Path) -> Manifest | None:
     """The manifest of a bundle; None when it is not sealed; raises ExecutionError `MANIFEST_DAMAGED`."""
-    path = folder / MANIFEST
+    return read_part(folder / MANIFEST, Manifest, "MANIFEST_DAMAGED")
+
+
+def read_part(path: Path, kind: type[_PartT], code: str = "EVIDENCE_UNREADABLE") -> _PartT | None:
+    """A JSON file of a bundle; None without one; raises ExecutionError, of this code."""
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Manifest)
+        return msgspec.json.decode(path.read_bytes(), type=kind)
     except FileNotFoundError:
         return None
     except (msgspec.MsgspecError, OSError) as error:
-        raise ExecutionError("MANIFEST_DAMAGED", f"{path}: {error}") from error
+        raise ExecutionError(code, f"{path}: {error}") from error
 
 
 def replace_manifest(folder: Path, manifest: Manifest) -> None:
@@ -246,12 +252,6 @@ def _iter_files(folder: Path) -> Iterator["os.DirEntry[str]"]:
         for entry in entries:
             if not entry.name.startswith(".") and entry.name != MANIFEST and entry.is_file(follow_symlinks=False):
                 yield entry
-
-
-def _read_bytes(path: str) -> bytes:
-    """A whole file, unbuffered: every bundle has ten of them."""
-    with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - for each file of each bundle
-        return file.read()
 
 
 def _share(path: Path, data: bytes, shared: Path) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import msgspec
 
-from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.forecasters import DEFAULT
 from phyagentos.protocol.sessions.calibration import TrackRecord, compute_interval
+from phyagentos.protocol.sessions.evidence_manifest import read_part
 from phyagentos.protocol.sessions.strategy import Strategy
 
 LOOKAHEAD = "lookahead.json"  # LookaheadResult; absent when none was requested
@@ -117,10 +117,4 @@ class LookaheadResult(Forecast, frozen=True, kw_only=True):
 
 def read_lookahead(folder: Path) -> LookaheadResult | None:
     """The look-ahead result of a bundle; None without one; raises ExecutionError `EVIDENCE_UNREADABLE`."""
-    path = folder / LOOKAHEAD
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=LookaheadResult)
-    except FileNotFoundError:
-        return None
-    except (msgspec.MsgspecError, OSError) as error:
-        raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
+    return read_part(folder / LOOKAHEAD, LookaheadResult)

@@ -16,7 +16,7 @@ import msgspec
 
 from phyagentos.errors import ExecutionError, Problem
 from phyagentos.geometry import Pose
-from phyagentos.protocol.sessions.evidence_manifest import FileName
+from phyagentos.protocol.sessions.evidence_manifest import FileName, read_part
 from phyagentos.protocol.world.environment import Environment
 
 LOOKS = "looks.json"  # list of LookEntry
@@ -172,12 +172,7 @@ def shows(captures: Iterable[tuple[Any, Any]], pointer: Pointer | None) -> bool:
 
 def read_looks(folder: Path) -> tuple[LookEntry, ...]:
     """The looks that a bundle names, empty without any; raises ExecutionError `EVIDENCE_UNREADABLE`."""
-    try:
-        return msgspec.json.decode((folder / LOOKS).read_bytes(), type=tuple[LookEntry, ...])
-    except FileNotFoundError:
-        return ()
-    except (msgspec.MsgspecError, OSError) as error:
-        raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder / LOOKS}: {error}") from error
+    return read_part(folder / LOOKS, tuple[LookEntry, ...]) or ()
 
 
 def read_stored_look(path: Path, sha256: str = "") -> StoredLook:

@@ -3,9 +3,9 @@
 A strategy (`strategy`) is carried out by the skill; means change the contract itself, within its acceptance and limits.
 """
 
-from typing import Any
-
 import msgspec
+
+from phyagentos.protocol.documents.plain_data import Fields
 
 
 class Preparation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -38,7 +38,7 @@ class Means(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     skill: str = ""
     target: str = ""
-    parameters: dict[str, Any] = {}
+    parameters: Fields = {}
     prepare: tuple[Preparation, ...] = ()
 
     def __bool__(self) -> bool:

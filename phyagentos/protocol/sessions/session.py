@@ -7,12 +7,13 @@ it never changes. Later records carry what happens to it (see `lifecycle`). Pape
 import re
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Annotated, Any, NewType
+from typing import Annotated, NewType
 
 import msgspec
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.document import DocumentFormat, FrontMatter
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.library import View
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
@@ -154,7 +155,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     objective: str
     skill: str
     target: str
-    parameters: dict[str, Any]
+    parameters: Fields
     accept: tuple[str, ...]
     scene: Scene
     seed: int
@@ -248,7 +249,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     ended: Ended
     evidence: str
-    outputs: dict[str, Any] = {}
+    outputs: Fields = {}
     leaf: str = ""
     code: str = ""
     message: str = ""

@@ -5,9 +5,11 @@ Diagnosis and repair rest on the roles that leaves declare; names of leaves are 
 
 from collections.abc import Iterable
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
+
+from phyagentos.protocol.documents.plain_data import Fields
 
 
 class Role(StrEnum):
@@ -107,7 +109,7 @@ class TraceEvent(msgspec.Struct, frozen=True, kw_only=True):
     declared_role: Role | None = msgspec.field(default=None, name="role")
     code: str = ""
     message: str = ""
-    numbers: dict[str, Any] = {}
+    numbers: Fields = {}
 
     @property
     def role(self) -> Role | None:

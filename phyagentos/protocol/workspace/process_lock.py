@@ -36,44 +36,28 @@ def become_sole(path: Path, clock: Clock, code: str, message: str, patience_s: f
 
 def find_sole(path: Path) -> int | None:
     """A pidfd of the process that holds this lock and wrote itself down there, None when there is none."""
-    try:
-        fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-    except FileNotFoundError:
-        return None
-    try:
-        holder = _read_holder(fd)
+    with contextlib.suppress(FileNotFoundError), path.open("r+b") as file:
+        holder = _read_holder(file.fileno())
         with contextlib.suppress(ValueError, OverflowError, OSError):  # no number, or no such process
             pidfd = os.pidfd_open(pid := int(holder.partition(".")[0]))
-            if identify_process(pid) == holder and not _try_lock(fd):  # looked at after its number was opened
+            if identify_process(pid) == holder and not _try_lock(file.fileno()):  # after its number was opened
                 return pidfd
             os.close(pidfd)
-        return None
-    finally:
-        os.close(fd)
+    return None
 
 
 def is_held_by(path: Path, pid: int) -> bool:
     """Whether this process holds this lock."""
-    try:
-        fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-    except OSError:
-        return False
-    try:
-        return _read_holder(fd) == identify_process(pid) != "" and not _try_lock(fd)
-    finally:
-        os.close(fd)
+    with contextlib.suppress(OSError), path.open("r+b") as file:
+        return _read_holder(file.fileno()) == identify_process(pid) != "" and not _try_lock(file.fileno())
+    return False
 
 
 def is_held(path: Path) -> bool:
     """Whether a process holds this lock."""
-    try:
-        fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-    except FileNotFoundError:
-        return False
-    try:
-        return not _try_lock(fd)
-    finally:
-        os.close(fd)
+    with contextlib.suppress(FileNotFoundError), path.open("r+b") as file:
+        return not _try_lock(file.fileno())
+    return False
 
 
 def identify_process(pid: int) -> str:

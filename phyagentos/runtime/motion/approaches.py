@@ -1,6 +1,6 @@
 """Approaches from wanted tool poses: the posture above, the straight line down, and their contacts.
 
-Compiled inverse kinematics screens many seeds, polishes the nearest candidates and follows lines.
+Compiled inverse kinematics screens many seeds; mink solves the nearest candidates and their lines (`kinematics`).
 A touch is such a line down onto a point, as the middle of a button.
 """
 

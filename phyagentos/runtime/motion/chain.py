@@ -1,6 +1,6 @@
 """Forward kinematics of a tree of joints, those of a base first, and a fast inverse, compiled by numba.
 
-The inverse screens and polishes goal postures and follows straight lines of the tool (`kinematics`). No
+The inverse screens goal postures and follows straight lines of the tool roughly; mink solves both (`kinematics`). No
 `fastmath`: the same bits on every machine with the same mathematical library.
 """
 
@@ -77,18 +77,14 @@ class Chain:
         count, reached = _solve_all(np.ascontiguousarray(starts_rad), target, apart_rad, rows, *self._tree)
         return rows[:count], reached
 
-    def follow(
-        self, poses: Array, start_rad: Array, fine: tuple[float, float]
-    ) -> tuple[Array, int, float, float] | None:
+    def follow(self, poses: Array, start_rad: Array) -> Array | None:
         """Postures (k, n_joints) at tool poses (k, 4, 4) of a line, of which `start_rad` is the first.
 
-        None where a pose is out of reach or on another branch; otherwise also the steps that the inverse took, and the
-        largest errors [m], [rad]: `fine` where that was reached.
+        None where a pose is out of reach or on another branch.
         """
         rows = np.empty((len(poses), len(start_rad)))
         rows[0] = start_rad
-        steps, *errors, is_reached = _follow(rows, np.ascontiguousarray(poses[:, :3]), fine, *self._tree)
-        return (rows, steps, *errors) if is_reached else None
+        return rows if _follow(rows, np.ascontiguousarray(poses[:, :3]), *self._tree) else None
 
     @property
     def _tree(self) -> tuple[Array, NDArray[np.int64], int, int, Array, Array, Array]:
@@ -184,7 +180,7 @@ def _solve_all(starts, target, apart, rows, frames, parents, slides, tool, tcp, 
     """Write into `rows` what the starts lead to, once each; how many these are, and how many starts led to one."""
     count, reached = 0, 0
     for i in range(len(starts)):
-        q, _, _, _, is_reached = _solve(starts[i], target, REACHED, frames, parents, slides, tool, tcp, q_min, q_max)
+        q, is_reached = _solve(starts[i], target, frames, parents, slides, tool, tcp, q_min, q_max)
         reached += 1 if is_reached else 0
         is_new = is_reached
         for k in range(count):
@@ -196,30 +192,26 @@ def _solve_all(starts, target, apart, rows, frames, parents, slides, tool, tcp, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _follow(rows, poses, fine, frames, parents, slides, tool, tcp, q_min, q_max):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Solve each row of a line where the rows before it go on at an even pace."""
-    steps, farthest, most = 0, 0.0, 0.0
+def _follow(rows, poses, frames, parents, slides, tool, tcp, q_min, q_max):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Whether each row of a line can be solved where the rows before it go on at an even pace."""
     for k in range(1, len(rows)):
         onward = rows[k - 1].copy() if k == 1 else 2.0 * rows[k - 1] - rows[k - 2]
         for i in range(len(onward)):
             onward[i] = min(q_max[i], max(q_min[i], onward[i]))
-        q, taken, off_m, off_rad, is_reached = _solve(
-            onward, poses[k], fine, frames, parents, slides, tool, tcp, q_min, q_max
-        )
-        steps, farthest, most = steps + taken, max(farthest, off_m), max(most, off_rad)
+        q, is_reached = _solve(onward, poses[k], frames, parents, slides, tool, tcp, q_min, q_max)
         if not is_reached or np.abs(q - rows[k - 1]).max() > JUMP_MAX_RAD:
-            return steps, farthest, most, False
+            return False
         copy_row(q, rows[k])
-    return steps, farthest, most, True
+    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve(start, target, fine, frames, parents, slides, tool, tcp, q_min, q_max):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Damped least squares, dq = J^T (J J^T + lambda I)^-1 e, clamped to the limits, until `fine` or a stall."""
+def _solve(start, target, frames, parents, slides, tool, tcp, q_min, q_max):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Damped least squares, dq = J^T (J J^T + lambda I)^-1 e, clamped to the limits, until `REACHED` or a stall."""
     n = start.shape[0]
     links, T = np.zeros(frames.shape), np.zeros((3, 4))
     J, H, e = np.zeros((6, n)), np.zeros((6, 6)), np.zeros(6)
-    q, position_error, rotation_error, before = start.copy(), np.inf, np.inf, np.inf
+    q, before = start.copy(), np.inf
     for step in range(STEPS + 1):
         compute_links(q, frames, parents, slides, links)
         for r in range(3):
@@ -227,26 +219,13 @@ def _solve(start, target, fine, frames, parents, slides, tool, tcp, q_min, q_max
                 T[r, c] = links[tool, r, 0] * tcp[0, c] + links[tool, r, 1] * tcp[1, c] + links[tool, r, 2] * tcp[2, c]
             T[r, 3] += links[tool, r, 3]
         position_error, rotation_error = _compute_error(target, T, e)
-        is_over = step == STEPS or (position_error < fine[0] and rotation_error < fine[1])
+        if position_error < REACHED[0] and rotation_error < REACHED[1]:
+            return q, True
         if step % STALL_STEPS == 0:
-            is_over = is_over or position_error + rotation_error > STALL_SHARE * before
+            if position_error + rotation_error > STALL_SHARE * before:
+                break
             before = position_error + rotation_error
-        if is_over:
-            is_reached = position_error < REACHED[0] and rotation_error < REACHED[1]
-            return q, step, position_error, rotation_error, is_reached
-        J[:] = 0.0
-        link = tool
-        while link > 0:  # the joints that carry the tool
-            i, L = link - 1, links[link]
-            link = parents[link]
-            dx, dy, dz = T[0, 3] - L[0, 3], T[1, 3] - L[1, 3], T[2, 3] - L[2, 3]
-            J[0, i] = L[1, 2] * dz - L[2, 2] * dy
-            J[1, i] = L[2, 2] * dx - L[0, 2] * dz
-            J[2, i] = L[0, 2] * dy - L[1, 2] * dx
-            J[3, i], J[4, i], J[5, i] = L[0, 2], L[1, 2], L[2, 2]
-            if i < slides:
-                for r in range(3):
-                    J[r, i], J[r + 3, i] = L[r, 2], 0.0
+        _compute_jacobian(T, links, parents, slides, tool, J)
         damping = 1e-4 + 1e-2 * min(1.0, position_error**2 + rotation_error**2)
         for r in range(6):
             for c in range(r + 1):
@@ -265,7 +244,25 @@ def _solve(start, target, fine, frames, parents, slides, tool, tcp, q_min, q_max
         scale = 1.0 if largest < 0.5 else 0.5 / largest
         for i in range(n):
             q[i] = min(q_max[i], max(q_min[i], q[i] + scale * J[0, i]))
-    return q, STEPS, position_error, rotation_error, False
+    return q, False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _compute_jacobian(T, links, parents, slides, tool, J):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Write the Jacobian (6, n_joints) of the tool centre point at `T`, in the frame of the world, into `J`."""
+    J[:] = 0.0
+    link = tool
+    while link > 0:  # the joints that carry the tool
+        i, L = link - 1, links[link]
+        link = parents[link]
+        dx, dy, dz = T[0, 3] - L[0, 3], T[1, 3] - L[1, 3], T[2, 3] - L[2, 3]
+        J[0, i] = L[1, 2] * dz - L[2, 2] * dy
+        J[1, i] = L[2, 2] * dx - L[0, 2] * dz
+        J[2, i] = L[0, 2] * dy - L[1, 2] * dx
+        J[3, i], J[4, i], J[5, i] = L[0, 2], L[1, 2], L[2, 2]
+        if i < slides:
+            for r in range(3):
+                J[r, i], J[r + 3, i] = L[r, 2], 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

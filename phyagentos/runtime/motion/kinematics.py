@@ -1,15 +1,18 @@
-"""Inverse kinematics from near: single postures and straight tool lines, with the compiled inverse of the chain.
+"""Inverse kinematics of goal postures and of straight tool lines, by mink's quadratic programs.
 
-A screened posture, or the one before on a line, is near enough for damped least squares. Where these stall, between
-the limits of joints, mink's quadratic program in joint velocities tracks the tool frame, prefers a posture and respects
-the limits. Collisions are checked afterwards: a collision limit makes the program fail more often.
+The compiled inverse of the chain (`chain`) proposes: a screened posture, or a line followed roughly, which refuses what
+is out of reach. mink then solves each proposal within the limits of the joints. Collisions are checked afterwards: a
+collision limit makes the programs fail more often.
 """
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import daqp
+import mink
 import numpy as np
 
+from phyagentos.runtime.motion.calls import Solver, count_call
 from phyagentos.runtime.motion.chain import LIMIT_MARGIN_RAD, Chain
 from phyagentos.runtime.motion.poses import interpolate_poses
 from phyagentos.runtime.motion.requests import Array, Differential
@@ -19,7 +22,9 @@ LINE_STEP_M = 0.01
 LINE_STEP_RAD = 0.1
 PROGRAMS = 60  # at most, for a posture
 POSE_JOINTS = 6  # fewer reach a pose only as exactly as the axes of a model are parallel
-_DT_S = 0.1  # scales the velocity limits of the program only; convergence does not depend on it
+DAMPING = 1e-6  # among the postures of a redundant arm the nearest is taken
+_UNBOUNDED = 1e30  # daqp's
+_STEP_S = 1.0  # cancels out: programs bound positions, not velocities
 
 
 class Tolerance(NamedTuple):
@@ -47,37 +52,29 @@ class Kinematics:
     def __init__(self, robot: RobotModel, chain: Chain) -> None:
         self.chain = chain
         self.polished = POLISHED if len(chain.q_min_rad) >= POSE_JOINTS else REACHED
-        self._robot = robot
+        self._tool = mink.FrameTask(
+            robot.profile.tcp, "site", position_cost=1.0, orientation_cost=0.5, lm_damping=DAMPING
+        )
+        self._limits = [mink.ConfigurationLimit(robot.model, 0.95, LIMIT_MARGIN_RAD)]
+        self._configuration = mink.Configuration(robot.model)
 
     def solve(self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance = REACHED) -> Solution | None:
-        """A posture near `start_rad` whose tool pose is within tolerance, or None."""
-        found = self.chain.follow(np.array((world_T_tcp, world_T_tcp)), start_rad, tolerance)
-        if found is None or found[2] >= tolerance.position_m or found[3] >= tolerance.rotation_rad:
-            return self._solve_programs(world_T_tcp, start_rad, tolerance)
-        rows, steps, off_m, off_rad = found
-        return Solution(rows[1], Differential(steps, _round(off_m), _round(off_rad)))
+        """The first posture within tolerance, from a posture near it by one program or more, or None.
 
-    def _solve_programs(self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance) -> Solution | None:
-        """The same by quadratic programs."""
-        import mink  # with scipy, 0.4 s: only where it is used
-
-        model = self._robot.model
-        tool = mink.FrameTask(self._robot.profile.tcp, "site", position_cost=1.0, orientation_cost=0.5, lm_damping=1e-6)
-        posture = mink.PostureTask(model, cost=1e-4)
-        limits = [mink.ConfigurationLimit(model, gain=0.95, min_distance_from_limits=LIMIT_MARGIN_RAD)]
+        A program: min |J dq - e|^2 + damping |dq|^2 with q_min <= q + dq <= q_max.
+        """
+        configuration, tool = self._configuration, self._tool
         tool.set_target(mink.SE3.from_matrix(world_T_tcp))
-        posture.set_target(start_rad)
-        configuration = mink.Configuration(model, q=start_rad)
-        for iteration in range(PROGRAMS):
+        configuration.update(start_rad)
+        for iteration in range(1, PROGRAMS + 1):
+            change = self._solve_program()
+            if change is None:
+                return None
+            configuration.integrate_inplace(change, _STEP_S)
             error = tool.compute_error(configuration)
             off_m, off_rad = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
             if off_m < tolerance.position_m and off_rad < tolerance.rotation_rad:
                 return Solution(np.array(configuration.q), Differential(iteration, _round(off_m), _round(off_rad)))
-            try:
-                rates = mink.solve_ik(configuration, [tool, posture], _DT_S, "daqp", damping=1e-6, limits=limits)
-            except mink.NoSolutionFound:
-                return None
-            configuration.integrate_inplace(rates, _DT_S)
         return None
 
     def solve_line(self, start_rad: Array, end: Array) -> Solution | None:
@@ -86,11 +83,25 @@ class Kinematics:
         None where the line leaves the workspace or jumps to another branch.
         """
         poses = interpolate_poses(self.chain.compute_tcp(start_rad), end, LINE_STEP_M, LINE_STEP_RAD)
-        found = self.chain.follow(poses, start_rad, self.polished)
-        if found is None:
+        rows, solved = self.chain.follow(poses, start_rad), Differential(0, 0.0, 0.0)
+        if rows is None:
             return None
-        rows, steps, off_m, off_rad = found
-        return Solution(rows, Differential(steps, _round(off_m), _round(off_rad)))
+        for k in range(1, len(rows)):
+            found = self.solve(poses[k], rows[k], self.polished)
+            if found is None:
+                return None
+            rows[k], solved = found.q_rad, combine(solved, found.solved)
+        return Solution(rows, solved)
+
+    def _solve_program(self) -> Array | None:
+        """The change of posture (n_joints,) at the least of a program; by daqp itself, `mink.solve_ik` adds a third."""
+        count_call(Solver.MINK)
+        program = mink.build_ik(self._configuration, [self._tool], _STEP_S, DAMPING, self._limits)
+        most = program.h
+        change, _, status, _ = daqp.solve(
+            program.P, program.q, program.G, most, np.full(len(most), -_UNBOUNDED), np.zeros(len(most), np.int32)
+        )
+        return change if status > 0 else None
 
 
 def _round(error: float) -> float:

@@ -134,7 +134,7 @@ def _prepare(request: PlanMove, scene: PlanningScene, spheres: SphereModel, job:
     if not free:
         return job.fail("IN_COLLISION", f"None of {len(goals)} goal postures is free.")
     arrays, most = spheres.build_arrays(scene), ITERATIONS_CROWDED if scene.crowd else ITERATIONS
-    query = Query(start, goals[free], q_min, q_max, arrays.weights, most)
+    query = Query(start, goals[free], q_min, q_max, most)
     return _Search(query, _fit(arrays, query), free, "spheres", stuck, touched)
 
 
@@ -153,18 +153,14 @@ def _search(
 ) -> tuple[_Search, Path | None]:
     """A path, and how it was sought at last."""
     query, checker = search.query, search.checker
-    if isinstance(checker, SphereChecker):
-        path = find_path(query, checker, seed, should_cancel)
-        if path is not None:
-            return search, path
-        if scene.crowd:
-            alone = SphereChecker(checker.arrays.leave_alone())
-            if find_path(query, alone, seed, should_cancel) is not None:
-                return search, None
-        search = replace(search, checker=scene, name="exact")
-    from phyagentos.runtime.motion.exact_search import find_exact_path  # OMPL: only where it is used
-
-    return search, find_exact_path(query, search.checker, seed, should_cancel)
+    path = find_path(query, checker, seed, should_cancel)
+    if path is not None or not isinstance(checker, SphereChecker):
+        return search, path
+    if scene.crowd:
+        alone = SphereChecker(checker.arrays.leave_alone())
+        if find_path(query, alone, seed, should_cancel) is not None:
+            return search, None
+    return replace(search, checker=scene, name="exact"), find_path(query, scene, seed, should_cancel)
 
 
 def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows: TimeRows, job: Job) -> Timed | None:

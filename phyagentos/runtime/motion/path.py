@@ -1,11 +1,9 @@
-"""Collision-free paths by RRT-Connect on spheres, compiled by numba, shortened and rounded.
+"""Collision-free paths by OMPL's RRT-Connect over our checks of whole edges, shortened by OMPL and rounded.
 
-Kuffner and LaValle, RRT-Connect, ICRA 2000, with the smaller tree extended first. Random numbers are arguments, so that
-the same ones give the same path.
-
-All goals are roots of the goal tree. The budget is a number of iterations, so that the same seed gives the same path.
-The shortest of several cheap searches is kept: asymptotically optimal planners took 50 to 300 ms for what three starts
-give in 5.
+Kuffner and LaValle, RRT-Connect, ICRA 2000. An edge costs one call from OMPL into Python, which costs less than the
+check: `SphereChecker` looks at sixteen postures at a time, `PlanningScene` asks MuJoCo. The budget is a number of
+iterations, so that the same seed gives the same path. The shorter of two cheap searches is kept: asymptotically optimal
+planners took 50 to 300 ms.
 """
 
 from collections.abc import Callable
@@ -13,188 +11,44 @@ from dataclasses import dataclass
 from operator import itemgetter
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
 
-from phyagentos.runtime.motion.chain import copy_row
+from phyagentos.runtime.motion.calls import Solver, count_call
 from phyagentos.runtime.motion.planning_scene import PlanningScene
 from phyagentos.runtime.motion.requests import Array
-from phyagentos.runtime.motion.sphere_checker import SphereChecker, edge_is_free, measure_edge
-from phyagentos.runtime.motion.sphere_model import SphereArrays
+from phyagentos.runtime.motion.sphere_checker import SphereChecker
 
 RANGE_RAD = 1.5
-RESOLUTION_RAD = 0.03
-CHUNK = 64  # iterations between two looks whether to go on; the first ones seek the nearest goal alone
-NODES = 4096  # of each tree
 ITERATIONS = 4_000
 ITERATIONS_CROWDED = 2_000  # where another robot is near: the leaf waits, and asks again
-STARTS = 3
+STARTS = 2  # searches, of which the shorter path is kept
 NEAR = 1.1  # times the way to the nearest goal: no other search is worth its time
 SPACING_RAD = 0.12
 ROUNDING_PASSES = 3
+COARSE_SHORTCUTS, SHORTCUTS = 20, 80  # of every search's path, and of the shorter one
 
 Checker = SphereChecker | PlanningScene
-COARSE_SHORTCUTS, SHORTCUTS = 30, 100  # of every search's path, and of the shortest one
 
-
-def grow_path(
-    start_rad: Array,
-    goals_rad: Array,
-    bounds_rad: tuple[Array, Array],
-    arrays: SphereArrays,
-    rng: np.random.Generator,
-    iterations: int,
-    should_cancel: Callable[[], bool],
-) -> tuple[Array, int] | None:
-    """Corners (k, n_joints) from the start to a goal (m, n_joints), nearest goal first, and the iterations; or None."""
-    n = len(start_rad)
-    low_rad, width_rad = bounds_rad[0], bounds_rad[1] - bounds_rad[0]
-    nodes, parents = np.empty((2, NODES, n)), np.full((2, NODES), -1)
-    sizes, bridge = np.ones(2, np.int64), np.zeros(2, np.int64)
-    nodes[0, 0], nodes[1, 0] = start_rad, goals_rad[0]
-    for chunk in range(-(-iterations // CHUNK)):
-        if chunk == 1:
-            free = min(len(goals_rad) - 1, NODES - int(sizes[1]))
-            nodes[1, sizes[1] : sizes[1] + free] = goals_rad[1 : 1 + free]
-            sizes[1] += free
-        if should_cancel():
-            return None
-        samples = low_rad + width_rad * rng.random((CHUNK, n))
-        done = _grow(nodes, parents, sizes, bridge, samples, RANGE_RAD, RESOLUTION_RAD, arrays)
-        if done > 0:
-            return np.vstack(
-                (_trace(nodes, parents, 0, bridge)[::-1], _trace(nodes, parents, 1, bridge))
-            ), chunk * CHUNK + done
-        if done < 0:
-            return None
-    return None
-
-
-def load_kernels(q_rad: Array, arrays: SphereArrays) -> None:
-    """Load or compile both searches: a motion (n_joints,) that is direct needs neither."""
-    rows, rng = q_rad + np.array((0.0, 0.1, 0.0))[:, None], np.random.default_rng(0)
-    grow_path(rows[0], rows[1:], (q_rad, rows[1]), arrays, rng, 1, lambda: False)
-    measure(shorten_path(rows, rng.random((1, 2)), RESOLUTION_RAD, arrays), arrays.weights)
-
-
-def _trace(nodes: Array, parents: NDArray[np.int64], tree: int, bridge: NDArray[np.int64]) -> Array:
-    """Nodes (k, n_joints) from a tree's end of the bridge to its root."""
-    rows, node = [], int(bridge[tree])
-    while node >= 0:
-        rows.append(nodes[tree, node])
-        node = int(parents[tree, node])
-    return np.array(rows)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _extend(nodes, parents, sizes, tree, target, reach, resolution, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - compiled
-    """Step from the nearest node towards `target` while that is free; -1 where the tree gained nothing.
-
-    Takes one step with a negative `reach`, else as many as it can. Returns 1 once the target is a node, else 0.
-    """
-    near, left = 0, np.inf
-    for i in range(sizes[tree]):
-        away = measure_edge(nodes[tree, i], target, m.weights)
-        if away < left:
-            near, left = i, away
-    result = -1
-    steps = 1 if reach < 0.0 else NODES
-    for _ in range(steps):
-        if sizes[tree] == NODES:
-            return result
-        share = min(1.0, abs(reach) / max(left, 1e-12))
-        new = nodes[tree, near] + share * (target - nodes[tree, near])
-        if not edge_is_free(nodes[tree, near], new, resolution, m):
-            return result
-        copy_row(new, nodes[tree, sizes[tree]])
-        parents[tree, sizes[tree]] = near
-        near, left = sizes[tree], left - abs(reach)
-        sizes[tree] += 1
-        result = 0
-        if share == 1.0:
-            return 1
-    return result
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _grow(nodes, parents, sizes, bridge, samples, reach, resolution, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """The iterations until both trees meet, with the last node of each in `bridge`; 0 if not yet, -1 if full."""
-    for i in range(len(samples)):
-        tree = 0 if sizes[0] <= sizes[1] else 1
-        if _extend(nodes, parents, sizes, tree, samples[i], -reach, resolution, m) < 0:
-            if sizes[tree] == NODES:
-                return -1
-            continue
-        bridge[tree] = sizes[tree] - 1
-        target = nodes[tree, bridge[tree]]
-        if _extend(nodes, parents, sizes, 1 - tree, target, reach, resolution, m) == 1:
-            bridge[1 - tree] = sizes[1 - tree] - 1
-            return i + 1
-    return 0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def shorten_path(rows, fractions, resolution, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Replace parts of a path (k, n_joints), between `fractions` (s, 2) of its length, by straight motions if free."""
-    along = measure(rows, m.weights)
-    for s in range(len(fractions)):
-        if len(rows) < 3:
-            break
-        i, j, a, b = cut(rows, along, fractions[s, 0] * along[-1], fractions[s, 1] * along[-1], m.weights)
-        if i < j and edge_is_free(a, b, resolution, m):
-            shorter = np.empty((len(rows) - (j - i) + 2, rows.shape[1]))
-            for k in range(len(shorter)):
-                copy_row(rows[k] if k < i else a if k == i else b if k == i + 1 else rows[k + j - i - 2], shorter[k])
-            rows = shorter
-            along = measure(rows, m.weights)
-    return rows
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def measure(rows, weights):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """(k,) length of a path up to each of its corners."""
-    along = np.zeros(len(rows))
-    for i in range(1, len(rows)):
-        along[i] = along[i - 1] + measure_edge(rows[i - 1], rows[i], weights)
-    return along
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def cut(rows, along, low, high, weights):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Points (n_joints,) at two distances along a path and the corners after them; equal corners: nothing to gain."""
-    ends, points = np.zeros(2, np.int64), np.zeros((2, rows.shape[1]))
-    for k, distance in enumerate((low, high)):
-        end = 1
-        while end < len(rows) - 1 and along[end] <= distance:
-            end += 1
-        ends[k] = end
-        fraction = min(1.0, (distance - along[end - 1]) / max(along[end] - along[end - 1], 1e-12))
-        for j in range(rows.shape[1]):
-            points[k, j] = rows[end - 1, j] + fraction * (rows[end, j] - rows[end - 1, j])
-    if ends[0] == ends[1] or measure_edge(points[0], points[1], weights) >= 0.98 * (high - low):
-        return ends[1], ends[1], points[0], points[1]
-    return ends[0], ends[1], points[0], points[1]
+ou.setLogLevel(ou.LogLevel.LOG_NONE)
 
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """Input of a search between free postures (n_joints,) and (m, n_joints), m >= 1.
-
-    `weights` (n_joints,) are of the joints in the length of a path, `iterations` the most that are spent.
-    """
+    """A search between free postures (n_joints,) and (m, n_joints), m >= 1, in so many `iterations` at most."""
 
     start_rad: Array
     goals_rad: Array
     q_min_rad: Array
     q_max_rad: Array
-    weights: Array
     iterations: int
 
     @property
-    def order(self) -> NDArray[np.intp]:
-        """(m,) goals, the nearest first."""
-        ways = self.weights * (self.goals_rad - self.start_rad)
-        return np.argsort(np.einsum("ij,ij->i", ways, ways), kind="stable")
+    def away_rad(self) -> Array:
+        """(m,) length of the direct way to each goal."""
+        away: Array = np.linalg.norm(self.goals_rad - self.start_rad, axis=1)
+        return away
 
     def find_goal(self, q_rad: Array) -> int:
         """The goal at a posture (n_joints,)."""
@@ -211,40 +65,98 @@ class Path:
     planner: str = "straight"
 
 
-def find_path(query: Query, checker: SphereChecker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
-    """The direct way to the nearest goal that has one, else the shortest of a few searches on spheres, else None."""
-    if straight := find_straight(query, checker):
-        return straight
-    found: list[tuple[float, Array, int]] = []
-    goals, bounds, rng = query.goals_rad[query.order], (query.q_min_rad, query.q_max_rad), np.random.default_rng(seed)
-    nearest_rad = float(np.linalg.norm(query.weights * (goals[0] - query.start_rad)))
-    for _ in range(STARTS):
-        grown = grow_path(query.start_rad, goals, bounds, checker.arrays, rng, query.iterations, should_cancel)
-        if grown is None:
-            break
-        rows, length_rad = _shorten(grown[0], COARSE_SHORTCUTS, rng, checker)
-        found.append((length_rad, rows, grown[1]))
-        if length_rad < NEAR * nearest_rad:
+class _EdgeValidator(ob.MotionValidator):  # type: ignore[misc]
+    """Whether the straight joint motion between two states is free."""
+
+    def __init__(self, information: ob.SpaceInformation, checker: Checker, n_joints: int) -> None:
+        super().__init__(information)
+        self._is_free, self._n = checker.edge_is_free, n_joints
+
+    def checkMotion(self, first: ob.State, second: ob.State, *_: object) -> bool:  # noqa: N802 - OMPL's name
+        n = self._n
+        return self._is_free(np.array(first[0:n]), np.array(second[0:n]))
+
+
+def find_path(query: Query, checker: Checker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
+    """The direct way to the nearest goal that has one, else the shorter of two paths by OMPL, else None."""
+    order = np.argsort(query.away_rad, kind="stable")
+    for goal in order.tolist():
+        if checker.edge_is_free(query.start_rad, query.goals_rad[goal]):
+            return Path(np.array((query.start_rad, query.goals_rad[goal])), goal)
+    ou.RNG.setSeed(1 + seed % (2**31 - 2))
+    information = _describe(query, checker)
+    simplifier, found = og.PathSimplifier(information), list[tuple[float, og.PathGeometric, int]]()
+    for first in range(max(STARTS, len(order))):  # the tree of a goal that is hemmed in keeps the others from growing
+        goals = query.goals_rad[np.roll(order, -first)]
+        connected = _connect(information, query.start_rad, goals, query.iterations // len(order), should_cancel)
+        if connected is None:
+            continue
+        simplifier.partialShortcutPath(connected[0], COARSE_SHORTCUTS, COARSE_SHORTCUTS, 1.0)
+        found.append((connected[0].length(), *connected))
+        if len(found) == STARTS or found[-1][0] < NEAR * query.away_rad[order[0]]:
             break
     if not found:
         return None
-    _, rows, iterations = min(found, key=itemgetter(0))
-    rows, _ = _shorten(rows, SHORTCUTS, rng, checker)
-    return Path(rows, query.find_goal(rows[-1]), iterations, "RRT-Connect on spheres")
+    _, path, iterations = min(found, key=itemgetter(0))
+    simplifier.partialShortcutPath(path, SHORTCUTS, SHORTCUTS, 1.0)
+    rows = np.array([state[0 : len(query.start_rad)] for state in path.getStates()])
+    return Path(rows, query.find_goal(rows[-1]), iterations, "OMPL RRT-Connect")
 
 
-def _shorten(rows: Array, shortcuts: int, rng: np.random.Generator, checker: SphereChecker) -> tuple[Array, float]:
-    """The path after so many shortcuts, and its length."""
-    rows = shorten_path(rows, np.sort(rng.random((shortcuts, 2)), axis=1), RESOLUTION_RAD, checker.arrays)
-    return rows, float(measure(rows, checker.arrays.weights)[-1])
+def _describe(query: Query, checker: Checker) -> ob.SpaceInformation:
+    """The joint space of a query, and what is free in it.
+
+    OMPL's objects are not seen by the collector of garbage: what they call must not refer to their owner.
+    """
+    n = len(query.start_rad)
+    space, bounds = ob.RealVectorStateSpace(n), ob.RealVectorBounds(n)
+    for joint in range(n):
+        bounds.setLow(joint, float(query.q_min_rad[joint]))
+        bounds.setHigh(joint, float(query.q_max_rad[joint]))
+    space.setBounds(bounds)
+    information = ob.SpaceInformation(space)
+    information.setStateValidityChecker(lambda _: True)  # an edge is checked from end to end
+    information.setMotionValidator(_EdgeValidator(information, checker, n))
+    information.setup()
+    return information
 
 
-def find_straight(query: Query, checker: Checker) -> Path | None:
-    """The direct way to the nearest goal that has one."""
-    for goal in query.order.tolist():
-        if checker.edge_is_free(query.start_rad, query.goals_rad[goal]):
-            return Path(np.array((query.start_rad, query.goals_rad[goal])), goal)
-    return None
+def _connect(
+    information: ob.SpaceInformation,
+    start_rad: Array,
+    goals_rad: Array,
+    iterations: int,
+    should_cancel: Callable[[], bool],
+) -> tuple[og.PathGeometric, int] | None:
+    """A path to one of the goals (m, n_joints), and the iterations that it took; None without one.
+
+    OMPL adds a further goal as a root only once the tree of the first ones has grown.
+    """
+    problem, goals = ob.ProblemDefinition(information), ob.GoalStates(information)
+    problem.addStartState(_allocate(information, start_rad))
+    for goal in goals_rad:
+        goals.addState(_allocate(information, goal))
+    problem.setGoal(goals)
+    planner = og.RRTConnect(information)
+    planner.setRange(RANGE_RAD)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    spent = 0
+
+    def is_over() -> bool:
+        nonlocal spent
+        spent += 1
+        return spent > iterations or should_cancel()
+
+    count_call(Solver.OMPL)
+    planner.solve(ob.PlannerTerminationCondition(is_over))
+    return (problem.getSolutionPath(), spent) if problem.hasExactSolution() else None
+
+
+def _allocate(information: ob.SpaceInformation, q_rad: Array) -> ob.State:
+    state = information.allocState()
+    state[0 : len(q_rad)] = q_rad.tolist()
+    return state
 
 
 def compute_length(rows_rad: Array) -> float:

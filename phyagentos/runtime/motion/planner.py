@@ -18,13 +18,13 @@ from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.approaches import find_touch
+from phyagentos.runtime.motion.calls import counting_calls
 from phyagentos.runtime.motion.chain import build_chain
 from phyagentos.runtime.motion.grasps import find_grasps, foresee_payload
 from phyagentos.runtime.motion.job import Cancelled, Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.moves import TimeRows, find_escape, follow_waypoints, plan_move
 from phyagentos.runtime.motion.neighbours import NeighbourModel
-from phyagentos.runtime.motion.path import load_kernels
 from phyagentos.runtime.motion.placements import find_placements
 from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes
 from phyagentos.runtime.motion.pushes import find_push
@@ -98,10 +98,12 @@ class MotionPlanner:
         Once `should_cancel`, polled often, is true, the answer becomes `NoPlan` with code CANCELLED.
         """
         job = Job(clock=self._clock, should_cancel=should_cancel)
-        try:
-            answer = self._find_unknown(request, job) or self._dispatch(request, job)
-        except Cancelled:
-            return job.fail("CANCELLED", "The request was cancelled.")
+        with counting_calls() as calls:
+            try:
+                answer = self._find_unknown(request, job) or self._dispatch(request, job)
+            except Cancelled:
+                answer = job.fail("CANCELLED", "The request was cancelled.")
+        answer = replace(answer, stages=replace(answer.stages, calls=dict(calls)))
         if not isinstance(answer, NoPlan):
             return answer
         return replace(answer, neighbours=tuple(sorted(job.crowded_by)))
@@ -115,7 +117,6 @@ class MotionPlanner:
         self.answer(FindGrasps(world=world, object="cube", q_rad=home, seed=0, count=1))
         held = Payload("cube", Pose(), load=Load(0.1, (0.0, 0.0, 0.0), 0.02, 0.4, 20.0))
         self.answer(PlanMove(world=world, q_rad=home, goals_rad=home[None] + 0.1, seed=0, payload=held))
-        load_kernels(home, SphereChecker(self._spheres.build_arrays(self._scenes.get_scene(world))).arrays)
 
     def _dispatch(self, request: MotionRequest, job: Job) -> MotionAnswer:
         match request:

@@ -266,6 +266,7 @@ def main() -> None:
     bounds = msgspec.json.decode(arguments.bounds, type=dict[str, Corners])
     neighbours = {name: Path(file) for name, _, file in (each.partition("=") for each in arguments.neighbour)}
     serve(arguments.profile, bounds, neighbours, Connection(arguments.descriptor))
+    gc.unfreeze()  # at its end the process would report what is frozen as leaked
 
 
 if __name__ == "__main__":

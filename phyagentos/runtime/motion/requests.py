@@ -261,8 +261,7 @@ class Screening(msgspec.Struct, frozen=True):
 class Differential(msgspec.Struct, frozen=True):
     """Inverse kinematics that starts near; errors are the largest of all solved postures.
 
-    `iterations` counts steps of the compiled inverse, or mink's quadratic programs where that stalls; 0
-    where the start was within tolerance.
+    `iterations` counts mink's quadratic programs, at least one for each posture.
     """
 
     iterations: int
@@ -271,7 +270,7 @@ class Differential(msgspec.Struct, frozen=True):
 
 
 class GoalPosture(msgspec.Struct, frozen=True, omit_defaults=True):
-    """How one approach was solved: its hover posture, polished, and the postures on its line.
+    """How one approach was solved: its hover posture, and the postures on its line.
 
     `hover` is None for a line that begins at the present posture.
     """
@@ -285,7 +284,7 @@ class PathSearch(msgspec.Struct, frozen=True):
     """How a path was found.
 
     Attributes:
-        planner: `straight` where the direct joint motion is free, otherwise RRT-Connect, and on which model.
+        planner: `straight` where the direct joint motion is free, otherwise OMPL's.
         checker: Collision check of the search: `spheres`, `larger spheres`, or `exact` and `exact, fine` for MuJoCo.
         goals: Offered postures; all of them are roots of one search.
         iterations: Of the search that is kept; 0 for `straight`.
@@ -326,14 +325,15 @@ class TimeScaling(msgspec.Struct, frozen=True, omit_defaults=True):
 class Stages(msgspec.Struct, frozen=True, omit_defaults=True):
     """Which solvers made an answer; a stage that did not run is absent.
 
-    Compiled inverse kinematics screens, polishes and follows lines, compiled RRT-Connect finds the path, or
-    OMPL where the spheres leave none, toppra or casadi the scaling.
+    Compiled inverse kinematics screens, mink solves goal postures and lines, OMPL finds the path, toppra or casadi the
+    scaling. `calls` are of each library, those for candidates that were rejected too (`calls.Solver`).
     """
 
     screening: Screening | None = None
     goals: tuple[GoalPosture, ...] = ()
     path: PathSearch | None = None
     scaling: TimeScaling | None = None
+    calls: dict[str, int] = {}
 
 
 class Approaches(msgspec.Struct, frozen=True, tag=True):

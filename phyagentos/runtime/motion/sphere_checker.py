@@ -6,11 +6,13 @@ Lanes are spread over a whole edge and refined, which finds contacts early. Sing
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.sphere_model import MOVABLE, SphereArrays
 
 LANES = 16
+SIZES = 8  # that come before the packed integers
 _ZERO, _ONE, _TURN, _PER_TURN = np.float32(0.0), np.float32(1.0), np.float32(2.0 * np.pi), np.float32(0.5 / np.pi)
 _QUARTER, _HALF = np.float32(0.25), np.float32(0.5)
 _SLACK = np.float32(1e-5)  # [m] more than rounding
@@ -19,23 +21,26 @@ _C4, _C6, _C8 = (np.float32(value) for value in (1 / 24, -1 / 720, 1 / 40320))
 
 
 class SphereChecker:
-    """One scene in spheres."""
+    """One scene in spheres.
+
+    Its arrays are packed into two, since compiled code takes a microsecond to receive each.
+    """
 
     def __init__(self, arrays: SphereArrays) -> None:
-        single = ("frames", "spheres", "bounds", "shrink", "boxes", "crowd", "crowd_bounds")
-        self.arrays = arrays._replace(**{name: getattr(arrays, name).astype(np.float32) for name in single})
+        self.arrays = arrays
+        self._packed = pack(arrays)
 
     def is_free(self, q_rad: Array) -> bool:
         """Whether a posture (n_joints,) touches nothing."""
-        return bool(edge_is_free(q_rad, q_rad, 1.0, self.arrays))
+        return bool(_edge_is_free(q_rad, q_rad, 1.0, *self._packed))
 
     def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = 0.03) -> bool:
-        """Whether the straight joint motion after `start_rad` is free."""
-        return bool(edge_is_free(start_rad, end_rad, resolution_rad, self.arrays))
+        """Whether the straight joint motion between two postures (n_joints,) is free, both included."""
+        return bool(_edge_is_free(start_rad, end_rad, resolution_rad, *self._packed))
 
     def path_is_free(self, path_rad: Array, resolution_rad: float = 0.05) -> bool:
         """Whether every edge of a path (k, n_joints) is free."""
-        return bool(_path_is_free(path_rad, resolution_rad, self.arrays))
+        return bool(_path_is_free(path_rad, resolution_rad, *self._packed))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -135,7 +140,7 @@ def _meets_still(p, i, sphere, reach):  # type: ignore[no-untyped-def]  # noqa: 
 def _lanes_are_free(q, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Whether all postures `q` (n_joints, lanes) are free."""
     spheres, first, link, bounds, meets = m.spheres, m.first, m.link, m.bounds, m.meets
-    pairs, shrink, boxes, kinds = m.pairs, m.shrink, m.boxes, m.kinds
+    boxes, kinds = m.boxes, m.kinds
     crowd, crowd_first, crowd_bounds = m.crowd, m.crowd_first, m.crowd_bounds
     links = np.empty((m.frames.shape[0], 12, LANES), np.float32)
     balls, centers = np.empty((len(link), 3, LANES), np.float32), np.empty((len(spheres), 3, LANES), np.float32)
@@ -172,6 +177,13 @@ def _lanes_are_free(q, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN2
                 for j in range(crowd_first[g], crowd_first[g + 1]):
                     if _meets_still(centers, i, crowd[j], spheres[i, 3] + crowd[j, 3]) > 0:
                         return False
+    return not _clusters_meet(m, links, balls, centers, placed)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _clusters_meet(m, links, balls, centers, placed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Whether two clusters meet in any lane; arrays are named first, since a loop would count each as a reference."""
+    spheres, first, link, bounds, pairs, shrink = m.spheres, m.first, m.link, m.bounds, m.pairs, m.shrink
     for p in range(len(pairs)):
         a, b = pairs[p, 0], pairs[p, 1]
         if _meets(balls, a, balls, b, bounds[a, 3] + bounds[b, 3] - shrink[p]) == 0:
@@ -185,8 +197,8 @@ def _lanes_are_free(q, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN2
                 continue
             for j in range(first[b], first[b + 1]):
                 if _meets(centers, i, centers, j, spheres[i, 3] + spheres[j, 3] - shrink[p]) > 0:
-                    return False
-    return True
+                    return True
+    return False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -199,21 +211,23 @@ def measure_edge(start, end, weights):  # type: ignore[no-untyped-def]  # noqa: 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def edge_is_free(start, end, resolution, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Whether the straight joint motion after `start` (n_joints,) is free, in steps of at most `resolution`."""
+def _edge_is_free(start, end, resolution, singles, integers):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Whether the straight joint motion between postures (n_joints,) is free, in steps of at most `resolution`."""
+    m = _unpack(singles, integers)
     q = np.empty((len(start), LANES), np.float32)
-    batches = max(1, int(np.ceil(measure_edge(start, end, m.weights) / (resolution * LANES))))
-    for batch in range(batches, 0, -1):
+    batches = max(1, int(np.ceil((measure_edge(start, end, m.weights) / resolution + 1.0) / LANES)))
+    for batch in range(batches - 1, -1, -1):
         for j in range(len(start)):
             for k in range(LANES):
-                q[j, k] = start[j] + (end[j] - start[j]) * ((k * batches + batch) / (LANES * batches))
+                q[j, k] = start[j] + (end[j] - start[j]) * ((k * batches + batch) / (LANES * batches - 1))
         if not _lanes_are_free(q, m):
             return False
     return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _path_is_free(path, resolution, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _path_is_free(path, resolution, singles, integers):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    m = _unpack(singles, integers)
     q, lane = np.empty((path.shape[1], LANES), np.float32), 0
     for i in range(len(path) - 1):
         steps = max(1, int(np.ceil(measure_edge(path[i], path[i + 1], m.weights) / resolution)))
@@ -225,3 +239,52 @@ def _path_is_free(path, resolution, m):  # type: ignore[no-untyped-def]  # noqa:
             if lane == 0 and not _lanes_are_free(q, m):
                 return False
     return lane == 0 or _lanes_are_free(q, m)
+
+
+def pack(arrays: SphereArrays) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Everything in single precision (f,), and all integers (i,) after the sizes, in the order of `_unpack`."""
+    m = arrays
+    sizes = (m.slides, *map(len, (m.frames, m.spheres, m.link, m.pairs, m.boxes, m.crowd, m.crowd_bounds)))
+    reals = m.frames, m.spheres, m.bounds, m.shrink, m.boxes, m.crowd, m.crowd_bounds, m.weights
+    integers = m.parents, m.first, m.link, m.meets, m.pairs, m.kinds, m.crowd_first
+    return (
+        np.concatenate([each.ravel() for each in reals]).astype(np.float32),
+        np.concatenate([sizes, *(each.ravel() for each in integers)]),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _unpack(singles, integers):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    slides, n, s, c, p, b, m, g = integers[:SIZES]
+    frames, at = singles[: 12 * n].reshape((n, 3, 4)), 12 * n
+    spheres, at = singles[at : at + 4 * s].reshape((s, 4)), at + 4 * s
+    bounds, at = singles[at : at + 4 * c].reshape((c, 4)), at + 4 * c
+    shrink, at = singles[at : at + p], at + p
+    boxes, at = singles[at : at + 18 * b].reshape((b, 18)), at + 18 * b
+    crowd, at = singles[at : at + 4 * m].reshape((m, 4)), at + 4 * m
+    crowd_bounds, at = singles[at : at + 4 * g].reshape((g, 4)), at + 4 * g
+    weights = singles[at:]
+    parents, at = integers[SIZES : SIZES + n], SIZES + n
+    first, at = integers[at : at + c + 1], at + c + 1
+    link, at = integers[at : at + c], at + c
+    meets, at = integers[at : at + c], at + c
+    pairs, at = integers[at : at + 2 * p].reshape((p, 2)), at + 2 * p
+    kinds, at = integers[at : at + b], at + b
+    return SphereArrays(
+        frames,
+        parents,
+        slides,
+        spheres,
+        first,
+        link,
+        bounds,
+        meets,
+        pairs,
+        shrink,
+        boxes,
+        kinds,
+        crowd,
+        integers[at:],
+        crowd_bounds,
+        weights,
+    )

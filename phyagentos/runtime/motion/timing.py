@@ -5,49 +5,24 @@ differences respect them too, and to whole control periods, so that the last com
 """
 
 import logging
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from types import ModuleType
 
 import numpy as np
+import toppra
+from scipy.interpolate import CubicSpline
+from toppra import algorithm, constraint
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.motion.calls import Solver, count_call
 from phyagentos.runtime.motion.requests import Array, TimeScaling, Trajectory
-
-
-@contextmanager
-def _without_unused() -> Iterator[None]:
-    """Import without what nothing here calls: matplotlib, which toppra loads, and the Fortran tools, which scipy does.
-
-    They take half a second and a twentieth of one.
-    """
-    empty = {name: ModuleType(name) for name in ("matplotlib", "matplotlib.pyplot") if name not in sys.modules}
-    sys.modules.update(empty)
-    fortran = vars(np).setdefault("f2py", None)
-    try:
-        yield
-    finally:
-        for name in empty:
-            del sys.modules[name]
-        if fortran is None:
-            del vars(np)["f2py"]  # whoever asks for it imports it
-
-
-with _without_unused():
-    import toppra
-    from scipy.interpolate import CubicSpline
-    from toppra import algorithm, constraint
-    from toppra.solverwrapper.cy_seidel_solverwrapper import seidelWrapper
 
 VELOCITY_SCALE = 0.9  # of the datasheet's limits; the rest is for the controller
 ACCELERATION_SCALE = 0.7  # toppra exceeds its limit by some per cent between grid points
 FINITE_DIFFERENCE_SCALE = 0.98  # the guard differentiates too, and refuses at 1
 DUPLICATE_RAD = 1e-4
 GRID_SHARE, GRID_MIN, GRID_MAX = 3, 24, 300  # points of the grid for a row, and in all
-_FASTEST = np.array((1e-9, -1.0))
 
 logging.getLogger("toppra").setLevel(logging.ERROR)
 
@@ -202,38 +177,16 @@ def _creep(start_rad: Array, end_rad: Array, limits: JointLimits) -> Trajectory:
     return sample_within_limits(evaluate, period_s, start_rad, end_rad, limits)
 
 
-class _Toppra(algorithm.TOPPRA):  # type: ignore[misc]
-    """toppra's algorithm with leaner steps between its solver's linear programs, which cost a third of it.
-
-    Its solver is given; toppra looks for others on disk each time.
-    """
-
-    def __init__(self, constraints: Sequence[constraint.Constraint], path: object, *, gridpoints: Array) -> None:
-        algorithm.algorithm.ParameterizationAlgorithm.__init__(self, constraints, path, gridpoints=gridpoints)
-        self.solver_wrapper = seidelWrapper(self.constraints, path, self.gridpoints, solve_lp1d=True)
-
-    def _one_step(self, i: int, K_next: Array) -> tuple[float, float]:
-        solve, low, high = self.solver_wrapper.solve_stagewise_optim, K_next[0], K_next[1]
-        fastest = solve(i, None, _FASTEST, np.nan, np.nan, low, high)[1]
-        return solve(i, None, -_FASTEST, np.nan, np.nan, low, high)[1], fastest
-
-    def _forward_step(self, i: int, x: float, K_next: Array) -> Array:
-        wrapper = self.solver_wrapper
-        objective = np.array((-2.0 * wrapper.get_deltas()[i], -1.0))
-        step: Array = wrapper.solve_stagewise_optim(i, None, objective, x, x, K_next[0], K_next[1])
-        return step
-
-
-def _run_toppra(
-    rows: Array, limits: JointLimits
-) -> "tuple[toppra.SplineInterpolator, algorithm.algorithm.ParameterizationData]":
+def _run_toppra(rows: Array, limits: JointLimits) -> tuple[toppra.SplineInterpolator, algorithm.ParameterizationData]:
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1))))
     path = toppra.SplineInterpolator(along / along[-1], rows, bc_type="natural")
-    solver = _Toppra(
+    solver = algorithm.TOPPRA(
         list(_constrain(tuple(limits.velocity_rad_s.tolist()), tuple(limits.acceleration_rad_s2.tolist()))),
         path,
         gridpoints=np.linspace(0.0, 1.0, int(np.clip(GRID_SHARE * len(rows), GRID_MIN, GRID_MAX))),
+        solver_wrapper="seidel",
     )
+    count_call(Solver.TOPPRA)
     solver.compute_parameterization(0.0, 0.0)
     return path, solver.problem_data
 

@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from phyagentos.runtime.motion.calls import Solver, count_call
 from phyagentos.runtime.motion.chain import Chain
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.requests import Array, Load, Motion, NoPlan, ShapeTransport, Stages, Trajectory
@@ -264,6 +265,7 @@ def _optimise(path: _Path, limits: JointLimits, unit_s: float, ramp_s: float) ->
     least[::2], start[::2] = 0.0, 0.4 * KNOTS * (1.0 - KNOTS)
     most[::2] = ((fastest / np.maximum(np.abs(path.q(KNOTS, 1)), 1e-9)) ** 2).min(axis=1)
     most[[0, -1]] = 0.0
+    count_call(Solver.CASADI)
     found = solver(x0=start, p=given.T.ravel(), lbx=least, ubx=most, lbg=low, ubg=high)
     b = np.clip(found["x"].full().ravel()[::2], 1e-6, None)  # one that did not converge is slowed down
     b[[0, -1]] = 0.0

@@ -6,11 +6,12 @@ what the state of the session forbids is refused by the journal.
 
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Located, parse_yaml
 from phyagentos.protocol.documents.struct_schema import convert_located
 from phyagentos.protocol.predicates.language import PredicateSyntaxError, parse
@@ -44,7 +45,7 @@ class SubmitRequest(msgspec.Struct, frozen=True, kw_only=True):
     """Asks for a session; see `read_contract`."""
 
     kind: str
-    contract: dict[str, Any]
+    contract: Fields
 
 
 class AmendRequest(msgspec.Struct, frozen=True, kw_only=True):
@@ -108,7 +109,7 @@ def read_contract(located: Located, id: str) -> Session:
     return session
 
 
-def read_amendment(located: Located, id: SessionId, values: Mapping[str, Any]) -> AmendRequest:
+def read_amendment(located: Located, id: SessionId, values: Mapping[str, object]) -> AmendRequest:
     """The `limits` and `priority` among the values of a `contract`, which stand at its places in `located`.
 
     Raises DefinitionError with one problem per violation, each at file:line:column.

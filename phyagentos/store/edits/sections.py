@@ -12,6 +12,7 @@ from typing import Any
 
 from phyagentos.errors import DefinitionError, format_names
 from phyagentos.protocol.documents.document import Block, iter_blocks
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Located
 from phyagentos.protocol.sessions.session import SessionId
 from phyagentos.store.edits.rejections import Refused
@@ -146,7 +147,7 @@ def _read(edit: Edit, rendered: Section | None, source: str) -> None:
 def _amend(edit: Edit, changed: Mapping[_Path, Any], reason: str) -> None:
     """Every field that differs from the rendering."""
     id = SessionId(edit.section.name)
-    wanted: dict[str, Any] = {"limits": {}}
+    wanted: Fields = {"limits": {}}
     ends = str(changed.get(("state",))) in _CANCELS
     if ends:
         edit.requests.append(CancelRequest(kind="cancel", session=id, reason=reason))
@@ -161,7 +162,7 @@ def _amend(edit: Edit, changed: Mapping[_Path, Any], reason: str) -> None:
         edit.requests.append(read_amendment(edit.located, id, wanted))
 
 
-def _flatten(data: Any, path: _Path = ()) -> Iterator[tuple[_Path, Any]]:
+def _flatten(data: object, path: _Path = ()) -> Iterator[tuple[_Path, Any]]:
     """Every leaf with its path; lists and empty mappings are leaves."""
     if isinstance(data, dict) and data:
         for key, each in data.items():
@@ -170,7 +171,7 @@ def _flatten(data: Any, path: _Path = ()) -> Iterator[tuple[_Path, Any]]:
         yield path, data
 
 
-def _is_same(one: Any, other: Any) -> bool:
+def _is_same(one: object, other: object) -> bool:
     """Whether two values are the same in YAML: true is not 1, but 60 is 60.0."""
     return isinstance(one, bool) == isinstance(other, bool) and bool(one == other)
 

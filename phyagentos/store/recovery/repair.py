@@ -17,6 +17,7 @@ from typing import Any
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.documents.body_codec import render_body
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.checkpoint import NAME as CHECKPOINT
 from phyagentos.store.checkpoint import find_seen_seq
@@ -171,7 +172,7 @@ class _Plan:
                 facts = {"offset": piece.offset, "bytes": len(piece.data), "sha256": piece.sha256}
                 yield encode_record(self._record(piece.first_seq + index, LOST, None if index else facts, more))
 
-    def _record(self, seq: int, ev: str, body: dict[str, Any] | None, more: int) -> Record:
+    def _record(self, seq: int, ev: str, body: Fields | None, more: int) -> Record:
         return Record(
             seq=seq,
             id=JOURNAL_ID,

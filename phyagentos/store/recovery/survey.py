@@ -8,9 +8,9 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.store.records import HEADER_BYTES, Record, Tail, find_header, read_record, scan_records
 from phyagentos.store.segments import NONE, Front, list_all_segments, locate, read_front, read_segment
 
@@ -67,7 +67,7 @@ class Gap:
         which = f"record {self.first_seq} is" if self.lost == 1 else f"records {self.first_seq} to {self.last_seq} are"
         return f"{which} lost" + ("" if self.is_exact else ", at least")
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> Fields:
         """As it stands in a `repair` record."""
         facts = {"segment": self.segment, "offset": self.offset, "cut_bytes": len(self.data), "cut_sha256": self.sha256}
         facts |= {"lost": self.lost}

@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Sequence
 from itertools import groupby
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from phyagentos.protocol.documents.log import LOG, LogFront, LogLine
 from phyagentos.protocol.documents.markdown import flatten, format_time, render_front
@@ -127,7 +127,7 @@ def _format_session(record: Record, status: SessionStatus) -> str:
     return _with_reason(_PLAIN.get(record.ev, record.ev), body)
 
 
-def _format_journal(record: Record, body: dict[str, Any]) -> str:
+def _format_journal(record: Record, body: dict[str, object]) -> str:
     if record.ev == "lost":
         return "a record is lost; its number stays empty"
     if "cut_bytes" in body:
@@ -168,5 +168,5 @@ def _find_judged(record: Record, ledger: Ledger) -> str:
     return f"{sessions[-1]} {latest.state}" if is_shown and latest is not None else ""
 
 
-def _with_reason(text: str, body: dict[str, Any]) -> str:
+def _with_reason(text: str, body: dict[str, object]) -> str:
     return f"{text}: {body['reason']}" if body.get("reason") else text

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import PurePosixPath
-from typing import Any
 
 import msgspec
 
@@ -21,6 +20,7 @@ from phyagentos.protocol.documents.markdown import (
     render_row,
     render_table,
 )
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState, render_mermaid
 from phyagentos.protocol.sessions.session import Ended, SessionId, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion
@@ -113,9 +113,9 @@ def render_session(status: SessionStatus) -> str:
     )
 
 
-def build_data(status: SessionStatus) -> dict[str, Any]:
+def build_data(status: SessionStatus) -> Fields:
     """The YAML block of a session as plain data: its status; while it is pending with every field that may change."""
-    data: dict[str, Any] = msgspec.to_builtins(status, str_keys=True)
+    data: Fields = msgspec.to_builtins(status, str_keys=True)
     if status.state == SessionState.PENDING:
         contract = status.contract
         data["contract"] |= {"limits": msgspec.structs.asdict(contract.limits), "priority": contract.priority}

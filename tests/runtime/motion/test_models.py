@@ -53,20 +53,19 @@ def test_screening_and_polishing_reach_a_pose_within_their_tolerances(planner, h
         )
 
 
-def test_quadratic_programs_polish_what_stalls_between_the_limits_of_joints(planner):
+def test_quadratic_programs_solve_what_the_compiled_inverse_does_not_between_the_limits_of_joints(planner):
     chain, rng, stalled = planner._chain, np.random.default_rng(0), 0
-    for _ in range(20):
+    for _ in range(40):
         q = rng.uniform(chain.q_min_rad, chain.q_max_rad)
         q[:3] = chain.q_min_rad[:3]
-        target, start = chain.compute_tcp(q), np.maximum(q + rng.normal(0.0, 0.03, len(q)), chain.q_min_rad)
-        found = chain.follow(np.array((target, target)), start, (POLISHED.position_m, POLISHED.rotation_rad))
+        target, start = chain.compute_tcp(q), np.maximum(q + rng.normal(0.0, 0.1, len(q)), chain.q_min_rad)
         polished = planner._kinematics.solve(target, start, POLISHED)
-        is_short = found is None or found[2] >= POLISHED.position_m or found[3] >= POLISHED.rotation_rad
-        stalled += is_short and polished is not None
+        stalled += chain.solve(target, start) is None and polished is not None
         if polished is not None:
             assert chain.compute_tcp(polished.q_rad) == pytest.approx(target, abs=2e-6)
+            assert np.all(polished.q_rad > chain.q_min_rad - 1e-5)
 
-    assert stalled > 5
+    assert stalled > 0
 
 
 def test_a_line_of_the_tool_is_straight_and_one_out_of_reach_is_none(planner, home):
@@ -288,5 +287,4 @@ def test_a_line_begins_at_its_start_even_beyond_the_margin_of_a_limit(planner, h
     start[5] = chain.q_max_rad[5] + 1e-3
     within = np.minimum(start, chain.q_max_rad)
     poses = np.stack([chain.compute_tcp(start), chain.compute_tcp(within)])
-    rows, *_ = chain.follow(poses, start, (1e-4, 1e-3))
-    assert (rows[0] == start).all()
+    assert (chain.follow(poses, start)[0] == start).all()

@@ -1,16 +1,13 @@
 """Timing and shaping: limits, rest at both ends, exact goals, degenerate paths, spilling."""
 
-from functools import partial
-
 import msgspec
 import mujoco
 import numpy as np
 import pytest
-from toppra import algorithm
 
 from phyagentos.geometry import compute_pose
 from phyagentos.protocol.world.environment import Pose
-from phyagentos.runtime.motion import timing, transport
+from phyagentos.runtime.motion import transport
 from phyagentos.runtime.motion.path import densify
 from phyagentos.runtime.motion.requests import FindLine, Load, NoPlan, ShapeTransport, TimeLine, World
 from phyagentos.runtime.motion.timing import JointLimits, compute_excess, drop_duplicates, time_path
@@ -33,19 +30,6 @@ def test_random_paths_respect_the_limits_by_finite_differences(limits, home, see
     assert 0.5 < compute_excess(rows[0], trajectory.q_rad, trajectory.qd_rad_s, limits) <= 0.98
     assert np.array_equal(trajectory.q_rad[-1], rows[-1])
     assert not trajectory.qd_rad_s[-1].any()
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_leaner_steps_give_the_bits_of_toppra(limits, home, seed, monkeypatch):
-    rng = np.random.default_rng(seed)
-    rows = densify(home + np.cumsum(rng.normal(0.0, 0.3, (6, len(home))), axis=0), 0.12)
-    lean = time_path(rows, limits)
-    monkeypatch.setattr(timing, "_Toppra", partial(algorithm.TOPPRA, solver_wrapper="seidel"))
-    plain = time_path(rows, limits)
-
-    assert lean.scaling == plain.scaling
-    assert lean.scaling.solver == "toppra"
-    assert np.array_equal(lean.trajectory.q_rad, plain.trajectory.q_rad)
 
 
 def test_a_straight_motion_is_near_the_time_optimum(limits, home):

@@ -11,7 +11,6 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -20,6 +19,7 @@ from phyagentos.agent.context.of_workspace import describe_attempts
 from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.network.chat import OpenAiEndpoint
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.library import get_predicate_library
 from phyagentos.protocol.predicates.predicate import find_formula, has_metric
 from phyagentos.protocol.predicates.syntax import iter_calls
@@ -107,8 +107,8 @@ def _build_context(text: str, bundle: Bundle, pictures: tuple[Pictures, Pictures
     return build_context("verify", sections, CONTEXT_TOKENS).text
 
 
-def _build_messages(context: str, pictures: tuple[Pictures, Pictures]) -> list[dict[str, Any]]:
-    content: list[dict[str, Any]] = [{"type": "text", "text": context}]
+def _build_messages(context: str, pictures: tuple[Pictures, Pictures]) -> list[Fields]:
+    content: list[dict[str, object]] = [{"type": "text", "text": context}]
     for when, shown in zip(("Before the task:", "After the task:"), pictures, strict=True):
         content.append({"type": "text", "text": when})
         urls = (f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}" for png in shown)
