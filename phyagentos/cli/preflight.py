@@ -74,8 +74,8 @@ def render_forecast(forecast: LookaheadResult) -> Iterator[str]:
         yield f"         likely to fail of {forecast.likely_cause}: {_list_causes(forecast.causes)}"
     for other in forecast.alternatives:
         failed = f", {_list_causes(other.causes)}" if other.causes else ""
-        changed = other.strategy or "nothing changed"
-        yield f"         with {changed}: {other.succeeded:.4g} of {other.samples}{failed}"
+        changed = other.strategy or "with nothing changed"
+        yield f"         {changed}: {other.succeeded:.4g} of {other.samples}{failed}"
     for each in forecast.others:
         yield f"         beside it {_show_chance(each)} by {each.forecaster} ({each.cost_ms:.0f} ms)"
 

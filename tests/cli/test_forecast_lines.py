@@ -18,7 +18,7 @@ def test_a_forecast_is_shown_with_chance_cause_cost_and_the_other_ways():
     assert list(render_forecast(RISKY)) == [
         "foreseen 25 % [7, 59] success: 2 of 8 rollouts, 0.8 asked; refused (2043 ms)",
         "         likely to fail of LOAD_LOST: LOAD_LOST (5), GRASP_LOST (1)",
-        "         with speed 0.5: 8 of 8",
+        "         at half speed: 8 of 8",
     ]
 
 

@@ -31,7 +31,7 @@ def test_show_tells_what_is_in_force_and_hides_the_rest(paos, remembered):
     root, _ = remembered
     shown = paos("memory", "show", "-w", root)
     assert shown.code == 0
-    assert "speed 0.5 helps" in shown.out
+    assert "a child at half speed helps" in shown.out
     assert "hypothesis" not in shown.out
     assert "more with --all" in shown.err
     assert "[hypothesis" in paos("memory", "show", "-w", root, "--all").out

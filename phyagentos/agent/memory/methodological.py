@@ -129,7 +129,7 @@ class Correction(Entry, frozen=True, kw_only=True, omit_defaults=True):
         what_helped = join_ways(advice or self.tried_way, self.means)
         verb = "helps" if self.is_active(seq) else "was tried"
         return Lesson(
-            statement=f"When {where.skill} of {name_objects(where)} ends with {self.cause}, {what_helped} {verb}.",
+            statement=f"When {where.skill} of {name_objects(where)} ends with {self.cause}, a child {what_helped} {verb}.",
             **self.describe_common(seq),
             objective=self.objective,
             cause=self.cause,

@@ -69,5 +69,5 @@ def _explain(result: LookaheadResult, address: str) -> Problem:
     best = max(result.alternatives, key=lambda each: each.share, default=None)
     better = best is not None and best.share > result.share
     found = f"{result.succeeded:.4g} of {result.samples} {result.cases} succeed ({causes})"
-    hint = f"With {best.strategy} it is {best.succeeded:.4g} of {best.samples}." if best is not None and better else ""
+    hint = f"{best.succeeded:.4g} of {best.samples} succeed {best.strategy}." if best is not None and better else ""
     return Problem(LOOKAHEAD_LOW, address, found, f"at least {result.threshold:g} of them", hint)

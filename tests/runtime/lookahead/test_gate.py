@@ -71,7 +71,7 @@ def test_a_low_forecast_refuses_with_cause_and_remedy_and_leaves_its_evidence(op
 
     assert problem.code == "LOOKAHEAD_LOW"
     assert problem.found == "5 of 16 rollouts succeed (LOAD_LOST 11)"
-    assert problem.hint == "With speed 0.5 it is 15 of 16."
+    assert problem.hint == "15 of 16 succeed at half speed."
     assert read_lookahead(tmp_path / careful.id) == make_result(5)
 
 
