@@ -61,7 +61,7 @@ def test_a_denied_proposal_cannot_be_approved(paos, place):
     assert paos("deny", name, "-w", place.root, "--reason", "no").code == 0
     result = paos("approve", name, "-w", place.root, "--yes")
     assert result.code == ExitCode.INVALID_INPUT
-    assert "PROPOSAL_DECIDED" in result.err
+    assert "PROPOSAL_CHANGED" in result.err
     assert paos("deny", name, "-w", place.root).code == ExitCode.INVALID_INPUT
 
 
@@ -79,7 +79,7 @@ def test_a_goal_that_names_another_graph_is_not_approved(paos, tmp_path):
     graph = {"goal": "count", "objective": "Tidy up.", "scene": "tabletop/cubes_and_trays"}
     name = propose(place, graph=graph | {"sessions": {"all": {"include": "tidy_table"}}})
     result = paos("approve", name, "-w", place.root, "--yes")
-    assert (result.code, "PROPOSAL_OPEN" in result.err) == (ExitCode.INVALID_INPUT, True)
+    assert (result.code, "PROPOSAL_CHANGED" in result.err) == (ExitCode.INVALID_INPUT, True)
     assert not (place.proposals / "decisions").exists()
 
 

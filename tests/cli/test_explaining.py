@@ -193,7 +193,7 @@ def test_a_session_that_left_no_state_to_start_from_is_not_repeated(replanned, p
     refused = paos("rerun", "tidy-7.red", "-w", workspace.root)
 
     assert refused.code == ExitCode.INVALID_INPUT
-    assert f"{folder}/initial.npz: NO_SNAPSHOT: found {left or 'no such file'}; expected " in refused.err
+    assert f"{folder}/initial.npz: NOT_EXECUTED: found {left or 'no such file'}; expected " in refused.err
     assert "Run the goal again" in refused.err
     assert not (workspace.root / "reruns").exists()
 

@@ -90,7 +90,7 @@ def test_problems_of_several_files_are_reported_in_their_order(paos, write):
     lines = result.err.splitlines()
     assert lines[0].startswith(f"{first}:")
     assert "YAML_SYNTAX" in lines[0]
-    assert lines[1] == f"{second}:2:1: DUPLICATE_KEY: found 'goal'"
+    assert lines[1] == f"{second}:2:1: DUPLICATE_NAME: found 'goal'"
     assert lines[-1] == "2 files checked, 2 problems"
 
 
@@ -143,7 +143,7 @@ def test_a_document_is_checked_in_its_yaml_blocks(paos, write):
     path = write("SESSIONS.md", "# Sessions\n\n## one\n\n```yaml\nstate: pending\nstate: running\n```\n")
     result = paos("lint", path)
     assert result.code == ExitCode.INVALID_INPUT
-    assert f"{path}:7:1: DUPLICATE_KEY: found 'state'" in result.err
+    assert f"{path}:7:1: DUPLICATE_NAME: found 'state'" in result.err
 
 
 def test_a_perception_pipeline_may_only_use_sensors_that_exist(paos, write):
@@ -242,5 +242,5 @@ def test_one_of_two_alike_things_is_warned_of_with_both_names(paos, write):
     wrong = write("goal_graphs/broken.yaml", text + "interchangeable: [[red_cube, green_cube, ghost]]\n")
     result = paos("lint", wrong)
     assert result.code == ExitCode.INVALID_INPUT
-    assert "NOT_ALIKE: found 'green_cube' in ['red_cube', 'green_cube', 'ghost']" in result.err
+    assert "SCENE_INVALID: found 'green_cube' in ['red_cube', 'green_cube', 'ghost']" in result.err
     assert "UNKNOWN_ENTITY: found 'ghost'" in result.err

@@ -18,4 +18,4 @@ def test_what_is_no_policy_is_not_served(paos, tmp_path):
     done = paos("policy", "serve", "pick_and_place", str(tmp_path / "model.onnx"))
 
     assert done.code == ExitCode.INVALID_INPUT
-    assert "POLICY_UNDECLARED" in done.err
+    assert "POLICY_MISMATCH" in done.err

@@ -121,7 +121,7 @@ def test_a_judge_that_nobody_knows_is_refused_with_the_nearest_name(paos, judged
 def test_a_model_is_asked_only_when_it_is_configured(paos, judged):
     result = paos("verify", SESSION, "-w", judged.workspace.root, "--with", "vision")
     assert result.code == ExitCode.INVALID_INPUT
-    assert "VISION_NOT_CONFIGURED" in result.err
+    assert "EXTRA_MISSING" in result.err
     assert len(fold(judged).attempts) == 1
 
 

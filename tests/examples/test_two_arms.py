@@ -35,7 +35,7 @@ def of_two_drivers(tmp_path):
     return project
 
 
-FOUND = "WORLD_NOT_SHARED: found driver 'remote' of 'right_arm' in the shared world 'table'"
+FOUND = "WORLD_CONFLICT: found driver 'remote' of 'right_arm' in the shared world 'table'"
 
 
 def test_a_driver_that_cannot_share_is_found_by_lint_in_profile_and_goal(of_two_drivers):
@@ -56,8 +56,8 @@ def test_without_a_goal_that_names_the_world_preflight_and_the_start_refuse_and_
     done = paos("run", graph, "--workspace", tmp_path / "w", "--no-pictures")
 
     assert (checked.returncode, done.returncode) == (3, 3), checked.stderr + done.stderr
-    assert checked.stdout.count("WORLD_NOT_SHARED") == 2  # of either arm
-    assert "WORLD_NOT_SHARED" in done.stdout + done.stderr
+    assert checked.stdout.count("WORLD_CONFLICT") == 2  # of either arm
+    assert "WORLD_CONFLICT" in done.stdout + done.stderr
     assert not [*(tmp_path / "w" / "logs").glob("world-*.log"), *(tmp_path / "w" / "logs").glob("receive-*.jsonl")]
 
 
@@ -77,4 +77,4 @@ def test_both_cubes_are_put_away_at_once_and_a_second_run_has_the_same_bits(tmp_
     assert arrays[0] == arrays[1]
     refused = paos("rerun", "two_arms-7.red", "--workspace", tmp_path / "a")
     assert refused.returncode != 0
-    assert "WORLD_SHARED" in refused.stderr
+    assert "WORLD_CONFLICT" in refused.stderr

@@ -89,9 +89,7 @@ def test_a_whole_number_passes_as_a_number(check):
 def test_a_key_that_nothing_writes_is_named_with_those_that_are_written(check):
     (problem,) = check(["locate: {object: $objekt}"])
 
-    assert (
-        "UNWRITTEN_KEY: found '${objekt}', which nothing writes; expected ${object}. Did you mean 'object'?" in problem
-    )
+    assert "BROKEN_TREE: found '${objekt}', which nothing writes; expected ${object}. Did you mean 'object'?" in problem
 
 
 def test_a_key_of_another_type_is_refused(check):
@@ -126,13 +124,13 @@ def test_a_tree_that_contains_itself_is_shown_as_the_cycle(check):
 
     problems = check(["subtree: {tree: other}"], other=other)
 
-    assert any("RECURSION: found mine -> other -> mine" in problem for problem in problems)
+    assert any("CYCLE: found mine -> other -> mine" in problem for problem in problems)
 
 
 def test_a_condition_is_parsed_and_its_keys_are_checked(check):
     problems = check(['condition: "holding(target, ${objekt})"', 'condition: "holdin(target, red_cube)"'])
 
-    assert any("UNWRITTEN_KEY: found '${objekt}', which nothing writes" in problem for problem in problems)
+    assert any("BROKEN_TREE: found '${objekt}', which nothing writes" in problem for problem in problems)
     assert any("mine.yaml:8:9: UNKNOWN_PREDICATE: found 'holdin'" in problem for problem in problems)
 
 
@@ -154,7 +152,7 @@ def test_a_list_gives_its_elements_to_the_child_with_their_type(check):
         ("[red_cube, 3]", "mine.yaml:7:32: WRONG_TYPE: found ('red_cube', 3); expected a list"),
         (
             "$thing",
-            "mine.yaml:7:32: UNWRITTEN_KEY: found '${thing}', which nothing writes; expected ${corners}, ${object}",
+            "mine.yaml:7:32: BROKEN_TREE: found '${thing}', which nothing writes; expected ${corners}, ${object}",
         ),
     ],
 )
@@ -173,14 +171,14 @@ def test_two_children_of_a_reactive_composite_that_take_time_are_refused(check):
     assert check([guarded % "move_home"]) == []
 
     (problem,) = check([guarded % "move_home, {retry: {attempts: 2, child: close_gripper}}"])
-    assert "TWO_ACTIONS: found 'retry' and 'move_home', which both take time, in one reactive_sequence" in problem
+    assert "BROKEN_TREE: found 'retry' and 'move_home', which both take time, in one reactive_sequence" in problem
     assert problem.endswith("Put them into a 'sequence' of their own.")
 
 
 def test_an_output_that_nothing_writes_is_refused(check):
     (problem,) = check(["open_gripper"], header="outputs: {site: {type: point}}")
 
-    assert "mine.yaml:3:11: UNWRITTEN_OUTPUT: found 'site'" in problem
+    assert "mine.yaml:3:11: BROKEN_TREE: found 'site'" in problem
 
 
 def test_all_problems_come_at_once(check):
